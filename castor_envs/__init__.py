@@ -1,0 +1,1 @@
+"""The world: robots on castors, their physics, and Gymnasium environments for odometry."""

@@ -1,0 +1,120 @@
+"""The floor: friction patches, slope, and cables to roll over."""
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from castor_envs.errors import InputError, explain
+from castor_envs.files import read_json, write_atomically
+
+FORMAT = "castor-floor/1"
+
+Positive = Annotated[float, Field(gt=0)]
+Vector = tuple[float, float]
+frozen = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+
+
+@frozen
+class Patch:
+    """A rectangle with its own friction: centre and size (m, along and across), turned by `angle` (rad)."""
+
+    center: Vector
+    size: tuple[Positive, Positive]
+    friction: Annotated[float, Field(ge=0)]
+    angle: float = 0.0
+
+
+@frozen
+class Cable:
+    """A round cable on the floor: centre and length (m), direction (rad, of its axis), diameter (m)."""
+
+    center: Vector
+    direction: float
+    length: Positive
+    diameter: Positive
+
+
+@frozen
+class Floor:
+    """The floor in N.
+
+    patches: where they overlap, the last one counts. slope: rise over run along x and y, dimensionless. climbing: whether
+    a wheel on a cable pays the climbing force (False: it only rolls the longer way). gravity: m/s2.
+    """
+
+    patches: tuple[Patch, ...] = ()
+    cables: tuple[Cable, ...] = ()
+    slope: Vector = (0.0, 0.0)
+    climbing: bool = True
+    gravity: Positive = 9.80665
+
+    @property
+    def normal_gravity(self) -> float:
+        """Gravity's part across the floor, m/s2."""
+        return self.gravity / math.sqrt(1.0 + self.slope[0] ** 2 + self.slope[1] ** 2)
+
+    @property
+    def downhill_gravity(self) -> Vector:
+        """Gravity's part along the floor, m/s2."""
+        return -self.slope[0] * self.normal_gravity, -self.slope[1] * self.normal_gravity
+
+    def patch_array(self) -> NDArray[np.float64]:
+        """Return the patches as rows (x, y, cos, sin, half length, half width, friction)."""
+        rows = [
+            (*p.center, math.cos(p.angle), math.sin(p.angle), p.size[0] / 2, p.size[1] / 2, p.friction)
+            for p in self.patches
+        ]
+        return np.array(rows, dtype=float).reshape(-1, 7)
+
+    def cable_array(self) -> NDArray[np.float64]:
+        """Return the cables as rows (x, y, cos, sin, half length, radius)."""
+        rows = [
+            (*c.center, math.cos(c.direction), math.sin(c.direction), c.length / 2, c.diameter / 2)
+            for c in self.cables
+        ]
+        return np.array(rows, dtype=float).reshape(-1, 6)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the floor as plain data, ``format`` first."""
+        return {"format": FORMAT, **_ADAPTER.dump_python(self, mode="json")}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the floor as JSON; the file is complete or not there."""
+        write_atomically(Path(path), json.dumps(self.to_dict(), indent=2) + "\n")
+
+    @classmethod
+    def from_dict(cls, data: Any, source: str = "floor") -> "Floor":
+        """Read a floor from plain data; raises InputError that names the offending key."""
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise InputError(f"{source}: expected an object whose 'format' is {FORMAT!r}")
+        body = {key: value for key, value in data.items() if key != "format"}
+        try:
+            return _ADAPTER.validate_json(json.dumps(body), strict=True)
+        except ValidationError as error:
+            raise InputError(f"{source}: {explain(error, 'floor')}") from None
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Floor":
+        """Read a floor from a JSON file; raises InputError that names file and key."""
+        return cls.from_dict(read_json(Path(path)), source=str(path))
+
+
+_ADAPTER = TypeAdapter(Floor)
+
+
+def cable_extra_roll(wheel_radius: float, diameter: float) -> float:
+    """Return by how much the path rolled over a cable exceeds the path in plan, m.
+
+    The wheel's centre follows an arc of radius r + a about the cable's: 2 (r + a)(phi - sin phi), with a half the
+    diameter and cos phi = (r - a) / (r + a).
+    """
+    radius = diameter / 2
+    phi = math.acos((wheel_radius - radius) / (wheel_radius + radius))
+    return 2.0 * (wheel_radius + radius) * (phi - math.sin(phi))

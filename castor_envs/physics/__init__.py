@@ -1,0 +1,5 @@
+"""Physics: rigid bodies in pymunk, one wheel force law, stepped two ways that agree."""
+
+from castor_envs.physics.world import World
+
+__all__ = ["World"]

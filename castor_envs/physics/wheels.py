@@ -1,0 +1,234 @@
+"""The wheel force law, and the loop that applies it. The one home of contact physics.
+
+Everything here is plain Python that numba also compiles: `castor_envs.physics.world` runs `wheel_forces` as it stands
+(reference) or inside `advance` (compiled; that one calls Chipmunk's own step through its address).
+
+A wheel touches the floor through bristles (a single-point brush tyre with relaxation length; Pacejka, *Tire and Vehicle
+Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r omega| and bristle
+deflection z,
+
+    dz/dt = s - V z / sigma          F = -k z - c dz/dt          |F| <= friction * load
+
+so at rest the contact is a spring (no creep), in steady rolling F = -k sigma s / V (slip in proportion to force, with slip
+stiffness k sigma), and beyond the friction circle the bristles slide. Each substep is implicit in z and in the wheel's spin.
+
+On a cable the centre of the wheel rises by h(p), p the distance in plan from the cable's axis: the wheel rolls
+sqrt(1 + h'^2) times its plan path and, by virtual work, pays the climbing force -load * grad h.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from castor_envs.physics.chipmunk import for_each_body, step_space
+
+OFF, SERVO, VOLTAGE = 0, 1, 2
+STANDARD, OMNI = 0, 1
+
+WHEEL = np.dtype(
+    [
+        # where: body index, contact point in the body's frame (from its centre of mass), rolling direction there
+        ("body", np.int64),
+        ("x", float),
+        ("y", float),
+        ("cos", float),
+        ("sin", float),
+        # what: radius, spin inertia, load, grip, bristles (stiffness k and damping c along and across), sigma
+        ("radius", float),
+        ("inertia", float),
+        ("load", float),
+        ("grip", np.int64),
+        ("roller", float),
+        ("friction", float),
+        ("stiffness_long", float),
+        ("stiffness_lat", float),
+        ("damping_long", float),
+        ("damping_lat", float),
+        ("relaxation", float),
+        # motor: mode, gains, limits, command (rad/s; as voltage, a fraction of the full one)
+        ("drive", np.int64),
+        ("proportional", float),
+        ("integral_gain", float),
+        ("max_torque", float),
+        ("max_speed", float),
+        ("command", float),
+        # state: angle, spin, servo integral, bristle deflections
+        ("angle", float),
+        ("speed", float),
+        ("integral", float),
+        ("stretch_long", float),
+        ("stretch_lat", float),
+        # of the last substep: force on the wheel (along, across), friction limit, motor torque, rise on a cable
+        ("force_long", float),
+        ("force_lat", float),
+        ("limit", float),
+        ("torque", float),
+        ("rise", float),
+    ],
+    align=True,
+)
+
+
+@register_jitable
+def friction_at(x, y, otherwise, patches):
+    """Return the friction coefficient at a place: of the last patch that covers it, else `otherwise`."""
+    friction = otherwise
+    for i in range(len(patches)):
+        patch = patches[i]
+        right, up = x - patch[0], y - patch[1]
+        along = patch[2] * right + patch[3] * up
+        across = patch[2] * up - patch[3] * right
+        if abs(along) <= patch[4] and abs(across) <= patch[5]:
+            friction = patch[6]
+    return friction
+
+
+@register_jitable
+def rise_at(x, y, radius, cables):
+    """Return the rise h of a wheel's centre at (x, y) and its gradient: of the highest cable there, else zeros."""
+    rise, gradient_x, gradient_y = 0.0, 0.0, 0.0
+    for i in range(len(cables)):
+        cable = cables[i]
+        right, up = x - cable[0], y - cable[1]
+        along = cable[2] * right + cable[3] * up
+        across = cable[2] * up - cable[3] * right
+        flat, reach = radius - cable[5], radius + cable[5]
+        square = reach * reach - across * across
+        if abs(along) <= cable[4] and square > flat * flat:
+            root = math.sqrt(square)
+            if root - flat > rise:
+                rise = root - flat
+                gradient_x, gradient_y = across * cable[3] / root, -across * cable[2] / root
+    return rise, gradient_x, gradient_y
+
+
+@register_jitable
+def turn_wheel(wheel, v_long, v_lat, limit, dt):
+    """Advance one wheel's spin and bristles by dt; leaves `force_long` and `force_lat` in the wheel's record.
+
+    v_long: how fast the contact runs along the path of the rolling wheel; v_lat: across; m/s. limit: friction * load, N.
+    """
+    if wheel.grip == OMNI:
+        v_long = v_long + wheel.roller * v_lat
+    radius, inertia, spin = wheel.radius, wheel.inertia, wheel.speed
+    relaxing = 1.0 + dt * abs(radius * spin) / wheel.relaxation
+
+    # Motor: torque = a - b * spin at the end of the substep, within +-max_torque.
+    a, b = 0.0, 0.0
+    if wheel.drive == SERVO:
+        a = wheel.proportional * wheel.command + wheel.integral_gain * (wheel.integral + dt * wheel.command)
+        b = wheel.proportional + wheel.integral_gain * dt
+    elif wheel.drive == VOLTAGE:
+        a = wheel.max_torque * wheel.command
+        b = wheel.max_torque / wheel.max_speed
+
+    # Sticking contact: force along = f0 + f1 * spin at the end of the substep.
+    stiff = wheel.stiffness_long + wheel.damping_long / dt
+    held = wheel.damping_long / dt * wheel.stretch_long
+    f0 = held - stiff * (wheel.stretch_long + dt * v_long) / relaxing
+    f1 = stiff * dt * radius / relaxing
+    speed = (inertia * spin + dt * (a - radius * f0)) / (inertia + dt * (b + radius * f1))
+    torque = a - b * speed
+    if abs(torque) > wheel.max_torque:
+        torque = math.copysign(wheel.max_torque, torque)
+        speed = (inertia * spin + dt * (torque - radius * f0)) / (inertia + dt * radius * f1)
+    force_long = f0 + f1 * speed
+    stretch_long = (wheel.stretch_long + dt * (v_long - radius * speed)) / relaxing
+
+    force_lat, stretch_lat = 0.0, 0.0
+    if wheel.grip == STANDARD:
+        stretch_lat = (wheel.stretch_lat + dt * v_lat) / relaxing
+        force_lat = (
+            -wheel.stiffness_lat * stretch_lat - wheel.damping_lat * (stretch_lat - wheel.stretch_lat) / dt
+        )
+
+    # Sliding contact: back to the friction circle, the bristles as far out as this force says.
+    size = math.hypot(force_long, force_lat)
+    if wheel.grip == OMNI:
+        size = abs(force_long) * math.sqrt(1.0 + wheel.roller * wheel.roller)
+    if size > limit:
+        force_long *= limit / size
+        force_lat *= limit / size
+        stretch_long = (held - force_long) / stiff
+        if wheel.grip == STANDARD:
+            loose = wheel.damping_lat / dt
+            stretch_lat = (loose * wheel.stretch_lat - force_lat) / (wheel.stiffness_lat + loose)
+        speed = (inertia * spin + dt * (a - radius * force_long)) / (inertia + dt * b)
+        torque = a - b * speed
+        if abs(torque) > wheel.max_torque:
+            torque = math.copysign(wheel.max_torque, torque)
+            speed = spin + dt * (torque - radius * force_long) / inertia
+
+    if wheel.drive == SERVO and abs(torque) < wheel.max_torque:
+        wheel.integral += dt * (wheel.command - speed)
+    wheel.angle += dt * speed
+    wheel.speed = speed
+    wheel.stretch_long, wheel.stretch_lat = stretch_long, stretch_lat
+    wheel.force_long, wheel.force_lat = force_long, force_lat
+    wheel.limit, wheel.torque = limit, torque
+
+
+@register_jitable
+def contact_at(wheel, body, ahead):
+    """Return the body's place, the arm to the contact, and the rolling direction, in N, `ahead` seconds on."""
+    angle = body[2] + ahead * body[5]
+    c, s = math.cos(angle), math.sin(angle)
+    return (
+        body[0] + ahead * body[3],
+        body[1] + ahead * body[4],
+        c * wheel.x - s * wheel.y,
+        s * wheel.x + c * wheel.y,
+        c * wheel.cos - s * wheel.sin,
+        s * wheel.cos + c * wheel.sin,
+    )
+
+
+@register_jitable
+def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
+    """Advance all wheels by dt and add up what they do to the bodies.
+
+    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. loads (b, 3), overwritten: force x, y in N, torque.
+    """
+    loads[:] = 0.0
+    for k in range(len(wheels)):
+        wheel = wheels[k]
+        body = bodies[wheel.body]
+        x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, 0.5 * dt)
+        u_x, u_y = body[3] - body[5] * arm_y, body[4] + body[5] * arm_x
+        rise, gradient_x, gradient_y = rise_at(x + arm_x, y + arm_y, wheel.radius, cables)
+        climb = gradient_x * e_x + gradient_y * e_y
+        longer = math.sqrt(1.0 + climb * climb)
+        limit = wheel.load * friction_at(x + arm_x, y + arm_y, wheel.friction, patches)
+        turn_wheel(wheel, longer * (u_x * e_x + u_y * e_y), u_y * e_x - u_x * e_y, limit, dt)
+        wheel.rise = rise
+
+        x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, dt)
+        along, across = longer * wheel.force_long, wheel.force_lat
+        if wheel.grip == OMNI:
+            across = wheel.roller * wheel.force_long
+        force_x, force_y = along * e_x - across * e_y, along * e_y + across * e_x
+        if climbing:
+            force_x -= wheel.load * gradient_x
+            force_y -= wheel.load * gradient_y
+        loads[wheel.body, 0] += force_x
+        loads[wheel.body, 1] += force_y
+        loads[wheel.body, 2] += arm_x * force_y - arm_y * force_x
+
+
+@njit(cache=True, nogil=True)
+def advance(addresses, bodies, got, loads, given, wheels, patches, cables, climbing, dt, substeps):
+    """Step space and wheels `substeps` times without returning to Python.
+
+    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their data. bodies and
+    loads are the batch buffers; got and given hold their fill counts.
+    """
+    space, step, each, getter, getter_data, setter, setter_data = addresses
+    for _ in range(substeps):
+        got[0] = 0
+        for_each_body(each, space, getter, getter_data)
+        wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads)
+        given[0] = 0
+        for_each_body(each, space, setter, setter_data)
+        step_space(step, space, dt)
