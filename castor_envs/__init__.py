@@ -1,1 +1,8 @@
-"""The world: robots on castors, their physics, and Gymnasium environments for odometry."""
+"""The world: robots on castors, their physics, and Gymnasium environments for odometry.
+
+Importing this package registers the environments; ``gym.make("castor_envs:castor/UMBmark-v0")`` does both.
+"""
+
+from castor_envs.envs import register_envs
+
+register_envs()

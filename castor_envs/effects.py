@@ -1,26 +1,26 @@
 """Effects: what a real robot does that its description leaves out. Each is one class, with one meaning everywhere.
 
-An effect stands in the robot file as ``{"name": "pivot_bias", "castor": 2, "value": 0.013}``. To add one, add a class
-to this module and to `Effect`.
+An effect stands in the robot file as ``{"name": "pivot_bias", "castor": 2, "value": 0.013}``. To add one,
+add a class to this module and to `Effect`.
 """
 
 import dataclasses
 import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from castor_envs.description import CONFIG
 from castor_envs.errors import InputError
 
 if TYPE_CHECKING:
     from castor_envs.robot import Castor, RobotDescription
 
-frozen = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 CastorNumber = Annotated[int, Field(ge=1)]
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class PivotBias:
     """The pivot encoder of a castor (counted from 1) reads `value` (rad) more than the model's `pivot_zero` says."""
 
@@ -34,7 +34,7 @@ class PivotBias:
         return with_castor(robot, self.castor, pivot_zero=castor.pivot_zero + self.value)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class WheelRadius:
     """A wheel (both counted from 1; wheel 1 is the left one) is larger than described by the fraction `value`."""
 
@@ -70,9 +70,7 @@ def with_castor(robot: "RobotDescription", number: int, **changes: object) -> "R
     return dataclasses.replace(robot, castors=tuple(castors))
 
 
-def apply_effects(
-    robot: "RobotDescription", effects: tuple[PivotBias | WheelRadius, ...]
-) -> "RobotDescription":
+def apply_effects(robot: "RobotDescription", effects: tuple[PivotBias | WheelRadius, ...]) -> "RobotDescription":
     """Apply effects in order."""
     for effect in effects:
         robot = effect.apply(robot)

@@ -1,27 +1,21 @@
 """The floor: friction patches, slope, and cables to roll over."""
 
-import json
 import math
 import os
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from castor_envs.errors import InputError, explain
-from castor_envs.files import read_json, write_atomically
+from castor_envs import description
+from castor_envs.description import CONFIG, Positive, Vector
 
 FORMAT = "castor-floor/1"
 
-Positive = Annotated[float, Field(gt=0)]
-Vector = tuple[float, float]
-frozen = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 
-
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Patch:
     """A rectangle with its own friction: centre and size (m, along and across), turned by `angle` (rad)."""
 
@@ -31,7 +25,7 @@ class Patch:
     angle: float = 0.0
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Cable:
     """A round cable on the floor: centre and length (m), direction (rad, of its axis), diameter (m)."""
 
@@ -41,11 +35,12 @@ class Cable:
     diameter: Positive
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Floor:
     """The floor in N.
 
-    patches: where they overlap, the last one counts. slope: rise over run along x and y, dimensionless. climbing: whether
+    patches: where they overlap, the last one counts. slope: rise over run along x and y, dimensionless.
+    climbing: whether
     a wheel on a cable pays the climbing force (False: it only rolls the longer way). gravity: m/s2.
     """
 
@@ -76,34 +71,27 @@ class Floor:
     def cable_array(self) -> NDArray[np.float64]:
         """Return the cables as rows (x, y, cos, sin, half length, radius)."""
         rows = [
-            (*c.center, math.cos(c.direction), math.sin(c.direction), c.length / 2, c.diameter / 2)
-            for c in self.cables
+            (*c.center, math.cos(c.direction), math.sin(c.direction), c.length / 2, c.diameter / 2) for c in self.cables
         ]
         return np.array(rows, dtype=float).reshape(-1, 6)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the floor as plain data, ``format`` first."""
-        return {"format": FORMAT, **_ADAPTER.dump_python(self, mode="json")}
+        return description.to_data(_ADAPTER, self, FORMAT)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the floor as JSON; the file is complete or not there."""
-        write_atomically(Path(path), json.dumps(self.to_dict(), indent=2) + "\n")
+        description.save(path, self.to_dict())
 
     @classmethod
     def from_dict(cls, data: Any, source: str = "floor") -> "Floor":
-        """Read a floor from plain data; raises InputError that names the offending key."""
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise InputError(f"{source}: expected an object whose 'format' is {FORMAT!r}")
-        body = {key: value for key, value in data.items() if key != "format"}
-        try:
-            return _ADAPTER.validate_json(json.dumps(body), strict=True)
-        except ValidationError as error:
-            raise InputError(f"{source}: {explain(error, 'floor')}") from None
+        """Read a floor from plain data; raises InputError that names `source` and the offending keys."""
+        return description.from_data(_ADAPTER, data, FORMAT, source)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Floor":
         """Read a floor from a JSON file; raises InputError that names file and key."""
-        return cls.from_dict(read_json(Path(path)), source=str(path))
+        return description.load(_ADAPTER, path, FORMAT)
 
 
 _ADAPTER = TypeAdapter(Floor)
@@ -112,7 +100,8 @@ _ADAPTER = TypeAdapter(Floor)
 def cable_extra_roll(wheel_radius: float, diameter: float) -> float:
     """Return by how much the path rolled over a cable exceeds the path in plan, m.
 
-    The wheel's centre follows an arc of radius r + a about the cable's: 2 (r + a)(phi - sin phi), with a half the
+    The wheel's centre follows an arc of radius r + a about the cable's: 2 (r + a)(phi - sin phi), with a
+    half the
     diameter and cos phi = (r - a) / (r + a).
     """
     radius = diameter / 2

@@ -1,9 +1,11 @@
 """Rolling kinematics, stated once: estimators, controllers and diagnosis all use it. Arithmetic broadcasts.
 
-A wheel at (-offset, lateral) in the frame of a castor that pivots at p, angle theta against the body, on a body with
-twist (v_x, v_y, omega) in B: the pivot moves at u = v + omega x p, the castor turns at Omega = omega + theta_dot, and
+A wheel at (-offset, lateral) in the frame of a castor that pivots at p, angle theta against the body, on a
+body with twist (v_x, v_y, omega) in B: the pivot moves at u = v + omega x p, the castor turns at Omega =
+omega + theta_dot, and
 
-    rolled distance rate   r phi_dot = u . e - Omega lateral  (+ tan(roller angle) * side velocity, omni wheels)
+    rolled distance rate   r phi_dot = u . e - Omega lateral  (+ tan(roller angle) * side velocity, omni
+    wheels)
     no side slip                   0 = u . n - Omega offset   (standard wheels)
 
 with e = (cos theta, sin theta) the rolling direction and n = (-sin theta, cos theta) its left. Doebbler II.D uses both
@@ -26,9 +28,12 @@ Array = NDArray[np.float64]
 class Geometry:
     """The numbers of one robot, or of many of one layout, as arrays with any leading axes.
 
-    n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
-    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal for all
-    robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there is
+    n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle
+    (..., n) of
+    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal
+    for all
+    robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN
+    where there is
     no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering.
     """
 
@@ -62,9 +67,7 @@ class Geometry:
         layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
         for member in members[1:]:
             for name in layout:
-                if not np.array_equal(
-                    getattr(member, name), getattr(first, name), equal_nan=name.endswith("per_rev")
-                ):
+                if not np.array_equal(getattr(member, name), getattr(first, name), equal_nan=name.endswith("per_rev")):
                     raise ValueError(f"robots of one batch must agree in {name}")
             if member.sample_period != first.sample_period:
                 raise ValueError("robots of one batch must agree in sample_period")
@@ -80,6 +83,12 @@ class Geometry:
     def n_castors(self) -> int:
         """How many castors each robot has."""
         return self.pivot.shape[-2]
+
+    def side_slip_of_fixed(self, twist: ArrayLike) -> Array:
+        """Return how fast (m/s) each fixed castor (..., n) slips sideways at a twist (..., 3); 0 where it may."""
+        slip = inverse(self, self.angle, np.zeros_like(self.angle), twist).side_slip
+        first = np.searchsorted(self.wheel_castor, np.arange(self.n_castors))
+        return np.where(self.fixed & self.standard[first], slip[..., first], 0.0)
 
     def expand(self, axes: int) -> "Geometry":
         """Return the geometry with `axes` new axes of length 1 behind its leading ones, to broadcast over runs."""
@@ -164,9 +173,7 @@ class WheelMotion(NamedTuple):
     side_slip: Array
 
 
-def inverse(
-    geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, twist: ArrayLike
-) -> WheelMotion:
+def inverse(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, twist: ArrayLike) -> WheelMotion:
     """Return the wheel motion for body twists (..., 3), castor angles and castor rates (..., n).
 
     `side_slip` is 0 for standard wheels wherever the motion satisfies their constraint.
@@ -185,7 +192,8 @@ def inverse(
 def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Array, Array]:
     """Return the constraints as matrices: rows first the rolling of each wheel, then the side slip of each wheel.
 
-    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side slip). The rows
+    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side
+    slip). The rows
     are those of `inverse`, which is linear in twist and castor rate.
     """
     castor_angle = np.asarray(castor_angle, dtype=float)
@@ -199,13 +207,13 @@ def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Arra
     return np.stack(columns, axis=-1), rates
 
 
-def forward(
-    geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, wheel_rate: ArrayLike
-) -> Array:
+def forward(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, wheel_rate: ArrayLike) -> Array:
     """Return the twist (..., 3) that fits wheel rates (..., w) and castor rates (..., n) best, by least squares.
 
-    Rows: rolling of each wheel with an encoder, no side slip of each standard wheel, all in m/s and equally weighted.
-    The rates of idle wheels are ignored. What the wheels cannot see (one free castor: the body's turning about its
+    Rows: rolling of each wheel with an encoder, no side slip of each standard wheel, all in m/s and equally
+    weighted.
+    The rates of idle wheels are ignored. What the wheels cannot see (one free castor: the body's turning
+    about its
     pivot) is set to the smallest twist that fits.
     """
     castor_rate, wheel_rate = np.asarray(castor_rate, dtype=float), np.asarray(wheel_rate, dtype=float)

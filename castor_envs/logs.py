@@ -1,47 +1,47 @@
 """Logs: what one run of a robot recorded, as one CSV file.
 
-The header comes first, columns stand in any order, and columns that the robot does not explain are kept aside:
+The header comes first, columns stand in any order, columns that the robot does not explain are kept aside:
 
     t                        s, strictly increasing
     wheel_1l ...             cumulative encoder counts of every driven wheel
     pivot_1 ...              counts of every pivot encoder; they may wrap at `pivot_counts_per_rev`
-    cmd_1l ...               rad/s, optional: the command to every driven wheel at row k acts from t_k to t_(k+1)
+    cmd_1l ...               rad/s, optional: the command to every driven wheel at row k from t_k to t_k+1
     cmd_pivot_1 ...          rad/s, optional: the same for the steering motors
-    ref_x, ref_y, ref_psi    m, m and rad (unwrapped), optional: the true pose of the body; blank where none was taken
+    ref_x, ref_y, ref_psi    m, m, rad (unwrapped), optional: the body's true pose, blank where none was taken
     gyro_z                   rad/s, optional
 
 Commands too may be blank in rows without any. Whatever `read_log` refuses, `write_log` refuses to write.
 """
 
-import csv
-import difflib
-import io
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
+from castor_envs.log_columns import LogColumns
 from castor_envs.robot import RobotDescription
 from castor_envs.tables import Line, check_width, complaint, number, read_lines
 
-Array = NDArray[np.float64]
-Path_ = str | os.PathLike[str]
+Array = NDArray[Any]
+_REQUIRED = ("t", "wheel", "pivot")
+_OPTIONAL = ("command", "steering_command", "reference", "gyro")
+_MAY_BE_BLANK = ("command", "steering_command", "reference")
+_FLAT = ("t", "gyro")
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
     """One run of N samples.
 
-    t (N,), s. wheel (N, driven wheels), cumulative counts. pivot (N, pivot encoders), counts as read, maybe wrapped.
-    command (N, driven wheels) and steering_command (N, driven castors), rad/s, or None. reference (N, 3): true x, y,
-    psi of the body, rows of NaN where none was taken, or None. gyro (N,), rad/s, or None. extra: the columns that the
-    robot does not explain, as text.
+    t (N,), s. wheel (N, driven wheels), cumulative counts. pivot (N, pivot encoders), counts as read, maybe
+    wrapped. command (N, driven wheels) and steering_command (N, driven castors), rad/s, or None. reference
+    (N, 3): true x, y, psi of the body, rows of NaN where none was taken, or None. gyro (N,), rad/s, or None.
+    extra: the columns that the robot does not explain, as text. Arrays of any real numbers are held as float64.
     """
 
     t: Array
@@ -53,14 +53,22 @@ class Log:
     gyro: Array | None = None
     extra: dict[str, list[str]] = field(default_factory=dict)
 
+    def __post_init__(self):
+        for part in (*_REQUIRED, *_OPTIONAL):
+            if getattr(self, part) is not None:
+                values = np.asarray(getattr(self, part), dtype=float)
+                if len(values) != len(self.t):
+                    raise ValueError(f"{part} has {len(values)} rows, t has {len(self.t)}")
+                object.__setattr__(self, part, values)
+
     def __len__(self) -> int:
         return len(self.t)
 
     def observations(self) -> Iterator[dict[str, Array]]:
         """Yield what an estimator sees, sample by sample: increments, never the reference.
 
-        Keys: "wheel" (driven wheels,), counts since the sample before (0 in the first); "pivot" (pivot encoders,),
-        counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one.
+        Keys: "wheel" (driven wheels,), counts since the sample before (0 in the first); "pivot" (pivot
+        encoders,), counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one.
         """
         increments = np.diff(self.wheel, axis=0, prepend=self.wheel[:1])
         for k in range(len(self)):
@@ -74,47 +82,18 @@ class Log:
             yield observation
 
 
-class LogColumns(NamedTuple):
-    """The names of a robot's log columns, in the order of the arrays of `Log`."""
-
-    wheel: tuple[str, ...]
-    pivot: tuple[str, ...]
-    command: tuple[str, ...]
-    steering_command: tuple[str, ...]
-    t: tuple[str, ...] = ("t",)
-    reference: tuple[str, ...] = ("ref_x", "ref_y", "ref_psi")
-    gyro: tuple[str, ...] = ("gyro_z",)
-
-    @classmethod
-    def of(cls, robot: RobotDescription) -> "LogColumns":
-        """Return the column names of a robot's logs."""
-        driven = [robot.wheel_names[k] for k in robot.driven_wheels]
-        return cls(
-            wheel=tuple(f"wheel_{name}" for name in driven),
-            pivot=tuple(f"pivot_{i + 1}" for i in robot.pivot_encoders),
-            command=tuple(f"cmd_{name}" for name in driven),
-            steering_command=tuple(f"cmd_pivot_{i + 1}" for i in robot.driven_castors),
-        )
-
-
-_REQUIRED = ("t", "wheel", "pivot")
-_OPTIONAL = ("command", "steering_command", "reference", "gyro")
-_MAY_BE_BLANK = ("command", "steering_command", "reference")
-_FLAT = ("t", "gyro")
-
-
-def read_log(path: Path_, robot: RobotDescription) -> Log:
+def read_log(path: str | os.PathLike[str], robot: RobotDescription) -> Log:
     """Read and check a log of a robot.
 
-    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns, cells that
-    are not finite numbers, times that do not increase, lines of the wrong width, half-blank poses, fewer than two
-    rows, pivot counts that jump by over half a turn (see `check_pivot_steps`) and headings that were not unwrapped.
+    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns,
+    lines of the wrong width, cells that are not finite numbers, half-blank poses, fewer than two rows, times
+    that do not increase, pivot counts that jump by over half a turn (see `pivot_jumps`), wrapped headings.
     """
     path = Path(path)
     header, *rows = read_lines(path)
     names = [name.strip() for name in header.cells]
     columns = LogColumns.of(robot)
-    _check_header(path, header, names, columns, robot)
+    columns.check_header(path, header.number, names)
     for row in rows:
         check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
@@ -129,17 +108,16 @@ def read_log(path: Path_, robot: RobotDescription) -> Log:
                 for j, (name, at) in enumerate(own):
                     values[k, j] = number(path, row.number, name, row.cells[at])
             parts[part] = values[:, 0] if part in _FLAT else values
-    known = {name for part in columns for name in part}
-    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}
+    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in columns.known}
     log = Log(**parts, extra=extra)
     _check_values(path, [row.number for row in rows], log, robot)
     return log
 
 
-def write_log(path: Path_, log: Log, robot: RobotDescription) -> None:
-    """Write a log of a robot; `read_log` gives back the same numbers, bit for bit. The file is whole or not there.
+def write_log(path: str | os.PathLike[str], log: Log, robot: RobotDescription) -> None:
+    """Write a log of a robot, whole or not at all; `read_log` gives back the same numbers, bit for bit.
 
-    Raises InputError for what `read_log` would refuse, ValueError for arrays whose shapes do not fit the robot.
+    Raises InputError for what `read_log` would refuse, ValueError for shapes that do not fit the robot.
     """
     path, columns = Path(path), LogColumns.of(robot)
     names: list[str] = []
@@ -149,7 +127,6 @@ def write_log(path: Path_, log: Log, robot: RobotDescription) -> None:
         if values is None:
             continue
         own = getattr(columns, part)
-        values = np.asarray(values, dtype=float)
         if values.shape != ((len(log),) if part in _FLAT else (len(log), len(own))):
             raise ValueError(f"{part} has shape {values.shape}, robot {robot.name!r} has columns {own}")
         text = _count if part in ("wheel", "pivot") else _blank_or_number
@@ -157,41 +134,41 @@ def write_log(path: Path_, log: Log, robot: RobotDescription) -> None:
             names.append(name)
             cells.append([text(value) for value in column.tolist()])
     for name, column in log.extra.items():
-        if len(column) != len(log):
-            raise ValueError(f"extra column {name!r} has {len(column)} cells, the log has {len(log)} rows")
+        if len(column) != len(log) or name in columns.known or name != name.strip():
+            raise ValueError(f"extra column {name!r}: {len(column)} cells for {len(log)} rows, or a bad name")
         names.append(name)
         cells.append(column)
-    _check_header(path, Line(1, names), names, columns, robot)
+    columns.check_header(path, 1, names)
     _check_values(path, range(2, len(log) + 2), log, robot)
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(zip(*cells, strict=True))
-    write_atomically(path, file.getvalue())
+    rows = [names, *zip(*cells, strict=True)]
+    write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
 
 
-def check_pivot_steps(count: Array, counts_per_rev: float) -> NDArray[np.intp]:
+def pivot_jumps(count: Array, counts_per_rev: float) -> NDArray[np.intp]:
     """Return the indices k at which pivot counts (N,) jump, from k - 1 to k, by over half a turn.
 
-    A stream that stays within one revolution (max - min < counts_per_rev) may come from an encoder that wraps: a jump
-    of over half a turn is then a wrap, the shorter way round was meant, and nothing can be found wrong. A stream that
-    ranges over a whole revolution or more has been unwrapped already: there such a jump is a real one, which readers
-    that take the shorter way round would get wrong.
+    A stream that stays within one revolution (max - min <= counts_per_rev) may come from an encoder that
+    wraps: a jump of over half a turn is then a wrap, the shorter way round was meant, and no error can show. A
+    stream that ranges over more does not wrap: there such a jump is what it says, and every reader that takes
+    the shorter way round would get it wrong.
     """
-    if np.ptp(count) < counts_per_rev:
+    if np.ptp(count) <= counts_per_rev:
         return np.empty(0, dtype=np.intp)
     return np.flatnonzero(np.abs(np.diff(count)) > counts_per_rev / 2) + 1
 
 
-def export_tum(path: Path_, t: Array, pose: Array) -> None:
-    """Write poses (N, 3) = x, y, psi at times (N,) as TUM text: t x y z qx qy qz qw. Rows without a pose are left out."""
+def export_tum(path: str | os.PathLike[str], t: Array, pose: Array) -> None:
+    """Write poses (N, 3) = x, y, psi at times (N,) as TUM text: t x y z qx qy qz qw.
+
+    Rows without a pose (NaN) are left out.
+    """
     half = pose[:, 2] / 2
     zero = np.zeros(len(t))
     rows = np.column_stack([t, pose[:, 0], pose[:, 1], zero, zero, zero, np.sin(half), np.cos(half)])
     _write_rows(Path(path), rows[np.isfinite(pose).all(axis=1)])
 
 
-def export_kitti(path: Path_, pose: Array) -> None:
+def export_kitti(path: str | os.PathLike[str], pose: Array) -> None:
     """Write poses (N, 3) = x, y, psi as KITTI text: the 3x4 matrix [R | p] row by row.
 
     Raises ValueError for a pose that is not finite: KITTI text has no times, so no row can be left out.
@@ -207,6 +184,10 @@ def _write_rows(path: Path, rows: Array) -> None:
     write_atomically(path, "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()))
 
 
+def _quoted(cell: str) -> str:
+    return '"' + cell.replace('"', '""') + '"' if any(mark in cell for mark in ',"\r\n') else cell
+
+
 def _count(value: float) -> str:
     return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)
 
@@ -220,51 +201,12 @@ def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
     blank = [name for name, at in columns if not row.cells[at].strip()]
     if blank and len(blank) < len(columns):
         names = ", ".join(name for name, _ in columns)
-        raise complaint(
-            path, row.number, blank[0], f"is blank in a row that gives others of {names}; give all or none"
-        )
+        raise complaint(path, row.number, blank[0], f"is blank, but not all of {names}; give all or none")
     return bool(blank)
 
 
-def _check_header(
-    path: Path, header: Line, names: Sequence[str], columns: LogColumns, robot: RobotDescription
-) -> None:
-    """Raise InputError for nameless, doubled or missing columns."""
-    known = [name for part in columns for name in part]
-    seen: dict[str, int] = {}
-    for k, name in enumerate(names, start=1):
-        if not name:
-            raise complaint(
-                path, header.number, None, f"the column at place {k} has no name; name or remove it"
-            )
-        if name in seen:
-            message = f"appears twice, at places {seen[name]} and {k}; rename or remove one"
-            raise complaint(path, header.number, name, message)
-        seen[name] = k
-    if len(names) == 1:
-        raise complaint(
-            path, header.number, None, "the header has a single column; separate columns by commas"
-        )
-    wanted = [name for part in _REQUIRED for name in getattr(columns, part)]
-    for part in _OPTIONAL:
-        own = getattr(columns, part)
-        wanted += own if any(name in seen for name in own) else ()
-    for name in wanted:
-        if name not in seen:
-            unknown = {other.lower(): other for other in names if other not in known}
-            near = difflib.get_close_matches(name, unknown, n=1, cutoff=0.5)
-            hint = (
-                f"did you mean {unknown[near[0]]!r}? rename it"
-                if near
-                else f"the header has {', '.join(names)}"
-            )
-            raise complaint(
-                path, header.number, name, f"is missing, and robot {robot.name!r} needs it; {hint}"
-            )
-
-
 def _check_values(path: Path, lines: Sequence[int], log: Log, robot: RobotDescription) -> None:
-    """Raise InputError for what single cells do not show: too few rows, times, jumps, numbers that are not finite."""
+    """Raise InputError for what single cells do not show: too few rows, unsorted times, jumps."""
     columns = LogColumns.of(robot)
     if len(log) < 2:
         raise complaint(path, None, None, f"has {len(log)} rows of numbers; a log needs at least 2")
@@ -280,14 +222,14 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, robot: RobotDescri
         raise complaint(path, lines[k], "t", f"{what}; sort the rows and keep one for each time")
     for j, i in enumerate(robot.pivot_encoders):
         turn = robot.castors[i].pivot_counts_per_rev or np.nan
-        for k in check_pivot_steps(log.pivot[:, j], turn)[:1]:
+        for k in pivot_jumps(log.pivot[:, j], turn)[:1]:
             before, now = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
             raise complaint(
                 path,
                 lines[k],
                 columns.pivot[j],
-                f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans more than one "
-                "turn and so does not wrap; mend the count, or sample faster",
+                f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans "
+                "over one turn and so does not wrap; mend the count, or sample faster",
             )
     if log.reference is not None:
         for k in np.flatnonzero(np.abs(np.diff(log.reference[:, 2])) > np.pi)[:1] + 1:
@@ -300,15 +242,3 @@ def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], valu
         bad &= ~np.isnan(values).all(axis=1, keepdims=True)
     for k, j in np.argwhere(bad)[:1]:
         raise complaint(path, lines[k], names[j], f"{values[k, j]} is not finite; give a finite number")
-
-
-__all__ = [
-    "InputError",
-    "Log",
-    "LogColumns",
-    "check_pivot_steps",
-    "export_kitti",
-    "export_tum",
-    "read_log",
-    "write_log",
-]

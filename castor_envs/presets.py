@@ -2,19 +2,26 @@
 
 Assumptions, and why:
 
-- ASOC dimensions. Doebbler prints none but the encoder steps (0.3 and 0.07 deg), 20 Hz and 300 kg. The one-third
-  prototype here has pivot radius R = 0.24 m, offset r_c = 72 mm, wheel radius 38.1 mm (3 inch wheels) and half track
+- ASOC dimensions. Doebbler prints none but the encoder steps (0.3 and 0.07 deg), 20 Hz and 300 kg. The
+  one-third
+  prototype here has pivot radius R = 0.24 m, offset r_c = 72 mm, wheel radius 38.1 mm (3 inch wheels) and
+  half track
   d = 58 mm: Table I's calibrated errors of r_c and beta follow from r_c / D near 0.16, and this gives 0.173.
   The full-scale base is three times as large in every length.
 - Encoders with whole counts a turn: 1200 (0.3 deg) and 5143 (0.07 deg).
-- Masses and inertias: an 18 kg chassis as a disc of 0.3 m radius, castors of 1.5 kg; full scale 250 kg and 16.7 kg each,
+- Masses and inertias: an 18 kg chassis as a disc of 0.3 m radius, castors of 1.5 kg; full scale 250 kg and
+  16.7 kg each,
   300 kg together. Wheel inertia: a solid disc.
-- Contact: friction 0.8 (rubber on a hard floor), slip stiffness 80 a unit of load, so that 0.5 m/s2 (a force of 5 % of
+- Contact: friction 0.8 (rubber on a hard floor), slip stiffness 80 a unit of load, so that 0.5 m/s2 (a force
+  of 5 % of
   the load) costs 0.06 % slip; relaxation length 1 cm, the order of a wheel's contact patch.
-- OmniMate: Borenstein's two trucks, here as two free castors with two wheels each; dimensions of a LabMate-sized truck.
-- The differential robot is LabMate-sized (wheel radius 75 mm, track 340 mm: Borenstein and Feng's robot), the tricycle of
+- OmniMate: Borenstein's two trucks, here as two free castors with two wheels each; dimensions of a
+  LabMate-sized truck.
+- The differential robot is LabMate-sized (wheel radius 75 mm, track 340 mm: Borenstein and Feng's robot),
+  the tricycle of
   the same scale. Their support castors carry nothing.
-- Powered caster: pivots, wheel radius and offsets as TidyBot++ has them; masses, encoders and motors are assumed.
+- Powered caster: pivots, wheel radius and offsets as TidyBot++ has them; masses, encoders and motors are
+  assumed.
 """
 
 import dataclasses
@@ -33,22 +40,29 @@ def disc_inertia(mass: float, radius: float) -> float:
     return 0.5 * mass * radius**2
 
 
+def pair(half_track: float, radius: float, mass: float, counts_per_rev: float | None) -> tuple[Wheel, Wheel]:
+    """Return a left and a right wheel at +-half_track, solid discs of `mass` each; None is an idle pair."""
+    inertia = disc_inertia(mass, radius)
+    return (
+        Wheel(lateral=half_track, radius=radius, inertia=inertia, counts_per_rev=counts_per_rev),
+        Wheel(lateral=-half_track, radius=radius, inertia=inertia, counts_per_rev=counts_per_rev),
+    )
+
+
 def split_castor(pivot: tuple[float, float], scale: float = 1.0, mass: float = 1.5) -> Castor:
     """Return an active split-offset castor (ASOC) of the one-third prototype, or of `scale` times its lengths."""
-    radius, half_track = 0.0381 * scale, 0.058 * scale
-    wheel = {"radius": radius, "inertia": disc_inertia(mass / 5, radius), "counts_per_rev": WHEEL_COUNTS}
     return Castor(
         pivot=pivot,
         offset=0.072 * scale,
         mass=mass,
         inertia=mass * (0.06 * scale) ** 2,
         pivot_counts_per_rev=PIVOT_COUNTS,
-        wheels=(Wheel(lateral=half_track, **wheel), Wheel(lateral=-half_track, **wheel)),
+        wheels=pair(0.058 * scale, 0.0381 * scale, mass / 5, WHEEL_COUNTS),
     )
 
 
 def n_castor(n: int) -> RobotDescription:
-    """Return a base on n ASOCs (1 to 6), spaced evenly on a circle of 0.24 m; castor 1 on the x axis (Doebbler II.C)."""
+    """Return a base on n ASOCs (1 to 6), evenly on a circle of 0.24 m; castor 1 on the x axis (Doebbler II.C)."""
     if not 1 <= n <= 6:
         raise InputError(f"an n-castor base has 1 to 6 castors, got {n}")
     if n == 1:
@@ -80,39 +94,35 @@ def asoc_full_scale() -> RobotDescription:
         inertia=disc_inertia(250.0, 0.9),
         max_wheel_speed=15.0,
         max_wheel_torque=40.0,
-        castors=tuple(
-            split_castor((0.72 * math.cos(a), 0.72 * math.sin(a)), scale=3.0, mass=50.0 / 3) for a in angles
-        ),
+        castors=tuple(split_castor((0.72 * math.cos(a), 0.72 * math.sin(a)), scale=3.0, mass=50.0 / 3) for a in angles),
     )
 
 
 def omnimate() -> RobotDescription:
     """Return a base on two split castors in line, OmniMate-like."""
-    radius = 0.075
-    wheel = {"radius": radius, "inertia": disc_inertia(1.5, radius), "counts_per_rev": 2000.0}
-    wheels = (Wheel(lateral=0.17, **wheel), Wheel(lateral=-0.17, **wheel))
-    truck = {
-        "offset": 0.05,
-        "mass": 12.0,
-        "inertia": 0.3,
-        "pivot_counts_per_rev": PIVOT_COUNTS,
-        "wheels": wheels,
-    }
+    front, rear = (
+        Castor(
+            pivot=(x, 0.0),
+            offset=0.05,
+            mass=12.0,
+            inertia=0.3,
+            pivot_counts_per_rev=PIVOT_COUNTS,
+            wheels=pair(0.17, 0.075, 1.5, 2000.0),
+        )
+        for x in (0.45, -0.45)
+    )
     return RobotDescription(
         name="two-castor base, OmniMate-like",
         mass=60.0,
         inertia=8.0,
         max_wheel_speed=15.0,
         max_wheel_torque=8.0,
-        castors=(Castor(pivot=(0.45, 0.0), **truck), Castor(pivot=(-0.45, 0.0), **truck)),
+        castors=(front, rear),
     )
 
 
-def differential(
-    radius: float = 0.075, track: float = 0.34, counts_per_rev: float = 2000.0
-) -> RobotDescription:
+def differential(radius: float = 0.075, track: float = 0.34, counts_per_rev: float = 2000.0) -> RobotDescription:
     """Return a robot with two driven wheels on one axle; by default LabMate-sized."""
-    wheel = {"radius": radius, "inertia": disc_inertia(1.0, radius), "counts_per_rev": counts_per_rev}
     return RobotDescription(
         name="differential drive, LabMate-sized",
         mass=40.0,
@@ -125,7 +135,7 @@ def differential(
                 steering="fixed",
                 mass=6.0,
                 inertia=0.1,
-                wheels=(Wheel(lateral=track / 2, **wheel), Wheel(lateral=-track / 2, **wheel)),
+                wheels=pair(track / 2, radius, 1.0, counts_per_rev),
             ),
         ),
     )
@@ -134,7 +144,6 @@ def differential(
 def tricycle() -> RobotDescription:
     """Return a robot with one driven and steered front wheel and two idle rear wheels; origin at the rear axle."""
     radius = 0.075
-    idle = {"radius": radius, "inertia": disc_inertia(1.0, radius), "counts_per_rev": None}
     return RobotDescription(
         name="tricycle",
         mass=30.0,
@@ -158,7 +167,7 @@ def tricycle() -> RobotDescription:
                 steering="fixed",
                 mass=3.0,
                 inertia=0.05,
-                wheels=(Wheel(lateral=0.17, **idle), Wheel(lateral=-0.17, **idle)),
+                wheels=pair(0.17, radius, 1.0, None),
             ),
         ),
     )
@@ -192,9 +201,7 @@ def _four_modules(name: str, radius: float, offset: float, lateral: float) -> Ro
 
 def powered_caster() -> RobotDescription:
     """Return a base on four powered casters, TidyBot++-like: driven steering, one wheel each, with an offset."""
-    return _four_modules(
-        "four powered casters, TidyBot++-like", radius=0.0508, offset=0.014, lateral=-0.00375
-    )
+    return _four_modules("four powered casters, TidyBot++-like", radius=0.0508, offset=0.014, lateral=-0.00375)
 
 
 def swerve() -> RobotDescription:

@@ -1,7 +1,8 @@
 """One robot description: it serves physics, estimators, calibration and diagnosis.
 
-Frames: body B has x forward and y left. Castor i pivots at `pivot` in B; its angle theta is measured from the body's x
-axis to the castor's rolling direction, and its axle trails the pivot by `offset`. SI units and radians throughout.
+Frames: body B has x forward and y left. Castor i pivots at `pivot` in B; its angle theta is measured from
+the body's x axis to the castor's rolling direction, and its axle trails the pivot by `offset`. SI units and
+radians throughout.
 """
 
 import dataclasses
@@ -9,25 +10,19 @@ import hashlib
 import json
 import math
 import os
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, model_validator
 from pydantic.dataclasses import dataclass
 
+from castor_envs import description
+from castor_envs.description import CONFIG, NotNegative, Positive, Vector
 from castor_envs.effects import Effect, apply_effects
-from castor_envs.errors import InputError, explain
-from castor_envs.files import read_json, write_atomically
 
 FORMAT = "castor-robot/1"
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Vector = tuple[float, float]
-frozen = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 
-
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Wheel:
     """One wheel of a castor.
 
@@ -56,14 +51,16 @@ class Wheel:
         return self
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Castor:
     """A castor: a fork on a vertical pivot, carrying wheels on one axle.
 
     pivot: position in B, m. steering: "free", "driven" (a motor turns it) or "fixed" (at `angle`, rad).
-    offset: how far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of mass, which
+    offset: how far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of
+    mass, which
     is taken to lie on the axle behind the pivot, kg and kg m2.
-    pivot_counts_per_rev: of the absolute pivot encoder, None where there is none. pivot_zero: the model's beta in
+    pivot_counts_per_rev: of the absolute pivot encoder, None where there is none. pivot_zero: the model's
+    beta in
     measured angle = theta + beta (Doebbler eq. 2), rad.
     """
 
@@ -92,12 +89,14 @@ class Castor:
         return self
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Contact:
     """How wheels and floor touch: a brush tyre with relaxation length.
 
-    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long, slip_stiffness_lat: force
-    a unit of slip, divided by the wheel's load. relaxation_length: rolled distance in which the force builds up, m.
+    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long,
+    slip_stiffness_lat: force
+    a unit of slip, divided by the wheel's load. relaxation_length: rolled distance in which the force builds
+    up, m.
     damping: of the bristles, as a time (damping coefficient / bristle stiffness), s.
     """
 
@@ -108,7 +107,7 @@ class Contact:
     damping: NotNegative = 1e-3
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Gyro:
     """A yaw-rate gyro: white noise (rad/s, one standard deviation a sample) and constant bias (rad/s)."""
 
@@ -116,13 +115,16 @@ class Gyro:
     bias: float = 0.0
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class RobotDescription:
     """A robot on castors: frozen, validated, and the same to physics, estimators, calibration and diagnosis.
 
-    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg,
-    kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
-    max_steering_speed, max_steering_torque: of each driven castor. effects: what the real robot does beyond this
+    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its
+    castors, kg,
+    kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven
+    wheel.
+    max_steering_speed, max_steering_torque: of each driven castor. effects: what the real robot does beyond
+    this
     description; `as_built` folds them in.
     """
 
@@ -185,11 +187,15 @@ class RobotDescription:
 
     def as_built(self) -> "RobotDescription":
         """Return the robot as it really is: every effect applied to the parameter it disturbs, none left over."""
-        return apply_effects(dataclasses.replace(self, effects=()), self.effects)
+        return apply_effects(self.as_described(), self.effects)
+
+    def as_described(self) -> "RobotDescription":
+        """Return the robot as its user believes it to be: without effects. Controllers and estimators get this one."""
+        return dataclasses.replace(self, effects=())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as plain data, ``format`` first."""
-        return {"format": FORMAT, **_ADAPTER.dump_python(self, mode="json")}
+        return description.to_data(_ADAPTER, self, FORMAT)
 
     def hash(self) -> str:
         """Return a hash of all parameters (the name does not count), to know a robot again."""
@@ -199,30 +205,17 @@ class RobotDescription:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the description as JSON; the file is complete or not there."""
-        write_atomically(Path(path), json.dumps(self.to_dict(), indent=2) + "\n")
+        description.save(path, self.to_dict())
 
     @classmethod
     def from_dict(cls, data: Any, source: str = "robot") -> "RobotDescription":
-        """Read a description from plain data; `source` names it in errors.
-
-        Raises InputError that names the offending key and value.
-        """
-        if not isinstance(data, dict):
-            raise InputError(
-                f"{source}: expected an object with the keys of a robot, got {type(data).__name__}"
-            )
-        if data.get("format") != FORMAT:
-            raise InputError(f"{source}: 'format' must be {FORMAT!r}, got {data.get('format')!r}")
-        body = {key: value for key, value in data.items() if key != "format"}
-        try:
-            return _ADAPTER.validate_json(json.dumps(body), strict=True)
-        except ValidationError as error:
-            raise InputError(f"{source}: {explain(error, 'robot')}") from None
+        """Read a description from plain data; raises InputError that names `source` and the offending keys."""
+        return description.from_data(_ADAPTER, data, FORMAT, source)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "RobotDescription":
         """Read a description from a JSON file; raises InputError that names file and key."""
-        return cls.from_dict(read_json(Path(path)), source=str(path))
+        return description.load(_ADAPTER, path, FORMAT)
 
 
 _ADAPTER = TypeAdapter(RobotDescription)

@@ -1,4 +1,4 @@
-"""Numbers in CSV files, read so that every mistake has a place: ``file:line: column 'x': what is wrong; what to do``."""
+"""CSV files, read so that every mistake has a place: ``file:line: column 'x': what is wrong; what to do``."""
 
 import csv
 import math
@@ -19,13 +19,14 @@ class Line(NamedTuple):
 def complaint(path: Path, line: int | None, column: str | None, message: str) -> InputError:
     """Return the error for a place in a file; `line` and `column` are left out where they are None."""
     place = f"{path}:{line}" if line is not None else f"{path}"
-    return InputError(
-        f"{place}: column {column!r}: {message}" if column is not None else f"{place}: {message}"
-    )
+    return InputError(f"{place}: column {column!r}: {message}" if column is not None else f"{place}: {message}")
 
 
 def read_lines(path: Path) -> list[Line]:
-    """Return the lines of a CSV file that are not blank; raises InputError if there are none or it cannot be read."""
+    """Return the lines of a CSV file that are not blank.
+
+    Raises InputError if there are none, or the file cannot be read.
+    """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = list(_lines(path, file))
@@ -68,7 +69,5 @@ def number(path: Path, line: int, column: str, cell: str) -> float:
         what = f"{text!r} is not a number" if text else "is blank"
         raise complaint(path, line, column, f"{what}; give a number here")
     if not math.isfinite(value):
-        raise complaint(
-            path, line, column, f"{text!r} is not finite; give a finite number or remove the line"
-        )
+        raise complaint(path, line, column, f"{text!r} is not finite; give a finite number or remove the line")
     return value

@@ -1,7 +1,7 @@
 """Chipmunk's functions as numba can call them: by address, so that compiled code can be cached.
 
-pymunk's batch callbacks move positions and forces of all bodies between Chipmunk and two arrays; only pointers and
-doubles cross the border.
+pymunk's batch callbacks move positions and forces of all bodies between Chipmunk and two arrays; only
+pointers and doubles cross the border.
 """
 
 from typing import Any
@@ -52,14 +52,16 @@ def step_space(typingctx: Any, step: Any, space: Any, dt: Any) -> Any:
 class BodyLink:
     """Reads and loads all bodies of a space through two arrays that live as long as this object.
 
-    motion (b, 6): x, y, angle, v_x, v_y, angular velocity, in the order in which bodies were added. loads (b, 3): force
+    motion (b, 6): x, y, angle, v_x, v_y, angular velocity, in the order in which bodies were added. loads
+    (b, 3): force
     x, y and torque for the next step. `addresses`, `got` and `given` are what the compiled loop needs.
     """
 
     def __init__(self, space: pymunk.Space, bodies: list[pymunk.Body]) -> None:
         self._space = space
         self._reader, self._writer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
-        # Chipmunk owns and sizes the array it fills: a user's array of the exact size makes it reallocate foreign memory.
+        # Chipmunk owns and sizes the array it fills: a user's array of the exact size makes it reallocate
+        # foreign memory.
         pymunk.batch.get_space_bodies(space, MOTION, self._reader)
         self.motion = self._view(self._reader, len(bodies), 6)
         self.loads: NDArray[np.float64] = np.zeros((len(bodies), 3))

@@ -1,19 +1,20 @@
 """The wheel force law, and the loop that applies it. The one home of contact physics.
 
-Everything here is plain Python that numba also compiles: `castor_envs.physics.world` runs `wheel_forces` as it stands
-(reference) or inside `advance` (compiled; that one calls Chipmunk's own step through its address).
+Everything here is plain Python that numba also compiles: `castor_envs.physics.world` runs `wheel_forces` as
+it stands (reference) or inside `advance` (compiled; that one calls Chipmunk's own step through its address).
 
-A wheel touches the floor through bristles (a single-point brush tyre with relaxation length; Pacejka, *Tire and Vehicle
-Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r omega| and bristle
-deflection z,
+A wheel touches the floor through bristles (a single-point brush tyre with relaxation length; Pacejka, *Tire
+and Vehicle Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r
+omega| and bristle deflection z,
 
     dz/dt = s - V z / sigma          F = -k z - c dz/dt          |F| <= friction * load
 
-so at rest the contact is a spring (no creep), in steady rolling F = -k sigma s / V (slip in proportion to force, with slip
-stiffness k sigma), and beyond the friction circle the bristles slide. Each substep is implicit in z and in the wheel's spin.
+so at rest the contact is a spring (no creep), in steady rolling F = -k sigma s / V (slip in proportion to
+force, with slip stiffness k sigma), and beyond the friction circle the bristles slide. Each substep is
+implicit in z and in the wheel's spin.
 
-On a cable the centre of the wheel rises by h(p), p the distance in plan from the cable's axis: the wheel rolls
-sqrt(1 + h'^2) times its plan path and, by virtual work, pays the climbing force -load * grad h.
+On a cable the centre of the wheel rises by h(p), p the distance in plan from the cable's axis: the wheel
+rolls sqrt(1 + h'^2) times its plan path and, by virtual work, pays the climbing force -load * grad h.
 """
 
 import math
@@ -29,7 +30,8 @@ STANDARD, OMNI = 0, 1
 
 WHEEL = np.dtype(
     [
-        # where: body index, contact point in the body's frame (from its centre of mass), rolling direction there
+        # where: body index, contact point in the body's frame (from its centre of mass), rolling direction
+        # there
         ("body", np.int64),
         ("x", float),
         ("y", float),
@@ -60,7 +62,8 @@ WHEEL = np.dtype(
         ("integral", float),
         ("stretch_long", float),
         ("stretch_lat", float),
-        # of the last substep: force on the wheel (along, across), friction limit, motor torque, rise on a cable
+        # of the last substep: force on the wheel (along, across), friction limit, motor torque, rise on a
+        # cable
         ("force_long", float),
         ("force_lat", float),
         ("limit", float),
@@ -108,7 +111,8 @@ def rise_at(x, y, radius, cables):
 def turn_wheel(wheel, v_long, v_lat, limit, dt):
     """Advance one wheel's spin and bristles by dt; leaves `force_long` and `force_lat` in the wheel's record.
 
-    v_long: how fast the contact runs along the path of the rolling wheel; v_lat: across; m/s. limit: friction * load, N.
+    v_long: how fast the contact runs along the path of the rolling wheel; v_lat: across; m/s. limit:
+    friction * load, N.
     """
     if wheel.grip == OMNI:
         v_long = v_long + wheel.roller * v_lat
@@ -140,9 +144,7 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
     force_lat, stretch_lat = 0.0, 0.0
     if wheel.grip == STANDARD:
         stretch_lat = (wheel.stretch_lat + dt * v_lat) / relaxing
-        force_lat = (
-            -wheel.stiffness_lat * stretch_lat - wheel.damping_lat * (stretch_lat - wheel.stretch_lat) / dt
-        )
+        force_lat = -wheel.stiffness_lat * stretch_lat - wheel.damping_lat * (stretch_lat - wheel.stretch_lat) / dt
 
     # Sliding contact: back to the friction circle, the bristles as far out as this force says.
     size = math.hypot(force_long, force_lat)
@@ -189,7 +191,8 @@ def contact_at(wheel, body, ahead):
 def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
     """Advance all wheels by dt and add up what they do to the bodies.
 
-    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. loads (b, 3), overwritten: force x, y in N, torque.
+    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. loads (b, 3), overwritten: force x, y in N,
+    torque.
     """
     loads[:] = 0.0
     for k in range(len(wheels)):
@@ -221,14 +224,15 @@ def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
 def advance(addresses, bodies, got, loads, given, wheels, patches, cables, climbing, dt, substeps):
     """Step space and wheels `substeps` times without returning to Python.
 
-    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their data. bodies and
+    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their
+    data. bodies and
     loads are the batch buffers; got and given hold their fill counts.
     """
     space, step, each, getter, getter_data, setter, setter_data = addresses
     for _ in range(substeps):
         got[0] = 0
-        for_each_body(each, space, getter, getter_data)
+        for_each_body(each, space, getter, getter_data)  # pyright: ignore[reportCallIssue]
         wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads)
         given[0] = 0
-        for_each_body(each, space, setter, setter_data)
-        step_space(step, space, dt)
+        for_each_body(each, space, setter, setter_data)  # pyright: ignore[reportCallIssue]
+        step_space(step, space, dt)  # pyright: ignore[reportCallIssue]

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
+from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry, castor_rates, inverse
@@ -24,12 +25,16 @@ _DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
 class World:
     """A robot on a floor.
 
-    Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels are not bodies:
-    each has a spin, a motor and a contact force (`castor_envs.physics.wheels`). Loads are constant, from the static balance
+    Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels
+    are not bodies:
+    each has a spin, a motor and a contact force (`castor_envs.physics.wheels`). Loads are constant, from the
+    static balance
     of the chassis on its pivots.
 
-    robot: effects are folded in. pose: of B in N. castor_angles (n,): theta at the start, those of fixed castors ignored.
-    twist: (v_x, v_y, omega) in B at the start; castors and wheels start in rolling motion with it. stepper: "compiled" or
+    robot: effects are folded in. pose: of B in N. castor_angles (n,): theta at the start, those of fixed
+    castors ignored.
+    twist: (v_x, v_y, omega) in B at the start; castors and wheels start in rolling motion with it. stepper:
+    "compiled" or
     "reference" (plain Python). substeps: a sample period; None takes as many as the robot's stiffest contact needs.
     """
 
@@ -55,9 +60,7 @@ class World:
         self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
         self._patches, self._cables = self.floor.patch_array(), self.floor.cable_array()
 
-        angles = (
-            np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
-        )
+        angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
         self._start_angles = np.where(self.geometry.fixed, self.geometry.angle, angles)
         self._build(np.asarray(pose, dtype=float), np.asarray(twist, dtype=float))
 
@@ -75,8 +78,8 @@ class World:
         base = pymunk.Body(mass, inertia)
         _place(base, pose[:2], pose[2], twist, center)
         self._bodies = [base]
-        self._motors: list[pymunk.SimpleMotor] = []
-        joints: list[pymunk.Constraint] = []
+        self._motors: list[SimpleMotor] = []
+        joints: list[Constraint] = []
         for i, castor in enumerate(self.robot.castors):
             if castor.steering == "fixed":
                 continue
@@ -86,11 +89,11 @@ class World:
             u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
             own = np.array([*_turned(u, -theta[i]), twist[2] + rates[i]])
             _place(body, at, pose[2] + theta[i], own, np.array([-castor.offset, 0.0]))
-            joint = pymunk.PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
+            joint = PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
             joint.error_bias = 0.0  # all of a joint's drift is put right in the next step
             joints.append(joint)
             if castor.steering == "driven":
-                motor = pymunk.SimpleMotor(base, body, 0.0)
+                motor = SimpleMotor(base, body, 0.0)
                 self._motors.append(motor)
                 joints.append(motor)
             self._bodies.append(body)
@@ -98,13 +101,13 @@ class World:
         self._link = BodyLink(self._space, self._bodies)
         self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
 
-    def advance(
-        self, wheel_command: ArrayLike, steering_command: ArrayLike = (), drive: Drive = "servo"
-    ) -> None:
+    def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = (), drive: Drive = "servo") -> None:
         """Run one sample period with constant commands.
 
-        wheel_command (driven wheels,): rad/s; with drive "voltage" a fraction of the full voltage, in [-1, 1]. Beyond the
-        robot's limits it is clipped. steering_command (driven castors,): rad/s. drive "off" leaves all motors dead.
+        wheel_command (driven wheels,): rad/s; with drive "voltage" a fraction of the full voltage, in [-1,
+        1]. Beyond the
+        robot's limits it is clipped. steering_command (driven castors,): rad/s. drive "off" leaves all
+        motors dead.
         """
         robot = self.robot
         limit = robot.max_wheel_speed if drive == "servo" else 1.0
@@ -172,15 +175,14 @@ class World:
     def energy(self) -> float:
         """Return all mechanical energy: bodies, wheel spin, bristles, slope, wheels risen on cables; J.
 
-        Chipmunk moves first and accelerates then, so velocities are those of half a substep after the positions; heights are
+        Chipmunk moves first and accelerates then, so velocities are those of half a substep after the
+        positions; heights are
         taken there.
         """
         motion = self._link.read()
         masses = np.array([body.mass for body in self._bodies])
         inertias = np.array([body.moment for body in self._bodies])
-        kinetic = 0.5 * np.sum(
-            masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2
-        )
+        kinetic = 0.5 * np.sum(masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2)
         middle = motion[:, :2] + 0.5 * self.dt * motion[:, 3:5]
         height = -np.sum(masses[:, None] * middle * np.array(self.floor.downhill_gravity))
         w = self.wheels
@@ -228,9 +230,12 @@ def chassis(robot: RobotDescription) -> tuple[float, float, Array]:
 def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
     """Return the load on each wheel (w,), N.
 
-    The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and moments, which
-    is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels by the lever rule about
-    the pivot's line. Moments that no arrangement of these pivots can balance are left to support castors without load.
+    The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and
+    moments, which
+    is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels
+    by the lever rule about
+    the pivot's line. Moments that no arrangement of these pivots can balance are left to support castors
+    without load.
     """
     pivots = np.array([castor.pivot for castor in robot.castors])
     balance = np.vstack([np.ones(len(pivots)), pivots.T])
@@ -291,7 +296,8 @@ def _wheel_records(robot: RobotDescription, floor: Floor) -> NDArray[np.void]:
 def _enough_substeps(robot: RobotDescription, records: NDArray[np.void]) -> int:
     """Return the substeps a sample period that keep the stiffest castor's contact mode well resolved.
 
-    The contact sees body velocities explicitly, so with mode frequency omega a substep must keep omega dt and the bristle
+    The contact sees body velocities explicitly, so with mode frequency omega a substep must keep omega dt
+    and the bristle
     damping's omega^2 damping dt small.
     """
     fastest = 0.0

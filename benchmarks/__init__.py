@@ -1,0 +1,1 @@
+"""How estimators are judged: tasks, metrics, the runner, its results and the leaderboard."""

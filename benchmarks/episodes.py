@@ -1,0 +1,90 @@
+"""Recorded episodes, kept so that every estimator is judged on the same ones and scores can be computed again."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.archives import CorruptFileError, read_archive, read_metadata, write_archive
+from benchmarks.provenance import provenance
+from benchmarks.task import Case, Episode, Run, Task
+from castor_envs.errors import InputError
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+
+FORMAT = "castor-episode/1"
+_PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro")
+
+
+def file_name(case: Case) -> str:
+    """Return the file name of a case; raises ValueError for a name that does not fit into one."""
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", str(case)):
+        raise ValueError(f"case {case!r}: use letters, digits and _ . - only")
+    return f"{case}.npz"
+
+
+class EpisodeStore:
+    """The episodes under RESULTS/episodes/<task>@<version>/<case>.npz."""
+
+    def __init__(self, results: Path):
+        self.root = results / "episodes"
+
+    def path(self, task: str, version: int, case: Case) -> Path:
+        """Return the file of an episode."""
+        return self.root / f"{task}@{version}" / file_name(case)
+
+    def digest(self, task: str, version: int, case: Case) -> str | None:
+        """Return the digest of a stored episode, None if it is not there; raises CorruptFileError."""
+        try:
+            return str(read_metadata(self.path(task, version, case), FORMAT)["digest"])
+        except FileNotFoundError:
+            return None
+
+    def load(self, task: str, version: int, case: Case) -> Episode:
+        """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""
+        path = self.path(task, version, case)
+        metadata, arrays = read_archive(path, FORMAT)
+        try:
+            runs = tuple(
+                Run(_log(arrays, k), direction=entry["direction"], baseline=entry["baseline"])
+                for k, entry in enumerate(metadata["runs"])
+            )
+            episode = Episode(RobotDescription.from_dict(metadata["robot"], str(path)), runs)
+        except (KeyError, TypeError, ValueError, InputError):
+            raise CorruptFileError(path, "does not hold an episode") from None
+        if episode.digest != metadata["digest"]:
+            raise CorruptFileError(path, "does not hold what its digest says")
+        return episode
+
+    def save(self, task: Task, case: Case, episode: Episode) -> None:
+        """Store an episode; columns that the robot does not explain are left out."""
+        metadata: dict[str, Any] = {
+            "format": FORMAT,
+            "task": task.name,
+            "task_version": task.version,
+            "case": case,
+            "digest": episode.digest,
+            "robot": episode.robot.to_dict(),
+            "runs": [{"direction": run.direction, "baseline": run.baseline} for run in episode.runs],
+            "origin": provenance(),
+        }
+        arrays = {
+            f"{k}.{part}": _compact(getattr(run.log, part))
+            for k, run in enumerate(episode.runs)
+            for part in _PARTS
+            if getattr(run.log, part) is not None
+        }
+        write_archive(self.path(task.name, task.version, case), metadata, arrays)
+
+
+def _log(arrays: dict[str, Any], run: int) -> Log:
+    return Log(**{part: arrays[f"{run}.{part}"] for part in _PARTS if f"{run}.{part}" in arrays})
+
+
+def _compact(array: NDArray) -> NDArray:
+    """Return whole numbers as 32-bit integers, which Log turns back into the same float64."""
+    if np.isfinite(array).all() and (np.abs(array) < 2**31).all() and (array == np.rint(array)).all():
+        return array.astype(np.int32) if not np.signbit(array[array == 0]).any() else array
+    return array

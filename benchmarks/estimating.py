@@ -1,0 +1,136 @@
+"""The second stage of a run: estimators follow recorded episodes in worker processes; the parent scores and stores.
+
+The workers get observations, the robot and the start pose. The truth stays here.
+"""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.estimation import Failure, estimate_singly, estimate_stacked, observed_runs
+from benchmarks.evaluation import score
+from benchmarks.progress import RunProgress
+from benchmarks.provenance import provenance
+from benchmarks.results import ResultsStore, Row
+from benchmarks.task import Case, Episode, Task
+from benchmarks.workers import Died, Done, Job, Outcome, Raised, TimedOut, run_jobs
+from estimators.registry import EstimatorEntry
+
+MOST_TIMEOUTS = 3
+"""After so many time-outs of an estimator in a task, its other episodes there are not tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """Cases of a task that an estimator is to follow in one job. stacked: on stacks of alike runs, else one case."""
+
+    task: Task
+    entry: EstimatorEntry
+    episodes: dict[Case, Episode]
+    stacked: bool
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Task and estimator, to count by."""
+        return self.task.name, self.entry.name, self.entry.source_hash
+
+
+class Estimating:
+    """Takes work, makes jobs of it, and stores a row for each case, whatever happens."""
+
+    def __init__(self, works: Iterator[Work], rows: ResultsStore, timeout: float, progress: RunProgress):
+        self._works = works
+        self._rows = rows
+        self._timeout = timeout
+        self._progress = progress
+        self._timeouts: Counter[tuple[str, str, str]] = Counter()
+        self._again: deque[Work] = deque()
+
+    def run(self, processes: int) -> None:
+        """Do all work."""
+        with closing(run_jobs(self, processes)) as outcomes:
+            for job, outcome in outcomes:
+                self._take(job.subject, outcome)
+
+    def next_job(self) -> Job | None:
+        """Return the job of the next work that can be tried; rows of what cannot are stored as failed."""
+        while True:
+            work = self._again.popleft() if self._again else next(self._works, None)
+            if work is None:
+                return None
+            reason = work.entry.applicable(next(iter(work.episodes.values())).robot)
+            if reason is not None:
+                self._store_all(work, Failure(f"not applicable: {reason}"))
+            elif self._timeouts[work.key] >= MOST_TIMEOUTS:
+                reason = f"not tried after {MOST_TIMEOUTS} episodes took over {self._timeout:g} s each"
+                self._store_all(work, Failure(reason), timeout=self._timeout)
+            else:
+                seen = [observed_runs(episode) for episode in work.episodes.values()]
+                function = estimate_stacked if work.stacked else estimate_singly
+                arguments = (work.entry.spec, work.entry.source_hash, seen if work.stacked else seen[0])
+                return Job(function, arguments, work, self._timeout)
+
+    def _take(self, work: Work, outcome: Outcome) -> None:
+        """Store what came of some work; a stack that failed as a whole is tried again case by case."""
+        match outcome:
+            case Done(value):
+                answer = value if work.stacked or isinstance(value, Failure) else [value]
+            case TimedOut():
+                answer = Failure(f"took over {self._timeout:g} s")
+            case Died(exit_code):
+                answer = Failure(f"ended its process (exit code {exit_code})")
+            case Raised(text):
+                raise RuntimeError(f"task {work.task.name}, estimator {work.entry.name}:\n{text}")
+        if isinstance(answer, list):
+            for (case, episode), result in zip(work.episodes.items(), answer, strict=True):
+                self._store(work, case, episode, result)
+        elif work.stacked and not answer.reason.startswith("not applicable"):
+            self._progress.warn(
+                f"{work.entry.name} on stacked runs of {work.task.name}: {answer.reason}; trying case by case"
+            )
+            for case, episode in work.episodes.items():
+                self._again.append(Work(work.task, work.entry, {case: episode}, stacked=False))
+        else:
+            late = isinstance(outcome, TimedOut)
+            self._timeouts[work.key] += late
+            self._store_all(work, answer, self._timeout if late else None)
+
+    def _store_all(self, work: Work, failure: Failure, timeout: float | None = None) -> None:
+        for case, episode in work.episodes.items():
+            self._store(work, case, episode, failure, timeout)
+
+    def _store(
+        self,
+        work: Work,
+        case: Case,
+        episode: Episode,
+        result: list[NDArray[np.float64]] | Failure,
+        timeout: float | None = None,
+    ) -> None:
+        estimates = () if isinstance(result, Failure) else tuple(result)
+        failure, scores = result.reason if isinstance(result, Failure) else None, {}
+        if failure is None:
+            with np.errstate(all="ignore"):
+                scores = score(episode, estimates)
+            if not np.isfinite(scores[work.task.metric]):
+                failure, scores, estimates = "returned poses too large to be scored", {}, ()
+        row = Row(
+            task=work.task.name,
+            version=work.task.version,
+            estimator=work.entry.name,
+            source_hash=work.entry.source_hash,
+            case=case,
+            episode=episode.digest,
+            robot_hash=episode.robot.hash(),
+            failure=failure,
+            timeout=timeout,
+            scores={name: value for name, value in scores.items() if np.isfinite(value)},
+            estimates=estimates,
+            origin=provenance(),
+        )
+        self._rows.save(row)
+        self._progress.advance()

@@ -1,0 +1,221 @@
+"""What happens in a worker process: an estimator follows observations. The truth is not in this process.
+
+An estimator gets the robot as the episode describes it, the pose at the start, and one observation after another. The
+parent gets back its poses at the evaluation samples and scores them.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.evaluation import evaluation_samples
+from benchmarks.task import Episode
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from estimators.registry import EstimatorEntry, load_estimator
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All observations of one run, or of several along leading axes: the same numbers as `Log.observations` yields.
+
+    wheel (..., N, driven wheels), pivot (..., N, pivot encoders), time (..., N), gyro (..., N) or None.
+    """
+
+    wheel: Array
+    pivot: Array
+    time: Array
+    gyro: Array | None
+
+    @classmethod
+    def of(cls, log: Log) -> "Observations":
+        """Return the observations of a log, without its reference."""
+        return cls(np.diff(log.wheel, axis=0, prepend=log.wheel[:1]), log.pivot, log.t, log.gyro)
+
+    @classmethod
+    def stack(cls, members: Sequence["Observations"]) -> "Observations":
+        """Return observations of equal length along one new leading axis."""
+        gyro = [member.gyro for member in members if member.gyro is not None]
+        return cls(
+            np.stack([member.wheel for member in members]),
+            np.stack([member.pivot for member in members]),
+            np.stack([member.time for member in members]),
+            np.stack(gyro) if gyro else None,
+        )
+
+    def __len__(self) -> int:
+        return self.time.shape[-1]
+
+    def at(self, k: int) -> dict[str, Array]:
+        """Return observation k, in arrays of its own."""
+        observation = {
+            "wheel": self.wheel[..., k, :].copy(),
+            "pivot": self.pivot[..., k, :].copy(),
+            "time": self.time[..., k, None].copy(),
+        }
+        if self.gyro is not None:
+            observation["gyro"] = self.gyro[..., k, None].copy()
+        return observation
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedRun:
+    """What a worker gets of a run: the robot, the pose at the start (3,), the observations, which poses to return."""
+
+    robot: RobotDescription
+    start: Array
+    observations: Observations
+    samples: NDArray[np.intp]
+
+
+def observed_runs(episode: Episode) -> list[ObservedRun]:
+    """Return what estimators may see of an episode."""
+    return [
+        ObservedRun(episode.robot, run.log.reference[0].copy(), Observations.of(run.log), evaluation_samples(run.log))
+        for run in episode.runs
+        if run.log.reference is not None
+    ]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An estimator failed; `reason` goes on the leaderboard."""
+
+    reason: str
+
+
+class _FailedError(Exception):
+    """Raised where an estimator fails."""
+
+
+def estimate_singly(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> list[Array] | Failure:
+    """Return the estimated poses (M, 3) of each run, or how the first failing run failed."""
+    estimates = []
+    for number, run in enumerate(runs, start=1):
+        try:
+            poses = _follow(_load(spec, source_hash), run.robot, run.start, run.observations)
+        except _FailedError as failure:
+            return Failure(f"{failure} of run {number}" if "at sample" in str(failure) else str(failure))
+        bad = np.flatnonzero(~np.isfinite(poses).all(axis=-1))
+        if bad.size:
+            return Failure(f"returned NaN or infinity at sample {bad[0]} of run {number}")
+        estimates.append(poses[run.samples])
+    return estimates
+
+
+def estimate_stacked(
+    spec: str, source_hash: str, episodes: Sequence[Sequence[ObservedRun]]
+) -> list[list[Array] | Failure] | Failure:
+    """Return the estimated poses of each run of each episode, computed on stacks of runs alike in layout and length.
+
+    A pose that is not finite fails its own episode; anything else that goes wrong fails the whole, and the parent then
+    tries the episodes one by one.
+    """
+    runs = [(e, r, run) for e, episode in enumerate(episodes) for r, run in enumerate(episode)]
+    groups: dict[tuple, list[tuple[int, int, ObservedRun]]] = {}
+    for member in runs:
+        groups.setdefault(_stack_key(member[2]), []).append(member)
+    estimates: list[list[Any]] = [[None] * len(episode) for episode in episodes]
+    failures: dict[int, tuple[int, Failure]] = {}
+    for members in groups.values():
+        geometry = Geometry.of([run.robot for _, _, run in members])
+        start = np.stack([run.start for _, _, run in members])
+        observations = Observations.stack([run.observations for _, _, run in members])
+        try:
+            poses = _follow(_load(spec, source_hash), geometry, start, observations)
+        except _FailedError as failure:
+            return Failure(str(failure))
+        for (e, r, run), own in zip(members, poses, strict=True):
+            estimates[e][r] = own[run.samples]
+            good = np.isfinite(own).all(axis=-1)
+            if not good.all() and (e not in failures or r < failures[e][0]):
+                k = np.argmin(good)
+                failures[e] = (r, Failure(f"returned NaN or infinity at sample {k} of run {r + 1}"))
+    return [failures[e][1] if e in failures else estimates[e] for e in range(len(episodes))]
+
+
+def time_updates(spec: str, source_hash: str, run: ObservedRun) -> float | Failure:
+    """Return the median CPU time of an update of a single robot, microseconds, over a run."""
+    spent: list[int] = []
+    try:
+        _follow(_load(spec, source_hash), run.robot, run.start, run.observations, spent)
+    except _FailedError as failure:
+        return Failure(str(failure))
+    return float(np.median(spent)) / 1e3
+
+
+def _stack_key(run: ObservedRun) -> tuple:
+    geometry = Geometry.of(run.robot)
+    layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
+    return (
+        *(getattr(geometry, name).tobytes() for name in layout),
+        geometry.sample_period,
+        len(run.observations),
+        run.observations.gyro is None,
+    )
+
+
+@lru_cache(maxsize=8)
+def _load(spec: str, source_hash: str) -> EstimatorEntry:
+    try:
+        entry = load_estimator(spec)
+    except BaseException as error:
+        raise _FailedError(f"could not be loaded by a worker process: {_one_line(error)}") from None
+    if entry.source_hash != source_hash:
+        raise _FailedError("its source changed while the benchmark ran; run again")
+    return entry
+
+
+def _follow(
+    entry: EstimatorEntry,
+    robot: RobotDescription | Geometry,
+    start: Array,
+    observations: Observations,
+    spent: list[int] | None = None,
+) -> Array:
+    """Return the poses (..., N, 3) of a new estimator; append the CPU time of each update, ns, to `spent`."""
+    poses = np.empty((*start.shape[:-1], len(observations), 3))
+    where = "when constructed"
+    try:
+        estimator = entry.factory()
+        where = "in reset"
+        estimator.reset(robot, start.copy())
+        for k in range(len(observations)):
+            where = f"in update at sample {k}"
+            observation = observations.at(k)
+            began = time.process_time_ns()
+            answer = estimator.update(observation)
+            if spent is not None:
+                spent.append(time.process_time_ns() - began)
+            poses[..., k, :] = _pose(answer, start.shape, where)
+    except _FailedError:
+        raise
+    except BaseException as error:
+        if isinstance(error, InputError) and where == "in reset":
+            raise _FailedError(f"not applicable: {error}") from None
+        raise _FailedError(f"raised {_one_line(error)} {where}") from None
+    return poses
+
+
+def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
+    try:
+        pose = np.asarray(answer, dtype=float)
+    except (TypeError, ValueError):
+        raise _FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {where}") from None
+    if pose.shape != shape:
+        raise _FailedError(f"returned shape {pose.shape} instead of {shape} {where}")
+    return pose
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split())[:200]
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,0 +1,170 @@
+"""From an episode and estimated trajectories to scores: which samples are looked at, which metrics there are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import metrics
+from benchmarks.task import Episode, Run
+from castor_envs.logs import Log
+
+Array = NDArray[np.float64]
+
+EVALUATION_PERIOD = 0.5
+"""Trajectories are stored and scored every so many seconds, and at the last pose."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric: its name, its SI unit (also as part of a JSON key), and how people are shown it."""
+
+    name: str
+    unit: str
+    key: str
+    title: str
+    shown_unit: str
+    factor: float
+    description: str
+
+    def shown(self, value: float | None) -> str:
+        """Return a value in SI as text in the unit for people."""
+        return "–" if value is None else f"{value * self.factor:.4g}"
+
+
+_MM = {"unit": "m", "shown_unit": "mm", "factor": 1e3}
+_DEG = {"unit": "rad", "shown_unit": "deg", "factor": 180.0 / np.pi}
+
+METRICS: dict[str, Metric] = {
+    metric.name: metric
+    for metric in (
+        Metric("E_max_syst", key="E_max_syst_m", title="E_max,syst", description="UMBmark, systematic", **_MM),
+        Metric("r_cw", key="r_cw_m", title="r_cw", description="UMBmark, clockwise centroid", **_MM),
+        Metric("r_ccw", key="r_ccw_m", title="r_ccw", description="UMBmark, other centroid", **_MM),
+        Metric(
+            "orientation_error",
+            key="orientation_error_rad",
+            title="orientation",
+            description="mean absolute return orientation error",
+            **_DEG,
+        ),
+        Metric(
+            "nonsystematic_orientation_error",
+            key="nonsystematic_orientation_error_rad",
+            title="orientation, bumps only",
+            description="extended UMBmark: the same less the mean error on the clean floor",
+            **_DEG,
+        ),
+        Metric(
+            "end_point_position",
+            key="end_point_position_m",
+            title="end point",
+            description="position error of the last pose, mean over the runs",
+            **_MM,
+        ),
+        Metric(
+            "end_point_heading",
+            key="end_point_heading_rad",
+            title="end heading",
+            description="heading error of the last pose, mean over the runs",
+            **_DEG,
+        ),
+        Metric(
+            "ate",
+            key="ate_m",
+            title="ATE",
+            description="rms position error along the path, no alignment, mean over the runs",
+            **_MM,
+        ),
+        Metric(
+            "rpe_translation",
+            unit="m/m",
+            key="rpe_translation_m_per_m",
+            title="RPE",
+            shown_unit="mm/m",
+            factor=1e3,
+            description="error of the motion over 1 m of true path, mean",
+        ),
+        Metric(
+            "rpe_rotation",
+            unit="rad/m",
+            key="rpe_rotation_rad_per_m",
+            title="RPE rotation",
+            shown_unit="deg/m",
+            factor=180.0 / np.pi,
+            description="heading error over 1 m of true path, mean",
+        ),
+    )
+}
+
+
+def evaluation_samples(log: Log, period: float = EVALUATION_PERIOD) -> NDArray[np.intp]:
+    """Return the samples (M,) that are stored and scored: those with a reference pose, thinned to one a period.
+
+    Of the samples with a reference, the ones nearest to the times t_0, t_0 + period, ..., and the last.
+    """
+    assert log.reference is not None
+    known = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
+    t = log.t[known]
+    wanted = np.arange(t[0], t[-1] + period / 2, period)
+    right = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1) if len(t) > 1 else np.zeros(len(wanted), dtype=int)
+    nearest = right - (wanted - t[right - 1] < t[right] - wanted)
+    return known[np.unique(np.append(nearest, len(t) - 1))]
+
+
+def score(episode: Episode, estimates: Sequence[Array]) -> dict[str, float]:
+    """Return the scores of an estimator in an episode, in SI, by the names of `METRICS`.
+
+    estimates: for each run, the estimated poses (M, 3) at `evaluation_samples`. UMBmark's numbers need runs in both
+    directions, the extended benchmark's also baseline runs in both; what a task's runs do not give is left out.
+    Relative pose errors are NaN where a path is too short for them.
+    """
+    paths = []
+    for run, estimate in zip(episode.runs, estimates, strict=True):
+        assert run.log.reference is not None
+        true = run.log.reference[evaluation_samples(run.log)]
+        if estimate.shape != true.shape:
+            raise ValueError(f"estimates of shape {estimate.shape} for {true.shape} evaluated poses")
+        paths.append((run, true, estimate))
+    return {**_square_scores(paths), **_path_scores([path for path in paths if not path[0].baseline])}
+
+
+def _square_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
+    def errors(direction: str, baseline: bool) -> Array:
+        chosen = [
+            metrics.return_errors(true[0], true[-1], estimate[-1])
+            for run, true, estimate in paths
+            if run.direction == direction and run.baseline == baseline
+        ]
+        return np.reshape(chosen, (-1, 3))
+
+    cw, ccw = errors("cw", False), errors("ccw", False)
+    clean_cw, clean_ccw = errors("cw", True), errors("ccw", True)
+    if not (len(cw) and len(ccw)):
+        return {}
+    square = metrics.umbmark(cw, ccw)
+    scores = {
+        "E_max_syst": float(square.e_max_syst),
+        "r_cw": float(square.r_cw),
+        "r_ccw": float(square.r_ccw),
+        "orientation_error": float(metrics.orientation_error(cw[:, 2], ccw[:, 2])),
+    }
+    if len(clean_cw) and len(clean_ccw):
+        bumps = metrics.orientation_error(cw[:, 2], ccw[:, 2], clean_cw[:, 2], clean_ccw[:, 2])
+        scores["nonsystematic_orientation_error"] = float(bumps)
+    return scores
+
+
+def _path_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
+    ends = [metrics.end_point_error(true, estimate) for _, true, estimate in paths]
+    relative = [metrics.relative_pose_error(true, estimate) for _, true, estimate in paths]
+    along = [metrics.absolute_trajectory_error(true, estimate) for _, true, estimate in paths]
+    scores = {
+        "end_point_position": np.mean([end.position for end in ends]),
+        "end_point_heading": np.mean([end.heading for end in ends]),
+        "ate": np.mean(along),
+        "rpe_translation": np.mean([error.translation for error in relative]),
+        "rpe_rotation": np.mean([error.rotation for error in relative]),
+    }
+    return {name: float(value) for name, value in scores.items()}

@@ -1,0 +1,134 @@
+"""UMBmark without physics: perfect rolling and honest encoders, but a robot file with wrong numbers (Doebbler IV.B).
+
+Doebbler's Table II: a 1.5 m square driven five times each way at 20 Hz by a robot of the prototype's
+dimensions, its parameters known with random errors, all encoders quantised; the score is E_max, averaged
+over the sets. The paper leaves open, and we take: 0.25 m/s and 0.5 m/s2 along the sides; turns of 90 deg on
+the spot at the corners, at 45 deg/s and 90 deg/s2; a random phase of every wheel encoder in every run;
+uniform errors ("up to 4 %" fits no normal distribution), drawn for every castor and wheel alone.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.task import Case, Episode, Run, Task
+from castor_envs.encoders import Encoders
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.presets import preset
+from castor_envs.robot import Castor, RobotDescription, Wheel
+from castor_envs.rolling import Rolled, roll
+from castor_envs.trajectories import Direction, umbmark
+
+ROBOT = "asoc-prototype"
+SETS = 100
+RUNS = 5  # each way
+
+
+@dataclass(frozen=True)
+class ParameterErrors:
+    """How wrong a robot file may be: half-widths of uniform errors, relative but for beta (rad)."""
+
+    offset: float
+    radius: float
+    lateral: float
+    pivot_zero: float
+
+    @classmethod
+    def of_mean(cls, offset: float, radius: float, lateral: float, pivot_zero: float) -> "ParameterErrors":
+        """Return the errors with these mean absolute values: a uniform error's half-width is twice its mean size."""
+        return cls(2 * offset, 2 * radius, 2 * lateral, 2 * pivot_zero)
+
+    def applied(self, robot: RobotDescription, random: np.random.Generator) -> RobotDescription:
+        """Return the robot as a user with such errors would describe it.
+
+        Drawn castor by castor: r_c, beta, then for each wheel (left, right) r_w and d, each one uniform
+        number in [-1, 1).
+        """
+
+        def off(half_width: float) -> float:
+            return half_width * random.uniform(-1.0, 1.0)
+
+        def wheel(w: Wheel) -> Wheel:
+            radius = w.radius * (1 + off(self.radius))
+            return dataclasses.replace(w, radius=radius, lateral=w.lateral * (1 + off(self.lateral)))
+
+        def castor(c: Castor) -> Castor:
+            offset, zero = c.offset * (1 + off(self.offset)), c.pivot_zero + off(self.pivot_zero)
+            return dataclasses.replace(c, offset=offset, pivot_zero=zero, wheels=tuple(wheel(w) for w in c.wheels))
+
+        return dataclasses.replace(robot, castors=tuple(castor(c) for c in robot.castors))
+
+
+#: Doebbler, Table I: mean absolute errors before and after calibration. Table II takes beta = 0 before.
+UNCALIBRATED = ParameterErrors.of_mean(offset=0.0021, radius=0.0207, lateral=0.0089, pivot_zero=0.0)
+CALIBRATED = ParameterErrors.of_mean(offset=0.0009, radius=0.0004, lateral=0.0004, pivot_zero=np.radians(0.01))
+
+
+@dataclass(frozen=True)
+class KinematicUMBmark:
+    """The square, rolled perfectly; every case is one set of parameter errors, five runs each way."""
+
+    name: str
+    title: str
+    description: str
+    errors: ParameterErrors
+    corners: Literal["turn", "fixed"] = "turn"
+    version: int = 1
+    metric: str = "E_max_syst"
+    missing: None = None
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The robot that drives, described without errors."""
+        return preset(ROBOT)
+
+    def cases(self, n: int | None = None) -> Sequence[Case]:
+        """Return the seeds of the first n parameter sets."""
+        return range(SETS if n is None else n)
+
+    def described(self, case: Case) -> RobotDescription:
+        """Return the robot file that the estimators get in a case: parameter set number `case`."""
+        return self.errors.applied(self.robot, np.random.default_rng([int(case), 0]))
+
+    def record(self, case: Case) -> Episode:
+        """Return five runs each way, told apart by their encoders' phases alone."""
+        robot, random = self.robot, np.random.default_rng([int(case), 1])
+        geometry = Geometry.of(robot)
+        runs = []
+        for direction in ("cw", "ccw"):
+            rolled = _rolled(direction, self.corners)
+            for _ in range(RUNS):
+                encoders = Encoders(geometry, Encoders.random_phase(geometry, random))
+                wheel, pivot = encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle)
+                log = Log(t=rolled.t, wheel=wheel, pivot=pivot, reference=rolled.pose)
+                runs.append(Run(log, direction))
+        return Episode(self.described(case), tuple(runs))
+
+
+@cache
+def _rolled(direction: Direction, corners: Literal["turn", "fixed"]) -> Rolled:
+    return roll(preset(ROBOT), umbmark(direction, corners))
+
+
+def tasks(measured: Path | None) -> tuple[Task, ...]:
+    """Return the kinematic tasks; they need no measured data."""
+    return (
+        KinematicUMBmark(
+            name="umbmark-kinematic-uncalibrated",
+            title="UMBmark, perfect rolling, uncalibrated robot files",
+            description="Doebbler's Table II before calibration: Table I's parameter errors, beta = 0.",
+            errors=UNCALIBRATED,
+        ),
+        KinematicUMBmark(
+            name="umbmark-kinematic-calibrated",
+            title="UMBmark, perfect rolling, calibrated robot files",
+            description="The same with the parameter errors that Table I says are left after calibration.",
+            errors=CALIBRATED,
+        ),
+    )

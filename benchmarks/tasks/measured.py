@@ -1,0 +1,76 @@
+"""UMBmark as measured: OptiOdom's squares of a real differential robot, against its motion-capture truth.
+
+R. B. Sousa, M. R. Petry, P. G. Costa, A. P. Moreira, *OptiOdom* (data under the MIT licence). The data are not part of this project:
+they are looked for below a folder that holds them as ``optiodom/``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.task import Case, Episode, Run, Task
+from castor_envs.importers.optiodom import find_sessions, published_correction, published_sessions, read_session
+from castor_envs.presets import preset
+from castor_envs.robot import RobotDescription
+
+
+@dataclass(frozen=True)
+class MeasuredUMBmark:
+    """The measured squares; every case is a session, whose runs went round three times each way.
+
+    data: the folder that holds ``optiodom/``, or None. corrected: whether estimators get the robot with the parameters that the
+    authors published after their UMBmark calibration (of the same runs), or with the nominal ones.
+    """
+
+    name: str
+    title: str
+    description: str
+    corrected: bool
+    data: Path | None
+    version: int = 1
+    metric: str = "E_max_syst"
+
+    @property
+    def robot(self) -> RobotDescription:
+        """A robot of the layout that drove."""
+        return preset("differential")
+
+    @property
+    def missing(self) -> str | None:
+        """Say what is missing and how to give it, or None."""
+        if self.data is None:
+            return "measured data not given: pass --measured DIR or set CASTOR_DATA, DIR holding the data as optiodom/"
+        absent = [name for name in published_sessions() if name not in find_sessions(self.data)]
+        return f"measured sessions missing below {self.data}: {', '.join(absent)}" if absent else None
+
+    def cases(self, n: int | None = None) -> Sequence[Case]:
+        """Return the names of the first n sessions."""
+        return published_sessions()[:n]
+
+    def record(self, case: Case) -> Episode:
+        """Return a session's runs."""
+        if self.data is None:
+            raise ValueError(self.missing)
+        session = read_session(find_sessions(self.data)[str(case)])
+        robot = published_correction(session.name).apply(session.robot) if self.corrected else session.robot
+        return Episode(robot, tuple(Run(log, way) for log, way in zip(session.runs, session.directions, strict=True)))
+
+
+def tasks(measured: Path | None) -> tuple[Task, ...]:
+    """Return the measured tasks; without data they say what is missing."""
+    return (
+        MeasuredUMBmark(
+            name="umbmark-measured-nominal",
+            title="UMBmark measured on a differential robot, nominal parameters",
+            description="OptiOdom sessions 230620202042 and 230620202144, wheel base and diameters as first believed.",
+            corrected=False,
+            data=measured,
+        ),
+        MeasuredUMBmark(
+            name="umbmark-measured-corrected",
+            title="UMBmark measured on a differential robot, published corrections",
+            description="The same runs with the wheel base and diameters that the authors published after calibration.",
+            corrected=True,
+            data=measured,
+        ),
+    )

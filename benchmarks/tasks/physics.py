@@ -1,0 +1,142 @@
+"""UMBmark in physics: squares in `castor/UMBmark-v0`, with slip, on a clean floor, over cables, on a slippery patch.
+
+The robot files carry the errors that Doebbler's Table I says are left after calibration, one set a case.
+Physics repeats itself but for the encoders' phases, so a case is one run each way (and, where the floor has
+something on it, one more each way on the clean floor, from which the extended UMBmark takes the systematic
+part).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+
+from benchmarks.task import Case, Episode, Run, Task
+from benchmarks.tasks.kinematic import CALIBRATED
+from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.logs import Log
+from castor_envs.presets import preset
+from castor_envs.recorder import RecordLog
+from castor_envs.robot import RobotDescription
+from castor_envs.trajectories import Direction
+
+ROBOT = "asoc-prototype"
+CASES = 20
+
+FloorOf = Callable[[Direction, np.random.Generator], Floor]
+
+
+def clean_floor(direction: Direction, random: np.random.Generator) -> Floor:
+    """Return an even floor."""
+    return Floor()
+
+
+def ten_cables(direction: Direction, random: np.random.Generator) -> Floor:
+    """Return ten cables of 10 mm across the first side, under the inner wheels only, as in the extended UMBmark.
+
+    Borenstein and Feng (1995) lay ten bumps of 9-10 mm along the first side, under the wheel that faces the
+    inside of the square. The
+    base has no such single wheel: the cables lie under the inner wheel of its inner castor, every 0.12 m,
+    each shifted at random by up to 2 cm.
+    """
+    inside = 1.0 if direction == "ccw" else -1.0
+    cables = tuple(
+        Cable(
+            center=(0.2 + 0.12 * i + random.uniform(-0.02, 0.02), inside * 0.266),
+            direction=np.pi / 2,
+            length=0.08,
+            diameter=0.01,
+        )
+        for i in range(10)
+    )
+    return Floor(cables=cables)
+
+
+def slippery_patch(direction: Direction, random: np.random.Generator) -> Floor:
+    """Return a square of 0.8 m, friction 0.01 to 0.03 (wet soap), near the end of the first side.
+
+    The base brakes, turns and starts there: at 0.5 m/s2 its wheels need about 0.05.
+    """
+    inside = 1.0 if direction == "ccw" else -1.0
+    center = (1.5 + random.uniform(-0.3, 0.3), inside * random.uniform(-0.3, 0.3))
+    return Floor(patches=(Patch(center=center, size=(0.8, 0.8), friction=random.uniform(0.01, 0.03)),))
+
+
+@dataclass(frozen=True)
+class PhysicsUMBmark:
+    """The square, driven in `castor/UMBmark-v0`; every case is one robot file and one floor."""
+
+    name: str
+    title: str
+    description: str
+    floor: FloorOf
+    metric: str
+    baseline: bool
+    version: int = 1
+    missing: None = None
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The robot that drives, described without errors."""
+        return preset(ROBOT)
+
+    def cases(self, n: int | None = None) -> Sequence[Case]:
+        """Return the first n seeds."""
+        return range(CASES if n is None else n)
+
+    def record(self, case: Case) -> Episode:
+        """Return one run each way, and one each way on the clean floor where there is anything on it."""
+        described = CALIBRATED.applied(self.robot, np.random.default_rng([int(case), 0]))
+        runs = []
+        for side, direction in enumerate(("cw", "ccw")):
+            floors = [self.floor(direction, np.random.default_rng([int(case), 1, side]))]
+            floors += [Floor()] * self.baseline
+            for baseline, floor in enumerate(floors):
+                seed = int(np.random.SeedSequence([int(case), 2, side, baseline]).generate_state(1)[0])
+                runs.append(Run(drive(self.robot, direction, floor, seed), direction, baseline=bool(baseline)))
+        return Episode(described, tuple(runs))
+
+
+def drive(robot: RobotDescription, direction: Direction, floor: Floor, seed: int) -> Log:
+    """Return the log of one square in `castor/UMBmark-v0`; the estimates it is given change nothing."""
+    env = gym.make("castor_envs:castor/UMBmark-v0", robot=robot, direction=direction, floor=floor)
+    recorder = RecordLog(env)
+    recorder.reset(seed=seed)
+    finished = False
+    while not finished:
+        *_, terminated, truncated, _ = recorder.step(np.zeros(3))
+        finished = terminated or truncated
+    recorder.close()
+    return recorder.log()
+
+
+def tasks(measured: Path | None) -> tuple[Task, ...]:
+    """Return the physics tasks; they need no measured data."""
+    return (
+        PhysicsUMBmark(
+            name="umbmark-physics-clean",
+            title="UMBmark in physics, clean floor",
+            description="Slip in proportion to force, and the parameter errors left after calibration.",
+            floor=clean_floor,
+            metric="E_max_syst",
+            baseline=False,
+        ),
+        PhysicsUMBmark(
+            name="umbmark-physics-cables",
+            title="UMBmark in physics, ten cables under the inner wheel",
+            description="The extended UMBmark: what ten 10 mm bumps add to the orientation error.",
+            floor=ten_cables,
+            metric="nonsystematic_orientation_error",
+            baseline=True,
+        ),
+        PhysicsUMBmark(
+            name="umbmark-physics-slippery",
+            title="UMBmark in physics, slippery patch",
+            description="Braking, turning and starting on a patch of friction 0.01 to 0.03.",
+            floor=slippery_patch,
+            metric="end_point_position",
+            baseline=True,
+        ),
+    )

@@ -1,0 +1,36 @@
+"""What all console scripts share: a user's mistake is one line on stderr and exit code 2, never a traceback."""
+
+import os
+import sys
+from typing import NoReturn
+
+import typer
+
+from castor_envs.errors import InputError
+
+
+def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
+    """Run an app with the given arguments, or those of the process, and exit with its code."""
+    try:
+        code = app(arguments, standalone_mode=False)
+        sys.stdout.flush()
+    except InputError as error:
+        code = _explain(str(error))
+    except BrokenPipeError:
+        # The reader of the output went away; what is left in the buffer has nowhere to go at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    except (typer.Abort, KeyboardInterrupt):
+        code = 130
+    except Exception as error:
+        # Typer's usage errors are click's, whose home differs between versions of Typer.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        code = _explain(message())
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _explain(message: str) -> int:
+    print("error:", " ".join(message.splitlines()), file=sys.stderr)
+    return 2

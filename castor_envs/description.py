@@ -1,0 +1,62 @@
+"""Descriptions (robots, floors) as JSON: validated, with a format name, and with errors that name the offending key."""
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from castor_envs.errors import InputError
+from castor_envs.files import read_json, write_atomically
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Vector = tuple[float, float]
+CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+T = TypeVar("T")
+
+
+def to_data(adapter: TypeAdapter[T], value: T, name: str) -> dict[str, Any]:
+    """Return a description as plain data, its format's name first."""
+    return {"format": name, **adapter.dump_python(value, mode="json")}
+
+
+def from_data(adapter: TypeAdapter[T], data: Any, name: str, source: str) -> T:
+    """Return the description in plain data of the format `name`; `source` names it in errors.
+
+    Raises InputError that says which keys are wrong, and how.
+    """
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: expected an object with 'format': {name!r}, got {type(data).__name__}")
+    if data.get("format") != name:
+        raise InputError(f"{source}: 'format' must be {name!r}, got {data.get('format')!r}")
+    body = {key: value for key, value in data.items() if key != "format"}
+    try:
+        return adapter.validate_json(json.dumps(body), strict=True)
+    except ValidationError as error:
+        raise InputError(f"{source}: {explain(error)}") from None
+
+
+def save(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
+    """Write plain data as JSON; the file is complete or not there."""
+    write_atomically(Path(path), json.dumps(data, indent=2) + "\n")
+
+
+def load(adapter: TypeAdapter[T], path: str | os.PathLike[str], name: str) -> T:
+    """Read a description from a JSON file; raises InputError that names file and key."""
+    return from_data(adapter, read_json(Path(path)), name, source=str(path))
+
+
+def explain(error: ValidationError) -> str:
+    """Say in one line what the first few problems are and where."""
+    problems = []
+    for item in error.errors()[:3]:
+        where = ".".join(str(part) for part in item["loc"])
+        message = item["msg"].removeprefix("Value error, ")
+        given = item["input"]
+        shown = "" if isinstance(given, dict | list | tuple) or item["type"] == "missing" else f", got {given!r}"
+        problems.append(f"{where}: {message}{shown}" if where else f"{message}{shown}")
+    more = error.error_count() - len(problems)
+    return "; ".join(problems) + (f"; and {more} more" if more > 0 else "")

@@ -1,0 +1,116 @@
+"""What the environments share: one sensed robot that follows a trajectory, and its pictures."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.controller import Commands, trailing_angles
+from castor_envs.envs.sensed_robot import Observation, SensedRobot
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.kinematics import Geometry
+from castor_envs.presets import load_robot
+from castor_envs.rendering import Renderer
+from castor_envs.robot import RobotDescription
+from castor_envs.trajectories import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class RobotEnv(gym.Env[Observation, NDArray[Any]]):
+    """A sensed robot, a trajectory that starts at the origin, and rendering; subclasses say what the agent does."""
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
+
+    def __init__(
+        self,
+        robot: RobotDescription | str,
+        trajectory: Trajectory,
+        floor: Floor | str | None,
+        render_mode: str | None,
+    ) -> None:
+        floor = Floor.load(floor) if isinstance(floor, str) else floor or Floor()
+        self._sensed = SensedRobot(load_robot(robot), floor)
+        self.robot = self._sensed.described
+        self.trajectory = trajectory
+        self._samples = int(np.ceil(trajectory.duration / self.robot.sample_period - 1e-9))
+        check_drivable(self.robot, trajectory)
+        self.observation_space = self._sensed.observation_space(trajectory.duration)
+
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.robot.sample_period))}
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
+        self.render_mode = render_mode
+        self._renderer: Renderer | None = None
+        if render_mode is not None:
+            path = trajectory.at(np.linspace(0.0, trajectory.duration, 200))[0]
+            low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
+            margin = 0.6 + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
+            arena = (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
+            fps = self.metadata["render_fps"]
+            self._renderer = Renderer(self.robot, floor, render_mode, fps, arena=arena)  # pyright: ignore[reportArgumentType]
+
+    def _start(self, seed: int | None) -> Observation:
+        """Seed, and put the robot at rest at the origin, castors trailing for the first leg."""
+        super().reset(seed=seed)
+        first = self.trajectory.runs[0].legs[0].motion
+        self._sensed.reset(self.np_random, trailing_angles(Geometry.of(self.robot), first))
+        self._sample = 0
+        if self._renderer is not None:
+            self._renderer.reset()
+        return self._sensed.observation
+
+    @property
+    def _no_commands(self) -> Commands:
+        return Commands(np.zeros(len(self.robot.driven_wheels)), np.zeros(len(self.robot.driven_castors)))
+
+    def _reference(self) -> Array:
+        """Return where the trajectory is now, (3,)."""
+        return self.trajectory.at(self._sample * self.robot.sample_period)[0]
+
+    def render(self) -> Any:
+        """Return a picture of the robot, its path and what the agent makes of it, or None in human mode."""
+        return self._draw() if self.render_mode == "rgb_array" else None
+
+    def _show(self) -> None:
+        """In human mode, draw the newest state."""
+        if self.render_mode == "human":
+            self._draw()
+
+    def _draw(self) -> Any:
+        if self._renderer is None:
+            return None
+        world = self._sensed.world
+        return self._renderer.draw(
+            world.pose,
+            world.castor_angles,
+            estimate=self._drawn_estimate(),
+            reference=self._reference(),
+            time=world.time,
+            sliding=self._sensed.sliding(),
+        )
+
+    def _drawn_estimate(self) -> ArrayLike | None:
+        """Return the estimate to draw, (3,), if the agent makes one."""
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+
+def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:
+    """Raise InputError if a leg of the trajectory would make a fixed castor of the robot slip sideways."""
+    geometry = Geometry.of(robot)
+    for run in trajectory.runs:
+        for leg in run.legs:
+            slip = geometry.side_slip_of_fixed(np.array(leg.motion))
+            if np.any(np.abs(slip) > 1e-9):
+                castor = int(np.flatnonzero(np.abs(slip) > 1e-9)[0]) + 1
+                raise InputError(
+                    f"robot {robot.name!r} cannot drive the {trajectory.name}: its fixed castor {castor} would slip "
+                    "sideways; choose other corners or another trajectory"
+                )

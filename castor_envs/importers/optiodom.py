@@ -1,0 +1,260 @@
+"""OptiOdom: wheel encoders of three kinds of robot against a motion capture system.
+
+Source: R. B. Sousa, M. R. Petry, P. G. Costa, A. P. Moreira, "OptiOdom: a Generic Approach for Odometry
+Calibration of Wheeled Mobile Robots", J Intell Robot Syst 105, 39 (2022); data and programs in the repository
+sousarbarb/optiodom (commit 8e025fd7, MIT licence).
+
+A session is a folder NAME with NAME_metadata.csv (a key and its values on each line) and the runs
+NAME_run-01.csv, ... (no header). A run's columns are time s, true x m, y m, heading rad, then the encoder
+increments of a cycle: right and left wheel of the differential robot; driven wheel, and the steering angle in rad,
+of the tricycle.
+
+- The first row is the start: its increments were rolled before it and are dropped, as the authors' programs do.
+- In a session of squares the first half of the runs goes clockwise; `direction` reads that from the heading.
+- The authors' error is truth minus odometry at the last row, both starting at the first true pose, in its frame.
+- A nominal cycle of 50 ms really took about 51.2 ms, and the authors rescaled the times by hand. The log keeps the
+  file's times; they carry an offset and a skew against the truth that are no property of the encoders.
+- Masses, motors and contact were not published: the presets' numbers stand in for them.
+"""
+
+import dataclasses
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from castor_envs.errors import InputError, did_you_mean
+from castor_envs.logs import Log
+from castor_envs.presets import differential, tricycle
+from castor_envs.robot import RobotDescription
+from castor_envs.tables import Line, check_width, complaint, number, read_lines
+
+STEERING_COUNTS = 800
+"""Counts a turn of the tricycle's steering encoder: its angles are multiples of 2 pi / 800 = 0.00785 rad."""
+
+_RUN_COLUMNS = {
+    "diff": ("time", "x", "y", "heading", "right increment", "left increment"),
+    "tricyc": ("time", "x", "y", "heading", "wheel increment", "steering angle"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Runs of one robot on one kind of path.
+
+    type: "diff" or "tricyc". robot: as the session's metadata say, before any calibration. side: of the square, m;
+    None where the path is no square. directions: which way each run turned in all.
+    """
+
+    name: str
+    type: str
+    robot: RobotDescription
+    runs: tuple[Log, ...]
+    side: float | None
+    directions: tuple[Literal["cw", "ccw"], ...]
+
+
+@dataclass(frozen=True)
+class PublishedCorrection:
+    """What the authors' UMBmark calibration found for one session of squares with the differential robot.
+
+    wheel_base_factor: E_b, true over nominal wheel base. diameter_ratio: E_d, right over left wheel diameter, whose
+    mean stays as it was. (Borenstein, Feng 1996; the authors' src/diff/umbmark.) nominal_wheel_base and
+    nominal_diameter: what the session's metadata say, m.
+    """
+
+    nominal_wheel_base: float
+    nominal_diameter: float
+    wheel_base_factor: float
+    diameter_ratio: float
+
+    @property
+    def wheel_base(self) -> float:
+        """The corrected wheel base, m."""
+        return self.wheel_base_factor * self.nominal_wheel_base
+
+    @property
+    def diameters(self) -> tuple[float, float]:
+        """The corrected diameters of the right and of the left wheel, m."""
+        ratio = self.diameter_ratio
+        return 2 * self.nominal_diameter / (1 + 1 / ratio), 2 * self.nominal_diameter / (1 + ratio)
+
+    def apply(self, robot: RobotDescription) -> RobotDescription:
+        """Return a differential robot with the corrected wheel base and diameters."""
+        return _with_axle(robot, self.wheel_base, *self.diameters)
+
+
+# The printed corrections are 0.20146, 0.08395, 0.08405 m and 0.20130, 0.08398, 0.08402 m (wheel base, right and left
+# diameter). The last printed digit of a diameter moves the end points by 0.6 mm, so the factors are kept instead:
+# those of the first session as printed; of the second the printed procedure's, to as many digits.
+_PUBLISHED = {
+    "230620202042": PublishedCorrection(0.2, 0.084, wheel_base_factor=1.00729, diameter_ratio=0.99890),
+    "230620202144": PublishedCorrection(0.205, 0.084, wheel_base_factor=0.98197, diameter_ratio=0.99949),
+}
+
+
+def published_sessions() -> tuple[str, ...]:
+    """Return the names of the sessions with a published correction."""
+    return tuple(_PUBLISHED)
+
+
+def published_correction(session: str) -> PublishedCorrection:
+    """Return the published correction of a session; raises InputError where none was published."""
+    if session not in _PUBLISHED:
+        raise InputError(f"no published correction of session {session!r}{did_you_mean(session, _PUBLISHED)}")
+    return _PUBLISHED[session]
+
+
+def find_sessions(root: str | os.PathLike[str]) -> dict[str, Path]:
+    """Return the folders of all sessions below `root`/optiodom, by name, sorted.
+
+    Raises InputError where there is no such folder, or no session in it.
+    """
+    place = Path(root) / "optiodom"
+    if not place.is_dir():
+        raise InputError(f"{place}: no such folder; give the folder that holds the OptiOdom data as 'optiodom'")
+    folders = sorted(path.parent for path in place.rglob("*_metadata.csv"))
+    sessions = {folder.name: folder for folder in folders if _metadata_path(folder).is_file()}
+    if not sessions:
+        raise InputError(f"{place}: holds no session; a session NAME is a folder with a file NAME_metadata.csv")
+    return dict(sorted(sessions.items()))
+
+
+def read_session(folder: str | os.PathLike[str]) -> Session:
+    """Read a session of the differential robot or the tricycle.
+
+    Raises InputError, with file, line and column, for anything missing or garbled, and for other kinds of robot.
+    """
+    folder = Path(os.path.abspath(folder))
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give the folder of an OptiOdom session")
+    metadata = _Metadata.read(_metadata_path(folder))
+    kind = metadata.text("type")
+    robot = _robot(kind, metadata)
+    count = metadata.numbers("N", 1)[0]
+    if count != int(count):
+        raise metadata.complaint("N", f"{count} is not a whole number; give the number of runs")
+    runs = tuple(_read_run(folder / f"{folder.name}_run-{k:02d}.csv", kind) for k in range(1, int(count) + 1))
+    period = float(np.median(np.concatenate([np.diff(run.t) for run in runs])))
+    return Session(
+        name=folder.name,
+        type=kind,
+        robot=dataclasses.replace(robot, sample_period=round(period, 9)),
+        runs=runs,
+        side=metadata.numbers("L", 1)[0] if metadata.given("L") else None,
+        directions=tuple(direction(run) for run in runs),
+    )
+
+
+def direction(run: Log) -> Literal["cw", "ccw"]:
+    """Return which way a run with a reference turned in all: "cw" where its true heading fell."""
+    if run.reference is None:
+        raise ValueError("the run has no reference")
+    return "cw" if run.reference[-1, 2] < run.reference[0, 2] else "ccw"
+
+
+class _Metadata(NamedTuple):
+    """The lines of a metadata file by key; values are the cells behind the key, without blank ones at the end."""
+
+    path: Path
+    lines: dict[str, Line]
+
+    @classmethod
+    def read(cls, path: Path) -> "_Metadata":
+        lines = {}
+        for line in read_lines(path):
+            key, *values = (cell.strip() for cell in line.cells)
+            while values and not values[-1]:
+                values.pop()
+            lines[key] = Line(line.number, values)
+        return cls(path, lines)
+
+    def complaint(self, key: str, message: str) -> InputError:
+        return complaint(self.path, self.lines[key].number, key, message)
+
+    def given(self, key: str) -> bool:
+        return key in self.lines and bool(self.lines[key].cells)
+
+    def text(self, key: str) -> str:
+        if not self.given(key):
+            raise complaint(self.path, None, key, "is missing or blank; give its value")
+        return self.lines[key].cells[0]
+
+    def numbers(self, key: str, count: int, positive: bool = True) -> list[float]:
+        """Return the first `count` values of a key, all above 0 unless `positive` is False."""
+        self.text(key)
+        line = self.lines[key]
+        if len(line.cells) < count:
+            raise self.complaint(key, f"has {len(line.cells)} values; give {count}")
+        values = [number(self.path, line.number, key, cell) for cell in line.cells[:count]]
+        if positive and min(values) <= 0:
+            raise self.complaint(key, f"{min(values)} is not above 0; give the true value")
+        return values
+
+
+def _metadata_path(folder: Path) -> Path:
+    return folder / f"{folder.name}_metadata.csv"
+
+
+def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
+    """Return the nominal robot that the metadata describe."""
+    if kind not in _RUN_COLUMNS:
+        raise metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {' or '.join(_RUN_COLUMNS)}")
+    (gear,), (resolution,) = metadata.numbers("ngear", 1), metadata.numbers("encRes", 1)
+    counts = gear * resolution
+    (base,) = metadata.numbers("Li", 1)
+    if kind == "diff":
+        robot = dataclasses.replace(differential(counts_per_rev=counts), name="OptiOdom differential drive")
+        return _with_axle(robot, base, *metadata.numbers("Di", 2))
+    offset = metadata.numbers("Thi", 1, positive=False)[0] if metadata.given("Thi") else 0.0
+    (diameter,) = metadata.numbers("Di", 1)
+    robot = tricycle()
+    front, rear = robot.castors
+    wheel = dataclasses.replace(front.wheels[0], radius=diameter / 2, counts_per_rev=counts)
+    front = dataclasses.replace(
+        front,
+        pivot=(base, 0.0),
+        wheels=(wheel,),
+        pivot_counts_per_rev=STEERING_COUNTS,
+        pivot_zero=-offset,
+    )
+    return dataclasses.replace(robot, name="OptiOdom tricycle", castors=(front, rear))
+
+
+def _with_axle(robot: RobotDescription, base: float, right: float, left: float) -> RobotDescription:
+    """Return a differential robot with a wheel base and wheel diameters, m."""
+    (axle,) = robot.castors
+    wheels = (
+        dataclasses.replace(axle.wheels[0], radius=left / 2, lateral=base / 2),
+        dataclasses.replace(axle.wheels[1], radius=right / 2, lateral=-base / 2),
+    )
+    return dataclasses.replace(robot, castors=(dataclasses.replace(axle, wheels=wheels),))
+
+
+def _read_run(path: Path, kind: str) -> Log:
+    """Read one run; the log's columns are those of the robot of its session."""
+    names = _RUN_COLUMNS[kind]
+    lines = read_lines(path)
+    if len(lines) < 2:
+        raise complaint(path, None, None, f"has {len(lines)} rows; a run needs at least 2")
+    rows = []
+    for line in lines:
+        check_width(path, line, len(names), "columns of a run")
+        row = [number(path, line.number, name, cell) for name, cell in zip(names, line.cells, strict=True)]
+        if rows and row[0] <= rows[-1][0]:
+            message = f"{row[0]!r} does not come after {rows[-1][0]!r}; times must increase"
+            raise complaint(path, line.number, "time", message)
+        rows.append(row)
+    data = np.array(rows)
+    rolled = np.cumsum(np.vstack([np.zeros(2), data[1:, 4:6]]), axis=0)
+    reference = np.column_stack([data[:, 1:3], np.unwrap(data[:, 3])])
+    if kind == "diff":
+        return Log(t=data[:, 0], wheel=rolled[:, ::-1], pivot=np.empty((len(data), 0)), reference=reference)
+    steering = data[:, 5] * (STEERING_COUNTS / (2 * math.pi))
+    for k in np.flatnonzero(np.abs(steering - np.round(steering)) > 0.01)[:1]:
+        message = f"{data[k, 5]} rad is not a multiple of 2 pi / {STEERING_COUNTS}; give the angle in radians"
+        raise complaint(path, lines[k].number, names[5], message)
+    return Log(t=data[:, 0], wheel=rolled[:, :1], pivot=np.round(steering)[:, None], reference=reference)

@@ -1,0 +1,68 @@
+"""The columns of a robot's logs: their names, and whether a header has them."""
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from castor_envs.robot import RobotDescription
+from castor_envs.tables import complaint
+
+
+class LogColumns(NamedTuple):
+    """The names of a robot's log columns, part by part, each in the order of the same part of a `Log`."""
+
+    t: tuple[str, ...]
+    wheel: tuple[str, ...]
+    pivot: tuple[str, ...]
+    command: tuple[str, ...]
+    steering_command: tuple[str, ...]
+    reference: tuple[str, ...]
+    gyro: tuple[str, ...]
+
+    @classmethod
+    def of(cls, robot: RobotDescription) -> "LogColumns":
+        """Return the column names of a robot's logs."""
+        driven = [robot.wheel_names[k] for k in robot.driven_wheels]
+        return cls(
+            t=("t",),
+            wheel=tuple(f"wheel_{name}" for name in driven),
+            pivot=tuple(f"pivot_{i + 1}" for i in robot.pivot_encoders),
+            command=tuple(f"cmd_{name}" for name in driven),
+            steering_command=tuple(f"cmd_pivot_{i + 1}" for i in robot.driven_castors),
+            reference=("ref_x", "ref_y", "ref_psi"),
+            gyro=("gyro_z",),
+        )
+
+    @property
+    def known(self) -> set[str]:
+        """All names."""
+        return {name for part in self for name in part}
+
+    def check_header(self, path: Path, line: int, names: Sequence[str]) -> None:
+        """Raise InputError for nameless, doubled or missing columns.
+
+        t, wheels and pivots are required; of the other parts all columns or none.
+        """
+        for k, name in enumerate(names):
+            if not name.strip():
+                message = f"the column at place {k + 1} has no name; name or remove it"
+                raise complaint(path, line, None, message)
+            first = names.index(name)
+            if first < k:
+                message = f"appears twice, at places {first + 1} and {k + 1}; rename or remove one"
+                raise complaint(path, line, name, message)
+        if len(names) == 1:
+            raise complaint(path, line, None, "the header has a single column; separate columns by commas")
+        for part, own in self._asdict().items():
+            required = part in ("t", "wheel", "pivot") or any(name in names for name in own)
+            for name in own if required else ():
+                if name not in names:
+                    raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
+
+    def _hint(self, missing: str, names: Sequence[str]) -> str:
+        unknown = {name.lower(): name for name in names if name not in self.known}
+        near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
+        if near:
+            return f"did you mean {unknown[near[0]]!r}? rename it"
+        return f"the header has {', '.join(names)}; add the column, or give the robot that made the log"

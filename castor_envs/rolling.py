@@ -1,0 +1,71 @@
+"""Perfect rolling: how far wheels and castors turn while the body follows a trajectory exactly. No physics, no slip."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+
+from castor_envs.controller import trailing_angles
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Geometry, castor_rates, inverse
+from castor_envs.robot import RobotDescription
+from castor_envs.trajectories import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class Rolled(NamedTuple):
+    """Samples of a rolling robot: t (N,), pose (N, 3), castor_angle (N, n), wheel_angle (N, w), all unwrapped."""
+
+    t: Array
+    pose: Array
+    castor_angle: Array
+    wheel_angle: Array
+
+
+def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLike | None = None) -> Rolled:
+    """Return what the robot's joints do on a trajectory, every sample period, the last sample at or after its end.
+
+    castor_angle (n,): at the start; None: as after long trailing in the first direction of motion. The
+    castors' angles follow the
+    no-side-slip constraint, integrated to 1e-10. Raises InputError for robots whose castors steer instead of
+    trailing.
+    """
+    geometry = Geometry.of(robot)
+    n = geometry.n_castors
+    if np.any(np.isnan(castor_rates(geometry, np.zeros(n), np.zeros(3)))):
+        raise InputError(
+            f"robot {robot.name!r}: perfect rolling needs castors that trail (offset above 0) or are fixed"
+        )
+    if castor_angle is None:
+        castor_angle = trailing_angles(geometry, trajectory.runs[0].legs[0].motion)
+
+    def rates(t: float, state: Array) -> Array:
+        twist = trajectory.at(t)[1]
+        turning = castor_rates(geometry, state[:n], twist)
+        return np.concatenate([turning, inverse(geometry, state[:n], turning, twist).rate])
+
+    period = robot.sample_period
+    t = np.arange(int(np.ceil(trajectory.duration / period - 1e-9)) + 1, dtype=np.float64) * period
+    state = np.concatenate([np.asarray(castor_angle, dtype=float), np.zeros(len(robot.wheels))])
+    samples = np.tile(state, (len(t), 1))
+    breaks = trajectory.breakpoints()
+    for start, end in pairwise(breaks):
+        here = np.flatnonzero((t > start) & (t <= end))
+        # The motion is smooth between breakpoints only: stay strictly inside, or a step would see the next
+        # leg's motion.
+        solution = solve_ivp(
+            lambda u, s, a=start, b=end: rates(np.clip(u, np.nextafter(a, b), np.nextafter(b, a)), s),
+            (start, end),
+            state,
+            method="DOP853",
+            rtol=1e-10,
+            atol=1e-11,
+            t_eval=np.append(t[here], end) if not len(here) or t[here[-1]] < end else t[here],
+        )
+        samples[here] = solution.y.T[: len(here)]
+        state = solution.y[:, -1]
+    samples[t > breaks[-1]] = state
+    return Rolled(t, trajectory.at(t)[0], samples[:, :n], samples[:, n:])

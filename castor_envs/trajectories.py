@@ -1,0 +1,242 @@
+"""Trajectories to drive: squares of UMBmark, calibration pivoting, figure eight, random wander.
+
+A trajectory is a chain of legs of constant motion in the body's frame (straight, turn, arc), each leg a
+one-parameter motion of SE(2) and so exact in closed form. Legs are grouped into runs: a run starts and ends
+at rest and follows a trapezoidal speed profile over its whole length.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.errors import InputError
+
+Array = NDArray[np.float64]
+Direction = Literal["ccw", "cw"]
+Corners = Literal["turn", "fixed", "rounded"]
+
+#: Radius that makes a rounded 1.5 m square 5.727 m long, the length that Doebbler's percentages imply.
+CORNER_RADIUS = 0.159
+
+
+@dataclass(frozen=True)
+class Leg:
+    """`length` units of motion along `motion`: the displacement (x, y in B, m; psi, rad) a unit of length."""
+
+    motion: tuple[float, float, float]
+    length: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """Legs driven in one go, from rest to rest: speed and acceleration in units of length a second (squared)."""
+
+    legs: tuple[Leg, ...]
+    speed: float
+    acceleration: float
+
+    @property
+    def length(self) -> float:
+        """Length of all legs."""
+        return sum(leg.length for leg in self.legs)
+
+    @property
+    def peak(self) -> float:
+        """Highest speed reached: short runs never reach `speed`."""
+        return min(self.speed, math.sqrt(self.length * self.acceleration))
+
+    @property
+    def duration(self) -> float:
+        """Time taken, s."""
+        return self.length / self.peak + self.peak / self.acceleration
+
+    def progress(self, t: Array) -> tuple[Array, Array]:
+        """Return the length covered and the speed at times t since the run's start."""
+        ramp = self.peak / self.acceleration
+        t = np.clip(t, 0.0, self.duration)
+        left = self.duration - t
+        speed = np.minimum(self.peak, self.acceleration * np.minimum(t, left))
+        rising = 0.5 * self.acceleration * t**2
+        steady = self.peak * (t - 0.5 * ramp)
+        falling = self.length - 0.5 * self.acceleration * left**2
+        return np.where(t < ramp, rising, np.where(left < ramp, falling, steady)), speed
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Runs driven one after the other from the pose `start` (x, y, psi)."""
+
+    name: str
+    runs: tuple[Run, ...]
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def duration(self) -> float:
+        """Time taken, s."""
+        return float(self._run_starts[-1])
+
+    @property
+    def path_length(self) -> float:
+        """Length of the path of the body's origin, m."""
+        return sum(leg.length * math.hypot(*leg.motion[:2]) for run in self.runs for leg in run.legs)
+
+    @cached_property
+    def _run_starts(self) -> Array:
+        return np.concatenate([[0.0], np.cumsum([run.duration for run in self.runs])])
+
+    @cached_property
+    def _leg_starts(self) -> list[tuple[Array, Array]]:
+        """For each run, the lengths (l + 1,) and poses (l + 1, 3) at which its legs begin and the last ends."""
+        pose, starts = np.array(self.start, dtype=float), []
+        for run in self.runs:
+            poses = [pose]
+            for leg in run.legs:
+                pose = moved(pose, np.array(leg.motion) * leg.length)
+                poses.append(pose)
+            starts.append((np.cumsum([0.0, *(leg.length for leg in run.legs)]), np.array(poses)))
+        return starts
+
+    def breakpoints(self) -> Array:
+        """Return the times at which the motion is not smooth: ends of runs, ramps and legs."""
+        times = [0.0]
+        for run, start in zip(self.runs, self._run_starts, strict=False):
+            ramp = run.peak / run.acceleration
+            times += [start, start + ramp, start + run.duration - ramp, start + run.duration]
+            at = 0.0
+            for leg in run.legs[:-1]:
+                at += leg.length
+                times.append(start + _time_at(run, at))
+        return np.unique(times)
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Return pose (..., 3) in N and twist (..., 3) in B at times t (...), s; at rest before and after."""
+        t = np.asarray(t, dtype=float)
+        which = np.clip(np.searchsorted(self._run_starts, t, side="right") - 1, 0, len(self.runs) - 1)
+        pose, twist = np.empty((*t.shape, 3)), np.empty((*t.shape, 3))
+        for i in np.unique(which):
+            run, (lengths, poses), here = self.runs[i], self._leg_starts[i], which == i
+            covered, speed = run.progress(t[here] - self._run_starts[i])
+            leg = np.clip(np.searchsorted(lengths, covered, side="right") - 1, 0, len(run.legs) - 1)
+            motion = np.array([leg.motion for leg in run.legs])[leg]
+            pose[here] = moved(poses[leg], motion * (covered - lengths[leg])[..., None])
+            twist[here] = motion * speed[..., None]
+        return pose, twist
+
+
+def _time_at(run: Run, length: float) -> float:
+    """Return when a run has covered `length`, s since its start."""
+    ramp = run.peak / run.acceleration
+    ramp_length = 0.5 * run.acceleration * ramp**2
+    if length < ramp_length:
+        return math.sqrt(2 * length / run.acceleration)
+    if length > run.length - ramp_length:
+        return run.duration - math.sqrt(2 * (run.length - length) / run.acceleration)
+    return ramp + (length - ramp_length) / run.peak
+
+
+def moved(pose: ArrayLike, displacement: ArrayLike) -> Array:
+    """Return poses (..., 3) after constant body motion by (x, y, psi) (..., 3): the exponential map of SE(2)."""
+    pose, displacement = np.asarray(pose, dtype=float), np.asarray(displacement, dtype=float)
+    turn = displacement[..., 2]
+    chord = np.sinc(turn / (2 * np.pi))
+    direction = pose[..., 2] + turn / 2
+    x, y = displacement[..., 0] * chord, displacement[..., 1] * chord
+    c, s = np.cos(direction), np.sin(direction)
+    return np.stack([pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y, pose[..., 2] + turn], axis=-1)
+
+
+def umbmark(
+    direction: Direction = "ccw",
+    corners: Corners = "turn",
+    *,
+    side: float = 1.5,
+    speed: float = 0.25,
+    acceleration: float = 0.5,
+    turn_speed: float = math.radians(45),
+    turn_acceleration: float = math.radians(90),
+    corner_radius: float = CORNER_RADIUS,
+) -> Trajectory:
+    """Return the square of UMBmark (Borenstein and Feng 1994), back to the start pose.
+
+    corners: "turn" stops and turns by 90 deg at each corner, the last one included; "fixed" keeps the
+    heading and drives the
+    sides ahead, sideways, back and sideways (omnidirectional robots); "rounded" drives arcs of
+    `corner_radius` without stopping,
+    starting in the middle of a side. Lengths in m, speeds in m/s and rad/s.
+    """
+    if direction not in ("ccw", "cw"):
+        raise InputError(f"direction must be 'ccw' or 'cw', got {direction!r}")
+    sense = 1.0 if direction == "ccw" else -1.0
+    if corners == "turn":
+        ahead = Run((Leg((1.0, 0.0, 0.0), side),), speed, acceleration)
+        turn = Run((Leg((0.0, 0.0, sense), math.pi / 2),), turn_speed, turn_acceleration)
+        runs = (ahead, turn) * 4
+    elif corners == "fixed":
+        ways = ((1.0, 0.0, 0.0), (0.0, sense, 0.0), (-1.0, 0.0, 0.0), (0.0, -sense, 0.0))
+        runs = tuple(Run((Leg(way, side),), speed, acceleration) for way in ways)
+    elif corners == "rounded":
+        if not 0 < corner_radius < side / 2:
+            raise InputError(f"corner_radius must lie between 0 and half the side, got {corner_radius}")
+        straight = side - 2 * corner_radius
+        half = Leg((1.0, 0.0, 0.0), straight / 2)
+        arc = Leg((1.0, 0.0, sense / corner_radius), corner_radius * math.pi / 2)
+        runs = (Run((half, arc, *((Leg((1.0, 0.0, 0.0), straight), arc) * 3), half), speed, acceleration),)
+    else:
+        raise InputError(f"corners must be 'turn', 'fixed' or 'rounded', got {corners!r}")
+    return Trajectory(f"UMBmark square, {direction}, {corners}", runs)
+
+
+def pivoting(
+    pivot: tuple[float, float],
+    direction: Direction = "ccw",
+    *,
+    angle: float = 2 * math.pi,
+    speed: float = math.radians(30),
+    acceleration: float = math.radians(30),
+) -> Trajectory:
+    """Return the calibration motion: the body turns by `angle` (rad) about the pivot (m in B) of a held castor."""
+    sense = 1.0 if direction == "ccw" else -1.0
+    motion = (sense * pivot[1], -sense * pivot[0], sense)
+    return Trajectory(f"pivoting, {direction}", (Run((Leg(motion, angle),), speed, acceleration),))
+
+
+def figure_eight(*, radius: float = 0.5, speed: float = 0.25, acceleration: float = 0.5) -> Trajectory:
+    """Return two full circles, one to each side, driven forward without stopping."""
+    circles = tuple(Leg((1.0, 0.0, side / radius), 2 * math.pi * radius) for side in (1.0, -1.0))
+    return Trajectory("figure eight", (Run(circles, speed, acceleration),))
+
+
+def wander(
+    random: np.random.Generator,
+    *,
+    duration: float = 60.0,
+    holonomic: bool = True,
+    speed: float = 0.25,
+    acceleration: float = 0.5,
+    arena: float = 2.0,
+) -> Trajectory:
+    """Return random runs of at least `duration` s that stay within `arena` m of the start (centre of the body).
+
+    Each is a random arc; robots that cannot move sideways (`holonomic` False) start each one with a turn on
+    the spot if it would
+    leave the arena.
+    """
+    runs: list[Run] = []
+    pose, time = np.zeros(3), 0.0
+    while time < duration:
+        way = random.uniform(-np.pi, np.pi) if holonomic else 0.0
+        turn = random.uniform(-1.5, 1.5)
+        leg = Leg((math.cos(way), math.sin(way), turn), random.uniform(0.3, 1.2))
+        steps = np.linspace(0.0, leg.length, 20)[:, None] * np.array(leg.motion)
+        if np.max(np.hypot(*moved(pose, steps)[:, :2].T)) > arena:
+            if holonomic:
+                continue
+            leg = Leg((0.0, 0.0, 1.0), random.uniform(0.5, 2.5))
+        run = Run((leg,), speed, acceleration)
+        runs.append(run)
+        pose, time = moved(pose, np.array(leg.motion) * leg.length), time + run.duration
+    return Trajectory("random wander", tuple(runs))

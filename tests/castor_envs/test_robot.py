@@ -1,0 +1,129 @@
+import dataclasses
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from castor_envs.effects import PivotBias, WheelRadius
+from castor_envs.errors import InputError
+from castor_envs.presets import load_robot, n_castor, preset, preset_names
+from castor_envs.robot import Castor, RobotDescription, Wheel
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_robot_survives_its_file(name, tmp_path):
+    robot = preset(name).with_effects(PivotBias(castor=1, value=0.013))
+    robot.save(tmp_path / "robot.json")
+    assert RobotDescription.load(tmp_path / "robot.json") == robot
+    assert json.loads((tmp_path / "robot.json").read_text())["format"] == "castor-robot/1"
+    assert load_robot(str(tmp_path / "robot.json")) == robot
+
+
+def change(path, value):
+    """Return the prototype's data with the entry at a dotted path set, or deleted if value is ... (Ellipsis)."""
+    data = preset("asoc-prototype").to_dict()
+    *way, last = [int(key) if key.isdigit() else key for key in path.split(".")]
+    part = data
+    for key in way:
+        part = part[key]
+    if value is ...:
+        del part[last]
+    else:
+        part[last] = value
+    return data
+
+
+IMPOSSIBLE = [
+    ("castors.1.wheels.0.radius", -0.01, ["castors.1.wheels.0.radius", "greater than 0", "-0.01"]),
+    ("castors.1.wheels.0.radius", 0, ["castors.1.wheels.0.radius"]),
+    ("castors.1.wheels.0.radius", "0.04", ["castors.1.wheels.0.radius", "'0.04'"]),
+    ("castors.1.wheels.0.radius", ..., ["castors.1.wheels.0.radius", "required"]),
+    ("castors.0.pivot", ..., ["castors.0.pivot", "required"]),
+    ("castors.0.pivot", [0.1], ["castors.0.pivot"]),
+    ("castors.2.steering", "loose", ["castors.2.steering", "'loose'"]),
+    ("castors.2.offset", 0.0, ["castors.2", "offset"]),
+    ("castors.2.offset", -0.1, ["castors.2.offset", "-0.1"]),
+    ("castors", [], ["castors"]),
+    ("sample_period", 0.0, ["sample_period"]),
+    ("mass", True, ["mass"]),
+    ("name", "", ["name"]),
+    ("contact.friction", -1.0, ["contact.friction"]),
+    ("contact.grip", 1.0, ["contact.grip"]),
+    ("wheel_radius", 0.1, ["wheel_radius"]),
+    ("format", "castor-robot/2", ["format", "castor-robot/1"]),
+    ("effects", [{"name": "ghost"}], ["effects"]),
+    ("effects", [{"name": "pivot_bias", "castor": 0, "value": 0.0}], ["effects", "castor"]),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "said"), IMPOSSIBLE)
+def test_an_impossible_value_is_named(path, value, said):
+    with pytest.raises(InputError) as error:
+        RobotDescription.from_dict(change(path, value), source="mine.json")
+    message = str(error.value)
+    assert message.startswith("mine.json: ")
+    assert "\n" not in message
+    for word in said:
+        assert word in message
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"format": "castor-robot/1", "mass": NaN}', "\x00"])
+def test_a_file_that_is_no_robot_is_refused_by_name(tmp_path, text):
+    path = tmp_path / "robot.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"robot\.json"):
+        RobotDescription.load(path)
+
+
+def test_a_missing_file_and_an_unknown_preset_are_refused():
+    with pytest.raises(InputError, match="nowhere"):
+        load_robot("nowhere.json")
+    with pytest.raises(InputError, match="did you mean 'asoc-prototype'"):
+        load_robot("asoc-prototyp")
+
+
+def test_wheels_stand_from_left_to_right():
+    with pytest.raises(ValueError, match="left"):
+        Castor(pivot=(0, 0), steering="fixed", wheels=(Wheel(radius=0.1, lateral=-0.1), Wheel(radius=0.1, lateral=0.1)))
+
+
+@given(value=st.floats(-0.1, 0.1), castor=st.integers(1, 3))
+def test_effects_change_what_they_name_and_nothing_else(value, castor):
+    robot = preset("asoc-prototype")
+    biased = robot.with_effects(PivotBias(castor=castor, value=value)).as_built()
+    for i, (before, after) in enumerate(zip(robot.castors, biased.castors, strict=True), start=1):
+        expected = dataclasses.replace(before, pivot_zero=before.pivot_zero + (value if i == castor else 0.0))
+        assert after == expected
+    grown = robot.with_effects(WheelRadius(castor=castor, wheel=2, value=value))
+    assert grown.as_described() == robot
+    assert math.isclose(grown.as_built().castors[castor - 1].wheels[1].radius, 0.0381 * (1 + value))
+    assert grown.as_built().effects == ()
+
+
+def test_an_effect_on_a_castor_that_is_not_there_is_refused():
+    with pytest.raises(InputError, match="no castor 4"):
+        preset("asoc-prototype").with_effects(PivotBias(castor=4, value=0.1)).as_built()
+
+
+def test_the_hash_knows_parameters_not_names():
+    robot = preset("asoc-prototype")
+    assert dataclasses.replace(robot, name="other").hash() == robot.hash()
+    assert dataclasses.replace(robot, mass=robot.mass + 1e-9).hash() != robot.hash()
+
+
+def test_papers_numbers_stand_in_the_presets():
+    prototype, full = preset("asoc-prototype"), preset("asoc-full-scale")
+    assert prototype.sample_period == 1 / 20
+    assert 360 / prototype.wheels[0].counts_per_rev == pytest.approx(0.3)
+    assert 360 / prototype.castors[0].pivot_counts_per_rev == pytest.approx(0.07, rel=1e-4)
+    assert full.mass + sum(castor.mass for castor in full.castors) == pytest.approx(300.0)
+    for one, three in zip(prototype.castors, full.castors, strict=True):
+        assert three.offset == pytest.approx(3 * one.offset)
+        assert three.wheels[0].radius == pytest.approx(3 * one.wheels[0].radius)
+    caster = preset("powered-caster")
+    assert {(abs(c.pivot[0]), abs(c.pivot[1])) for c in caster.castors} == {(0.19015, 0.17015)}
+    assert {(c.offset, c.wheels[0].lateral, c.wheels[0].radius) for c in caster.castors} == {(0.014, -0.00375, 0.0508)}
+    with pytest.raises(InputError):
+        n_castor(7)

@@ -1,0 +1,129 @@
+"""castor-diagnose inspect: what it prints, and that every mistake is one line and exit code 2."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from castor_envs.logs import Log, write_log
+from castor_envs.presets import preset
+from discrepancy import cli
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A differential robot's log: the left wheel turns, the right one stands."""
+    n = 11
+    wheel = np.column_stack([np.arange(n) * 20.0, np.zeros(n)])
+    reference = np.full((n, 3), np.nan)
+    reference[::5] = 0.0
+    note = {"note": ["x"] * n}
+    made = Log(np.arange(n) * 0.1, wheel, np.empty((n, 0)), reference=reference, extra=note)
+    write_log(tmp_path / "log.csv", made, preset("differential"))
+    return tmp_path / "log.csv"
+
+
+def diagnose(capsys, monkeypatch, *arguments):
+    """Run the script; return exit code, stdout, stderr."""
+    monkeypatch.setattr(sys, "argv", ["castor-diagnose", *map(str, arguments)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    return left.value.code, *capsys.readouterr()
+
+
+def test_inspect_prints_json_with_what_the_log_shows(capsys, monkeypatch, log):
+    code, out, err = diagnose(capsys, monkeypatch, "inspect", log, log, "--robot", "differential", "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["format"] == "castor-inspect/1"
+    assert found["robot"]["hash"] == preset("differential").hash()
+    (entry,) = found["logs"]
+    assert entry["path"] == str(log)
+    assert (entry["rows"], entry["reference_rows"], entry["commands"]) == (11, 3, False)
+    assert entry["duration"] == pytest.approx(1.0)
+    assert entry["sample_period"]["median"] == pytest.approx(0.1)
+    assert entry["sample_period"]["declared"] == 0.05
+    assert (entry["constant"], entry["unknown_columns"]) == (["wheel_1r"], ["note"])
+    left = entry["channels"][0]
+    assert (left["name"], left["smallest"], left["largest"], left["largest_step"]) == ("wheel_1l", 0, 200, 20)
+    assert left["at_most"] == pytest.approx(15.0 * 0.1 * 2000 / (2 * np.pi))
+    assert entry["parity"]["redundancy"] == 0
+    assert "nothing can be seen without reference poses" in entry["parity"]["note"]
+
+
+def test_inspect_says_so_where_nothing_can_be_seen(capsys, monkeypatch, log):
+    code, out, _ = diagnose(capsys, monkeypatch, "inspect", log, "--robot", "differential")
+    assert code == 0
+    assert "11 rows, 1 s" in out
+    assert "never change: wheel_1r" in out
+    assert "nothing can be seen without reference poses" in out
+
+
+def test_inspect_shows_the_residual_of_a_robot_with_redundancy(capsys, monkeypatch, tmp_path):
+    """All castors abreast and straight ahead; one wheel rolls further than any rigid body lets it."""
+    robot, n = preset("asoc-prototype"), 21
+    wheel = np.outer(np.arange(n) * 60.0, [1, 1, 1, 1, 1, 1.1])
+    write_log(tmp_path / "log.csv", Log(np.arange(n) * 0.05, wheel, np.zeros((n, 3))), robot)
+    robot.save(tmp_path / "robot.json")
+    arguments = ("inspect", tmp_path / "log.csv", "--robot", tmp_path / "robot.json")
+    code, out, _ = diagnose(capsys, monkeypatch, *arguments, "--json")
+    assert code == 0
+    (entry,) = json.loads(out)["logs"]
+    ratio = {row["name"]: row["rms_mm"] / row["rounding_mm"] for row in entry["parity"]["rolling"]}
+    assert max(ratio, key=lambda name: ratio[name]) == "wheel_3r"
+    assert ratio["wheel_3r"] > 5
+    assert {row["name"] for row in entry["parity"]["side_slip"]} == {"castor_1", "castor_2", "castor_3"}
+    assert entry["parity"]["note"] is None
+    code, out, _ = diagnose(capsys, monkeypatch, *arguments)
+    assert code == 0
+    assert "wheel_3r rolling" in out
+    assert "castor_3 side slip" in out
+
+
+MISTAKES = [
+    (["inspect", "gone.csv", "--robot", "differential"], "gone.csv: cannot be read (No such file or directory)"),
+    (["inspect", "log.csv", "gone.csv", "--robot", "differential"], "gone.csv: cannot be read"),
+    (["inspect", "log.csv", "--robot", "diferential"], "unknown robot 'diferential'; did you mean 'differential'?"),
+    (["inspect", "log.csv", "--robot", "gone.json"], "gone.json: cannot be read"),
+    (["inspect", "log.csv", "--robot", "asoc-prototype"], "log.csv:1: column 'wheel_2l': is missing"),
+    (["inspect", "log.csv"], "--robot"),
+    (["inspect", "--robot", "differential"], "logs"),
+    (["inspekt", "log.csv"], "inspekt"),
+    (["inspect", "log.csv", "--robot", "differential", "--jason"], "--jason"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), MISTAKES)
+def test_a_mistake_is_one_line_on_stderr_and_exit_code_2(capsys, monkeypatch, log, arguments, message):
+    monkeypatch.chdir(log.parent)
+    code, out, err = diagnose(capsys, monkeypatch, *arguments)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("error: ")
+    assert message in err
+    assert sorted(path.name for path in log.parent.iterdir()) == ["log.csv"]
+
+
+def test_a_folder_that_holds_its_own_discrepancy_does_not_shadow_ours(log):
+    (log.parent / "discrepancy").mkdir()
+    (log.parent / "discrepancy" / "__init__.py").write_text("raise SystemExit('shadowed')")
+    command = [sys.executable, "-P", "-c", "from discrepancy.cli import main; main()", "inspect", "log.csv"]
+    path = os.pathsep.join(sys.path)
+    done = subprocess.run(
+        [*command, "--robot", "differential"],
+        cwd=log.parent,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_arguments_show_the_help(capsys, monkeypatch):
+    code, out, _ = diagnose(capsys, monkeypatch)
+    assert code == 0
+    assert "inspect" in out
