@@ -45,7 +45,7 @@ def read_metadata(path: Path, form: str) -> dict[str, Any]:
 
 def _read(path: Path, form: str, with_arrays: bool) -> tuple[dict[str, Any], dict[str, NDArray]]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             metadata = json.loads(str(archive["metadata"]))
             names = [name for name in archive.files if with_arrays and name != "metadata"]
             arrays = {name: archive[name] for name in names}

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from benchmarks.evaluation import METRICS, Metric
 from benchmarks.leaderboard import Entry, Leaderboard, TaskBoard
-from benchmarks.ranking import LEVEL
+from benchmarks.ranking import FEWEST_CASES, LEVEL
 
 FORMAT = "castor-leaderboard/1"
 _SHORT = ("nonsystematic_orientation_error", "end_point_position", "end_point_heading", "ate", "rpe_translation")
@@ -122,7 +122,9 @@ def _cells(entry: Entry, metrics: list[Metric], everywhere: bool) -> list[str]:
 
 def _notes(board: TaskBoard) -> list[str]:
     """Return what is said below a table: failures, cases not done, older sources."""
-    notes = [f"{len(board.cases)} cases; mean over cases; who shares a rank does not differ significantly"]
+    few = len(board.cases) < FEWEST_CASES
+    meaning = "too few to show a difference" if few else "who shares a rank does not differ significantly"
+    notes = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}; {meaning}"]
     for entry in board.entries:
         for failed in entry.failed:
             cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")

@@ -79,7 +79,7 @@ def run(
     if not timeout > 0:
         raise InputError(f"--timeout must be above 0, got {timeout:g}")
     check_results_folder(results)
-    named = tuple(dict.fromkeys(load_estimator(spec) for spec in estimator or []))
+    named = _estimators(estimator or [])
     plan = [Assignment(t, tuple(t.cases(cases)), named or _builtin(t)) for t in tasks if t.missing is None]
     with TerminalProgress() as progress:
         missing = run_plan(plan, results, jobs or os.cpu_count() or 1, timeout, progress)
@@ -126,9 +126,7 @@ def check(
     """Check an estimator before a benchmark does; exit code 1 if anything is wrong with it."""
     findings = conformance.check(load_estimator(estimator), None if robot is None else load_robot(robot))
     for finding in findings:
-        print(
-            f"{'ok    ' if finding.passed else 'WRONG '} {finding.name}{': ' * (not finding.passed)}{finding.message}"
-        )
+        print(f"ok     {finding.name}" if finding.passed else f"WRONG  {finding.name}: {finding.message}")
     if not all(finding.passed for finding in findings):
         raise typer.Exit(1)
 
@@ -160,6 +158,18 @@ def _tasks(measured: Path | None) -> tuple[Task, ...]:
     if problems and all(problem is not None for problem in problems):
         raise InputError(f"folder with measured data {measured} (--measured or CASTOR_DATA): {problems[0]}")
     return tasks
+
+
+def _estimators(specs: list[str]) -> tuple[EstimatorEntry, ...]:
+    """Return the estimators of some specs, each once; raises InputError for two that share a name."""
+    entries: dict[str, EstimatorEntry] = {}
+    for entry in map(load_estimator, specs):
+        other = entries.setdefault(entry.name, entry)
+        if other.source_hash != entry.source_hash:
+            raise InputError(
+                f"two estimators are named {entry.name!r}: {other.spec} and {entry.spec}; rename one class"
+            )
+    return tuple(entries.values())
 
 
 def _builtin(task: Task) -> tuple[EstimatorEntry, ...]:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation import evaluation_samples
 from benchmarks.task import Episode
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Geometry
@@ -80,9 +79,7 @@ class ObservedRun:
 def observed_runs(episode: Episode) -> list[ObservedRun]:
     """Return what estimators may see of an episode."""
     return [
-        ObservedRun(episode.robot, run.log.reference[0].copy(), Observations.of(run.log), evaluation_samples(run.log))
-        for run in episode.runs
-        if run.log.reference is not None
+        ObservedRun(episode.robot, run.truth[0].copy(), Observations.of(run.log), run.samples) for run in episode.runs
     ]
 
 

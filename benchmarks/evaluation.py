@@ -1,4 +1,4 @@
-"""From an episode and estimated trajectories to scores: which samples are looked at, which metrics there are."""
+"""From an episode and estimated trajectories to scores: which metrics there are, and how people are shown them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,8 @@ from numpy.typing import NDArray
 
 from benchmarks import metrics
 from benchmarks.task import Episode, Run
-from castor_envs.logs import Log
 
 Array = NDArray[np.float64]
-
-EVALUATION_PERIOD = 0.5
-"""Trajectories are stored and scored every so many seconds, and at the last pose."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +26,7 @@ class Metric:
 
     def shown(self, value: float | None) -> str:
         """Return a value in SI as text in the unit for people."""
-        return "–" if value is None else f"{value * self.factor:.4g}"
+        return "–" if value is None else f"{value * self.factor:#.4g}".rstrip(".")
 
 
 _MM = {"unit": "m", "shown_unit": "mm", "factor": 1e3}
@@ -52,7 +48,7 @@ METRICS: dict[str, Metric] = {
         Metric(
             "nonsystematic_orientation_error",
             key="nonsystematic_orientation_error_rad",
-            title="orientation, bumps only",
+            title="orientation, non-syst.",
             description="extended UMBmark: the same less the mean error on the clean floor",
             **_DEG,
         ),
@@ -99,31 +95,16 @@ METRICS: dict[str, Metric] = {
 }
 
 
-def evaluation_samples(log: Log, period: float = EVALUATION_PERIOD) -> NDArray[np.intp]:
-    """Return the samples (M,) that are stored and scored: those with a reference pose, thinned to one a period.
-
-    Of the samples with a reference, the ones nearest to the times t_0, t_0 + period, ..., and the last.
-    """
-    assert log.reference is not None
-    known = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
-    t = log.t[known]
-    wanted = np.arange(t[0], t[-1] + period / 2, period)
-    right = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1) if len(t) > 1 else np.zeros(len(wanted), dtype=int)
-    nearest = right - (wanted - t[right - 1] < t[right] - wanted)
-    return known[np.unique(np.append(nearest, len(t) - 1))]
-
-
 def score(episode: Episode, estimates: Sequence[Array]) -> dict[str, float]:
     """Return the scores of an estimator in an episode, in SI, by the names of `METRICS`.
 
-    estimates: for each run, the estimated poses (M, 3) at `evaluation_samples`. UMBmark's numbers need runs in both
+    estimates: for each run, the estimated poses (M, 3) at `Run.samples`. UMBmark's numbers need runs in both
     directions, the extended benchmark's also baseline runs in both; what a task's runs do not give is left out.
     Relative pose errors are NaN where a path is too short for them.
     """
     paths = []
     for run, estimate in zip(episode.runs, estimates, strict=True):
-        assert run.log.reference is not None
-        true = run.log.reference[evaluation_samples(run.log)]
+        true = run.truth
         if estimate.shape != true.shape:
             raise ValueError(f"estimates of shape {estimate.shape} for {true.shape} evaluated poses")
         paths.append((run, true, estimate))

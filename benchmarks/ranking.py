@@ -5,8 +5,9 @@ All estimators are scored on the same cases, so the cases are resampled, all est
 difference of two means, which is far narrower than their own intervals suggest.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,11 +32,16 @@ class Interval:
 def resampled_means(scores: ArrayLike, seed: int = 0, resamples: int = RESAMPLES) -> Array:
     """Return the means (resamples, ...) over resampled cases of scores (cases, ...): one resampling for all columns."""
     scores = np.asarray(scores, dtype=float)
-    cases = len(scores)
+    return np.tensordot(_weights(len(scores), seed, resamples), scores, axes=1)
+
+
+@lru_cache(maxsize=4)
+def _weights(cases: int, seed: int, resamples: int) -> Array:
+    """Return how much each case counts in each resampling, (resamples, cases)."""
     drawn = np.random.default_rng(seed).integers(cases, size=(resamples, cases))
     weights = np.zeros((resamples, cases))
     np.add.at(weights, (np.arange(resamples)[:, None], drawn), 1.0 / cases)
-    return np.tensordot(weights, scores, axes=1)
+    return weights
 
 
 def interval(scores: ArrayLike, seed: int = 0) -> Interval:
@@ -47,17 +53,18 @@ def interval(scores: ArrayLike, seed: int = 0) -> Interval:
     return Interval(float(np.mean(scores)), float(low), float(high))
 
 
-def ranks(scores: Mapping[str, Sequence[float]], seed: int = 0) -> dict[str, int]:
+def ranks(scores: Mapping[str, ArrayLike], seed: int = 0) -> dict[str, int]:
     """Return a rank for each name, best first; scores are errors on the same cases, in the same order.
 
     From the smallest mean on: whoever's paired difference to the best of the current group has an interval that
     includes 0 belongs to the group and shares its rank; the next one opens a group, whose rank counts all before it
     (1, 1, 3). Differences of 1e-9 of a score are none: algebraically equal estimators differ by rounding.
     """
-    names = sorted(scores, key=lambda name: (np.mean(scores[name]), name))
+    given = {name: np.asarray(values, dtype=float) for name, values in scores.items()}
+    names = sorted(given, key=lambda name: (np.mean(given[name]), name))
     if not names:
         return {}
-    table = np.array([scores[name] for name in names], dtype=float)
+    table = np.stack([given[name] for name in names])
     means = resampled_means(table.T, seed)
     best, found = 0, {}
     for k, name in enumerate(names):

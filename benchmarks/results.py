@@ -36,7 +36,7 @@ class Row:
 
     episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the limit that a
     row failed by, s, so that a longer one tries again. scores: SI, by the names of `evaluation.METRICS`. estimates: for
-    each run the poses (M, 3) at `evaluation.evaluation_samples`. origin: versions, machine and time.
+    each run the poses (M, 3) at `task.Run.samples`. origin: versions, machine and time.
     """
 
     task: str

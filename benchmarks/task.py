@@ -7,11 +7,15 @@ from functools import cached_property
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 
 Case = int | str
+
+EVALUATION_PERIOD = 0.5
+"""Trajectories are stored and scored every so many seconds, and at the last pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,27 @@ class Run:
     def __post_init__(self):
         if self.log.reference is None or not np.isfinite(self.log.reference[0]).all():
             raise ValueError("the log of a run needs a reference pose in its first row")
+
+    @cached_property
+    def samples(self) -> NDArray[np.intp]:
+        """The samples (M,) that are stored and scored.
+
+        Of those with a reference pose the ones nearest to the times t_0, t_0 + EVALUATION_PERIOD, ..., and the last.
+        """
+        assert self.log.reference is not None
+        known = np.flatnonzero(np.isfinite(self.log.reference).all(axis=1))
+        t = self.log.t[known]
+        wanted = np.arange(t[0], t[-1], EVALUATION_PERIOD)
+        after = np.searchsorted(t, wanted)
+        before = np.maximum(after - 1, 0)
+        nearest = np.where(wanted - t[before] < t[after] - wanted, before, after)
+        return known[np.unique(np.append(nearest, len(t) - 1))]
+
+    @cached_property
+    def truth(self) -> NDArray[np.float64]:
+        """The true poses (M, 3) at `samples`."""
+        assert self.log.reference is not None
+        return self.log.reference[self.samples]
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,7 @@ Outcome = Done | Raised | TimedOut | Died
 
 
 class Agenda(Protocol):
-    """Where jobs come from. It is asked again after each outcome, so outcomes may lead to further jobs."""
+    """Where jobs come from. It is asked when a worker is free, so outcomes may lead to further jobs or to fewer."""
 
     def next_job(self) -> Job | None:
         """Return the next job, None if there is none at present."""
@@ -76,19 +76,22 @@ def run_jobs(agenda: Agenda, processes: int) -> Generator[tuple[Job, Outcome], N
     """
     workers: list[_Worker] = []
     try:
-        job = agenda.next_job()
+        job = None
         while True:
             idle = [worker for worker in workers if worker.ready and worker.job is None]
-            while job is not None and idle:
-                worker = idle.pop()
-                if worker.give(job):
-                    job = agenda.next_job()
+            while idle or len(workers) < processes:
+                job = job or agenda.next_job()
+                if job is None:
+                    break
+                if not idle:
+                    workers.append(_Worker())
+                elif idle[-1].give(job):
+                    idle.pop()
+                    job = None
                 else:
-                    workers.remove(worker)
+                    workers.remove(idle.pop())
             if job is None and not any(worker.job for worker in workers):
                 return
-            while job is not None and len(workers) < processes:
-                workers.append(_Worker())
             for worker, outcome in _news(workers):
                 if isinstance(outcome, TimedOut | Died):
                     workers.remove(worker)
@@ -100,8 +103,6 @@ def run_jobs(agenda: Agenda, processes: int) -> Generator[tuple[Job, Outcome], N
                         "a worker process could not start; a script that starts a run needs "
                         "an `if __name__ == '__main__':` line around it"
                     )
-            if job is None:
-                job = agenda.next_job()
     finally:
         for worker in workers:
             worker.kill()

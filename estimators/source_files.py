@@ -59,7 +59,7 @@ def _imports(file: Path, name: str) -> list[tuple[Path, str]]:
             if node.level:
                 base = importlib.util.resolve_name("." * node.level + base, package)
             names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    top = file.parents[len(package.split(".")) - (file.name == "__init__.py")] if package else file.parent
+    top = file.parents[len(package.split("."))] if package else file.parent
     located = ((_locate(imported, name, top), imported) for imported in names)
     return [(path, imported) for path, imported in located if path is not None]
 

@@ -1,7 +1,7 @@
 """UMBmark as measured: OptiOdom's squares of a real differential robot, against its motion-capture truth.
 
-R. B. Sousa, M. R. Petry, P. G. Costa, A. P. Moreira, *OptiOdom* (data under the MIT licence). The data are not part of this project:
-they are looked for below a folder that holds them as ``optiodom/``.
+R. B. Sousa, M. R. Petry, P. G. Costa, A. P. Moreira, *OptiOdom* (data under the MIT licence). The data are not part
+of this project: they are looked for below a folder that holds them as ``optiodom/``.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,9 @@ from castor_envs.robot import RobotDescription
 class MeasuredUMBmark:
     """The measured squares; every case is a session, whose runs went round three times each way.
 
-    data: the folder that holds ``optiodom/``, or None. corrected: whether estimators get the robot with the parameters that the
-    authors published after their UMBmark calibration (of the same runs), or with the nominal ones.
+    data: the folder that holds ``optiodom/``, or None. corrected: whether estimators get the robot with the
+    parameters that the authors published after their UMBmark calibration (of the same runs), or with the nominal
+    ones.
     """
 
     name: str
@@ -39,7 +40,7 @@ class MeasuredUMBmark:
     def missing(self) -> str | None:
         """Say what is missing and how to give it, or None."""
         if self.data is None:
-            return "measured data not given: pass --measured DIR or set CASTOR_DATA, DIR holding the data as optiodom/"
+            return "measured data not given: pass --measured DIR or set CASTOR_DATA (DIR holds the data as optiodom/)"
         absent = [name for name in published_sessions() if name not in find_sessions(self.data)]
         return f"measured sessions missing below {self.data}: {', '.join(absent)}" if absent else None
 
@@ -62,14 +63,14 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
         MeasuredUMBmark(
             name="umbmark-measured-nominal",
             title="UMBmark measured on a differential robot, nominal parameters",
-            description="OptiOdom sessions 230620202042 and 230620202144, wheel base and diameters as first believed.",
+            description="OptiOdom sessions 230620202042 and 230620202144, nominal wheel base and diameters.",
             corrected=False,
             data=measured,
         ),
         MeasuredUMBmark(
             name="umbmark-measured-corrected",
             title="UMBmark measured on a differential robot, published corrections",
-            description="The same runs with the wheel base and diameters that the authors published after calibration.",
+            description="The same runs, wheel base and diameters as the authors published after calibration.",
             corrected=True,
             data=measured,
         ),

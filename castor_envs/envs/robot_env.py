@@ -45,7 +45,7 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         if render_mode is not None:
-            path = trajectory.at(np.linspace(0.0, trajectory.duration, 200))[0]
+            path = self._path = trajectory.at(np.linspace(0.0, trajectory.duration, 400))[0]
             low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
             margin = 0.6 + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
             arena = (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
@@ -87,7 +87,7 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
             world.pose,
             world.castor_angles,
             estimate=self._drawn_estimate(),
-            reference=self._reference(),
+            reference=self._path,
             time=world.time,
             sliding=self._sensed.sliding(),
         )

@@ -108,6 +108,25 @@ def rise_at(x, y, radius, cables):
 
 
 @register_jitable
+def slack_on_circle(pull, turning, yielding, lateral, limit):
+    """Return the least slack >= 1 with hypot(pull / (turning * slack + yielding), lateral / slack) <= limit.
+
+    Newton's method on 1 / hypot, which is concave and nearly linear in slack: it closes in from below.
+    """
+    slack = 1.0
+    for _ in range(30):
+        along, across = pull / (turning * slack + yielding), lateral / slack
+        size = math.hypot(along, across)
+        if size <= limit * (1.0 + 1e-12):
+            break
+        if limit == 0.0:
+            return math.inf
+        falling = along * along * turning / (turning * slack + yielding) + across * across / slack
+        slack += size * size * (size / limit - 1.0) / falling
+    return slack
+
+
+@register_jitable
 def turn_wheel(wheel, v_long, v_lat, limit, dt):
     """Advance one wheel's spin and bristles by dt; leaves `force_long` and `force_lat` in the wheel's record.
 
@@ -128,40 +147,32 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
         a = wheel.max_torque * wheel.command
         b = wheel.max_torque / wheel.max_speed
 
-    # Sticking contact: force along = f0 + f1 * spin at the end of the substep.
-    stiff = wheel.stiffness_long + wheel.damping_long / dt
-    held = wheel.damping_long / dt * wheel.stretch_long
+    # Contact: force along = (f0 + f1 * spin at the end of the substep) / slack. Slack is 1 while the bristles stick;
+    # a sliding contact has as much as brings the force back to the friction circle, at the spin that this force leaves.
+    stiff, stiff_lat = wheel.stiffness_long + wheel.damping_long / dt, wheel.stiffness_lat + wheel.damping_lat / dt
+    held, held_lat = wheel.damping_long / dt * wheel.stretch_long, wheel.damping_lat / dt * wheel.stretch_lat
     f0 = held - stiff * (wheel.stretch_long + dt * v_long) / relaxing
     f1 = stiff * dt * radius / relaxing
-    speed = (inertia * spin + dt * (a - radius * f0)) / (inertia + dt * (b + radius * f1))
-    torque = a - b * speed
-    if abs(torque) > wheel.max_torque:
-        torque = math.copysign(wheel.max_torque, torque)
-        speed = (inertia * spin + dt * (torque - radius * f0)) / (inertia + dt * radius * f1)
-    force_long = f0 + f1 * speed
-    stretch_long = (wheel.stretch_long + dt * (v_long - radius * speed)) / relaxing
-
-    force_lat, stretch_lat = 0.0, 0.0
+    lateral, share = 0.0, 1.0
     if wheel.grip == STANDARD:
-        stretch_lat = (wheel.stretch_lat + dt * v_lat) / relaxing
-        force_lat = -wheel.stiffness_lat * stretch_lat - wheel.damping_lat * (stretch_lat - wheel.stretch_lat) / dt
-
-    # Sliding contact: back to the friction circle, the bristles as far out as this force says.
-    size = math.hypot(force_long, force_lat)
-    if wheel.grip == OMNI:
-        size = abs(force_long) * math.sqrt(1.0 + wheel.roller * wheel.roller)
-    if size > limit:
-        force_long *= limit / size
-        force_lat *= limit / size
-        stretch_long = (held - force_long) / stiff
-        if wheel.grip == STANDARD:
-            loose = wheel.damping_lat / dt
-            stretch_lat = (loose * wheel.stretch_lat - force_lat) / (wheel.stiffness_lat + loose)
-        speed = (inertia * spin + dt * (a - radius * force_long)) / (inertia + dt * b)
+        lateral = held_lat - stiff_lat * (wheel.stretch_lat + dt * v_lat) / relaxing
+    else:
+        share = math.sqrt(1.0 + wheel.roller * wheel.roller)
+    speed, torque, force_long, force_lat = spin, 0.0, 0.0, 0.0
+    for _ in range(2):
+        turning, pushed, yielding = inertia + dt * b, inertia * spin + dt * a, dt * radius * f1
+        pull = f0 * turning + f1 * pushed
+        slack = slack_on_circle(share * pull, turning, yielding, lateral, limit)
+        force_long, force_lat = pull / (turning * slack + yielding), lateral / slack
+        speed = (pushed - dt * radius * force_long) / turning
         torque = a - b * speed
-        if abs(torque) > wheel.max_torque:
-            torque = math.copysign(wheel.max_torque, torque)
-            speed = spin + dt * (torque - radius * force_long) / inertia
+        if abs(torque) <= wheel.max_torque:
+            break
+        a, b = math.copysign(wheel.max_torque, torque), 0.0
+    stretch_long = (held - force_long) / stiff
+    stretch_lat = 0.0
+    if wheel.grip == STANDARD:
+        stretch_lat = (held_lat - force_lat) / stiff_lat
 
     if wheel.drive == SERVO and abs(torque) < wheel.max_torque:
         wheel.integral += dt * (wheel.command - speed)

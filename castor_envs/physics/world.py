@@ -71,7 +71,7 @@ class World:
         theta = self._start_angles
         rates = np.nan_to_num(castor_rates(self.geometry, theta, twist))
         spin = inverse(self.geometry, theta, rates, twist).rate
-        self.wheels["speed"] = np.where(self.geometry.standard, spin, 0.0)
+        self.wheels["speed"] = spin
 
         mass, inertia, center = chassis(self.robot)
         self._center = center
@@ -101,7 +101,7 @@ class World:
         self._link = BodyLink(self._space, self._bodies)
         self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
 
-    def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = (), drive: Drive = "servo") -> None:
+    def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = 0.0, drive: Drive = "servo") -> None:
         """Run one sample period with constant commands.
 
         wheel_command (driven wheels,): rad/s; with drive "voltage" a fraction of the full voltage, in [-1,
@@ -175,22 +175,24 @@ class World:
     def energy(self) -> float:
         """Return all mechanical energy: bodies, wheel spin, bristles, slope, wheels risen on cables; J.
 
-        Chipmunk moves first and accelerates then, so velocities are those of half a substep after the
-        positions; heights are
-        taken there.
+        Chipmunk moves first and accelerates then, so its velocities are those of half a substep after the positions:
+        heights and bristles are taken there, these halfway to where the next substep brings them.
         """
-        motion = self._link.read()
+        motion, w, after = self._link.read(), self.wheels, self.wheels.copy()
+        unused = np.zeros_like(self._link.loads)
+        law.wheel_forces(
+            motion, after.view(np.recarray), self._patches, self._cables, self.floor.climbing, self.dt, unused
+        )
         masses = np.array([body.mass for body in self._bodies])
         inertias = np.array([body.moment for body in self._bodies])
         kinetic = 0.5 * np.sum(masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2)
         middle = motion[:, :2] + 0.5 * self.dt * motion[:, 3:5]
         height = -np.sum(masses[:, None] * middle * np.array(self.floor.downhill_gravity))
-        w = self.wheels
         spin = 0.5 * np.sum(w["inertia"] * w["speed"] ** 2)
-        bristles = 0.5 * np.sum(
-            w["stiffness_long"] * w["stretch_long"] ** 2 + w["stiffness_lat"] * w["stretch_lat"] ** 2
-        )
-        risen = np.sum(w["load"] * w["rise"]) if self.floor.climbing else 0.0
+        long = 0.5 * (w["stretch_long"] + after["stretch_long"])
+        lat = 0.5 * (w["stretch_lat"] + after["stretch_lat"])
+        bristles = 0.5 * np.sum(w["stiffness_long"] * long**2 + w["stiffness_lat"] * lat**2)
+        risen = np.sum(w["load"] * after["rise"]) if self.floor.climbing else 0.0
         return float(kinetic + height + spin + bristles + risen)
 
 
@@ -313,5 +315,5 @@ def _enough_substeps(robot: RobotDescription, records: NDArray[np.void]) -> int:
             mass = castor.mass
             turning = float(np.sum(stiffness * arm)) / (castor.inertia + castor.mass * castor.offset**2)
         fastest = max(fastest, float(np.sum(stiffness)) / mass, turning)
-    longest = min(1e-3, 0.25 / math.sqrt(fastest), 0.3 / (fastest * max(robot.contact.damping, 1e-9)))
+    longest = min(5e-4, 0.25 / math.sqrt(fastest), 0.3 / (fastest * max(robot.contact.damping, 1e-9)))
     return math.ceil(robot.sample_period / longest)

@@ -173,9 +173,7 @@ def test_voltage_drives_less_hard_the_faster_the_wheel():
 
 
 def test_a_gyro_reads_the_turning_rate():
-    robot = RobotDescription.from_dict(
-        {**preset("differential").to_dict(), "gyro": {"noise": 0.0, "bias": 0.5}}
-    )
+    robot = RobotDescription.from_dict({**preset("differential").to_dict(), "gyro": {"noise": 0.0, "bias": 0.5}})
     env = gym.make("castor/ASOC-v0", robot=robot, control="speed")
     env.reset(seed=0)
     for _ in range(20):

@@ -22,9 +22,8 @@ class Motion:
         """Return the true poses (steps + 1, 3) and the observations of unrounded encoders at evenly spaced times."""
         t = np.linspace(0.0, self.duration, steps + 1)
         castors = self.robot.castors
-        n = len(castors)
         state = self.state(t)
-        pose, theta, rolled = state[:3].T, state[3 : 3 + n], state[3 + n :]
+        pose, theta, rolled = state[:3].T, state[3 : 3 + len(castors)], state[3 + len(castors) :]
         radius = np.array([wheel.radius for castor in castors for wheel in castor.wheels])
         counts = np.array([wheel.counts_per_rev for castor in castors for wheel in castor.wheels])
         wheel = np.diff(rolled, prepend=rolled[:, :1]).T / (2 * np.pi * radius) * counts
@@ -40,7 +39,6 @@ class Motion:
 def exact_motion(robot, twist, duration, theta=None, pose=(0.0, 0.0, 0.0)):
     """Integrate castor angles and rolled distances for the body twist (v_x, v_y, omega) = twist(t)."""
     castors = robot.castors
-    n = len(castors)
     pivots = [complex(*castor.pivot) for castor in castors]
 
     def rates(t, state):
@@ -109,26 +107,26 @@ def noise(robot, seed=0, steps=30, counts=15):
     return [{"wheel": wheel[k], "pivot": pivot[k], "time": np.array([0.05 * k])} for k in range(steps)]
 
 
-@pytest.fixture(name="exact_motion")
+@pytest.fixture(scope="session", name="exact_motion")
 def _exact_motion():
     return exact_motion
 
 
-@pytest.fixture(name="odd_robot")
+@pytest.fixture(scope="session", name="odd_robot")
 def _odd_robot():
     return odd_robot
 
 
-@pytest.fixture(name="winding")
+@pytest.fixture(scope="session", name="winding")
 def _winding():
     return winding
 
 
-@pytest.fixture(name="drive")
+@pytest.fixture(scope="session", name="drive")
 def _drive():
     return drive
 
 
-@pytest.fixture(name="noise")
+@pytest.fixture(scope="session", name="noise")
 def _noise():
     return noise

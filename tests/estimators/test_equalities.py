@@ -142,7 +142,12 @@ def test_consistent_castors_are_followed_exactly_by_all_with_any_subset(n, seed)
     observation = {"wheel": np.zeros(2 * n), "pivot": np.full(n, theta), "time": np.zeros(1)}
     rolled = {**observation, "wheel": np.full(2 * n, ahead)}
     step = ahead / 1200 * 2 * np.pi * 0.0381 * np.exp(1j * (theta / 5143 * 2 * np.pi + 0.3))
-    estimators = [CAST(), CASTArc(), *([IPEC()] if n == 2 else [IPEC(1)] if n == 3 else []), *([CAST(n)] if n > 2 else [])]
+    estimators = [
+        CAST(),
+        CASTArc(),
+        *([IPEC()] if n == 2 else [IPEC(1)] if n == 3 else []),
+        *([CAST(n)] if n > 2 else []),
+    ]
     for estimator in estimators:
         estimator.reset(robot, np.array([0.0, 0.0, 0.3]))
         estimator.update(observation)

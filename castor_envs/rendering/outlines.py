@@ -1,7 +1,7 @@
-"""The robot in plan: outlines of chassis, castors and wheels, computed from its description, as polygons (k, 2) in B, m.
+"""The robot in plan: outlines of chassis, castors and wheels, from its description, as polygons (k, 2) in B, m.
 
-A description has no drawing of the robot. Its chassis is drawn as the smooth hull of the discs that its castors sweep, and
-its tyres as wide as 0.6 of their radius; both are looks only, and nothing else uses them.
+A description does not say what the chassis looks like or how wide tyres are. The chassis is drawn as the smooth hull
+of the discs that its castors sweep, tyres 0.6 of their radius wide; nothing but pictures uses either.
 """
 
 import math
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.kinematics import Geometry, unit
+from castor_envs.kinematics import Geometry, left_of, unit
 from castor_envs.robot import Castor, RobotDescription
 
 Array = NDArray[np.float64]
@@ -21,8 +21,11 @@ PIVOT_RADIUS = 0.32  # of the castor's largest wheel radius
 
 @dataclass(frozen=True, eq=False)
 class CastorOutline:
-    """One castor: pivot (2,) and its radius, m; tyres, one polygon a wheel; rollers of each omni wheel; the parts of axle and fork;
-    and a pointer to the rolling direction, where no fork shows it.
+    """One castor.
+
+    pivot (2,) and pivot_radius: of its bearing, radius 0 on fixed castors, m. tyres: one polygon a wheel. rollers: for
+    each wheel, a few of its rollers if it is an omni wheel. frame: axle and fork. pointer: to the rolling direction,
+    where no fork shows it.
     """
 
     pivot: Array
@@ -46,7 +49,7 @@ def hull_of_discs(centers: ArrayLike, radii: ArrayLike, points: int = 180) -> Ar
 
 def bar(start: ArrayLike, end: ArrayLike, width: float) -> Array:
     """Return a bar from `start` to `end` (2,) with round ends."""
-    return hull_of_discs([start, end], [width / 2, width / 2], points=24)
+    return hull_of_discs(np.stack([start, end]), [width / 2, width / 2], points=24)
 
 
 def tyre(center: ArrayLike, length: float, width: float) -> Array:
@@ -77,7 +80,9 @@ def nose(robot: RobotDescription) -> Array:
     front = float(np.max(reach))
     y = float(np.mean(pivots[reach > front - 1e-9, 1]))
     size = 0.25 * math.sqrt(_area(chassis_outline(robot)) / math.pi)
-    return np.array([(front + 0.5 * size, y), (front - 0.5 * size, y + 0.6 * size), (front - 0.5 * size, y - 0.6 * size)])
+    return np.array(
+        [(front + 0.5 * size, y), (front - 0.5 * size, y + 0.6 * size), (front - 0.5 * size, y - 0.6 * size)]
+    )
 
 
 def castor_outlines(robot: RobotDescription, castor_angles: ArrayLike) -> tuple[CastorOutline, ...]:
@@ -85,6 +90,13 @@ def castor_outlines(robot: RobotDescription, castor_angles: ArrayLike) -> tuple[
     geometry = Geometry.of(robot)
     angles = np.where(geometry.fixed, geometry.angle, np.asarray(castor_angles, dtype=float))
     return tuple(_castor(castor, float(angle)) for castor, angle in zip(robot.castors, angles, strict=True))
+
+
+def inset(polygon: Array, distance: float) -> Array:
+    """Return a polygon (k, 2), of many corners or sharp ones, with its edge moved inwards by about `distance`."""
+    along = np.roll(polygon, -1, axis=0) - np.roll(polygon, 1, axis=0)
+    along /= np.maximum(np.hypot(*along.T)[:, None], 1e-9)
+    return polygon + np.sign(_area(polygon)) * distance * left_of(along)
 
 
 def placed(points: Array, pose: ArrayLike) -> Array:
@@ -98,27 +110,25 @@ def _castor(castor: Castor, angle: float) -> CastorOutline:
     """Draw a castor in its own frame, x along its rolling direction from the pivot, and put it in B."""
     at = (*castor.pivot, angle)
     largest = max(wheel.radius for wheel in castor.wheels)
-    pivot_radius = PIVOT_RADIUS * largest
+    pivot_radius = 0.0 if castor.steering == "fixed" else PIVOT_RADIUS * largest
     axle = [(-castor.offset, wheel.lateral) for wheel in castor.wheels]
     tyres, rollers = [], []
     for wheel, center in zip(castor.wheels, axle, strict=True):
         length, width = 2 * wheel.radius, TYRE_WIDTH * wheel.radius
         tyres.append(placed(tyre(center, length, width), at))
         lean = np.array([math.cos(wheel.roller_angle), math.sin(wheel.roller_angle)]) * 0.36 * width
-        middles = [np.array(center) + (share * length, 0.0) for share in (-0.3, -0.1, 0.1, 0.3)]
-        across = [bar(middle - lean, middle + lean, 0.12 * width) for middle in middles]
+        middles = [(center[0] + share * length, center[1]) for share in (-0.3, -0.1, 0.1, 0.3)]
+        across = [bar(np.subtract(middle, lean), np.add(middle, lean), 0.12 * width) for middle in middles]
         rollers.append(tuple(placed(line, at) for line in across) if wheel.grip == "omni" else ())
     hub = 0.5 * TYRE_WIDTH * largest if len(axle) == 1 else 0.0
     left, right = (axle[0][0], axle[0][1] + 1.3 * hub), (axle[-1][0], axle[-1][1] - 1.3 * hub)
     frame = [bar(left, right, 0.36 * largest)]
     pointer = None
     if castor.steering != "fixed":
-        if castor.offset > 0:
-            frame.append(
-                hull_of_discs([(-castor.offset, 0.0), (0.0, 0.0)], [0.7 * pivot_radius, pivot_radius], points=36)
-            )
-        r = pivot_radius
-        pointer = placed(np.array([(2.1 * r, 0.0), (1.15 * r, 0.75 * r), (1.15 * r, -0.75 * r)]), at)
+        frame.append(hull_of_discs([(-castor.offset, 0.0), (0.0, 0.0)], [0.8 * pivot_radius, pivot_radius], points=36))
+        if castor.offset < 0.4 * largest:
+            tip, base = 0.92 * largest - castor.offset, 1.2 * pivot_radius
+            pointer = placed(np.array([(tip, 0.0), (base, 0.24 * largest), (base, -0.24 * largest)]), at)
     return CastorOutline(
         pivot=np.array(castor.pivot),
         pivot_radius=pivot_radius,
@@ -130,5 +140,6 @@ def _castor(castor: Castor, angle: float) -> CastorOutline:
 
 
 def _area(polygon: Array) -> float:
+    """Return a polygon's area, positive if it is counter-clockwise (in axes x right, y up)."""
     x, y = polygon.T
-    return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)))
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))

@@ -1,12 +1,12 @@
 """A sheet to draw on with pygame: smooth edges, no display needed, the same pixels for the same strokes.
 
-Everything is drawn `OVERSAMPLING` times larger and scaled down at the end. Coordinates are pixels of the finished picture,
-x to the right and y down, and need not be whole.
+Everything is drawn `OVERSAMPLING` times larger and scaled down at the end. Coordinates are pixels of the finished
+picture, x to the right and y down from its upper left corner, and need not be whole.
 """
 
-import os
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
@@ -14,28 +14,27 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import ArrayLike, NDArray
 
-Color = tuple[int, int, int]
+from castor_envs.rendering.palette import Color
+
 Shape = tuple[ArrayLike, Color, int]
 
 OVERSAMPLING = 2
 
+_TURN = np.linspace(0.0, 2 * np.pi, 32, endpoint=False)
+_CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+
 
 def import_pygame() -> ModuleType:
-    """Return pygame, imported without its greeting and without warnings of what it imports itself.
+    """Return pygame, imported without the warnings of what it imports itself (its greeting Gymnasium has turned off).
 
     Raises gymnasium.error.DependencyNotInstalled where there is none.
     """
-    greeted = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
-    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import pygame
     except ImportError as error:
         raise DependencyNotInstalled("rendering needs pygame: run `pip install pygame`") from error
-    finally:
-        if not greeted:
-            del os.environ["PYGAME_HIDE_SUPPORT_PROMPT"]
     return pygame
 
 
@@ -92,21 +91,21 @@ class Canvas:
     def line(self, points: ArrayLike, color: Color, width: float) -> None:
         """Draw a polyline (k, 2) with round ends and corners."""
         whole = self._whole(points)
-        wide = max(1, round(width * OVERSAMPLING))
+        half = max(0, round((width * OVERSAMPLING - 1) / 2))
         if len(whole) > 1:
-            self._pygame.draw.lines(self._large, color, False, whole, wide)
-        if wide > 2 and whole:
+            # An odd width: pygame centres only those on the line.
+            self._pygame.draw.lines(self._large, color, False, whole, 2 * half + 1)
+        if half > 0:
             way = np.diff(np.array(whole, dtype=float), axis=0)
             way /= np.maximum(np.hypot(*way.T)[:, None], 1e-9)
             bends = np.flatnonzero(np.sum(way[1:] * way[:-1], axis=1) < 0.97) + 1
             for k in {0, len(whole) - 1, *bends.tolist()}:
-                self._pygame.draw.circle(self._large, color, whole[k], wide / 2)
+                self._round(whole[k], half, color)
 
-    def disc(self, center: ArrayLike, radius: float, color: Color, *, ring: float = 0.0) -> None:
-        """Fill a disc; with `ring` only the outermost pixels, so many."""
-        whole = self._whole([center])[0]
-        large = max(1.0, radius * OVERSAMPLING)
-        self._pygame.draw.circle(self._large, color, whole, large, round(ring * OVERSAMPLING))
+    def disc(self, center: ArrayLike, radius: float, color: Color) -> None:
+        """Fill a disc."""
+        (whole,) = self._whole(np.reshape(center, (1, 2)))
+        self._round(whole, radius * OVERSAMPLING - 0.5, color)
 
     def text(
         self,
@@ -120,7 +119,7 @@ class Canvas:
         pygame = self._pygame
         # Font objects do not outlive a pygame.quit() by whoever else uses pygame, so none is kept.
         pygame.font.init()
-        path = os.path.join(os.path.dirname(pygame.__file__), pygame.font.get_default_font())
+        path = Path(str(pygame.__file__)).parent / pygame.font.get_default_font()
         drawn = pygame.font.Font(path, max(4, round(height * OVERSAMPLING))).render(words, True, color)
         width = drawn.get_width() / OVERSAMPLING
         left = at[0] - {"left": 0.0, "center": 0.5, "right": 1.0}[anchor] * width
@@ -128,7 +127,16 @@ class Canvas:
         self._large.blit(drawn, corner)
         return width
 
+    def _round(self, center: list[int], radius: float, color: Color) -> None:
+        """Fill a disc on the large sheet, as a polygon: pygame's circles stand half a pixel off their centre."""
+        corners = np.rint(max(radius, 0.5) * _CIRCLE).astype(int) + center
+        self._pygame.draw.polygon(self._large, color, corners.tolist())
+
     def _whole(self, points: ArrayLike) -> list[list[int]]:
-        """Return points in whole pixels of the large sheet; those far outside are brought near, as SDL counts in short."""
-        far = 4 * OVERSAMPLING * max(self.size)
-        return np.rint(np.clip(np.asarray(points, dtype=float) * OVERSAMPLING, -far, far)).astype(int).tolist()
+        """Return in which pixels of the large sheet points (k, 2) lie; those far outside are brought nearer.
+
+        Pygame multiplies two coordinates in 32 bits.
+        """
+        far = 20_000
+        large = np.clip(np.asarray(points, dtype=float) * OVERSAMPLING, -far, far)
+        return np.floor(large).astype(int).tolist()

@@ -1,0 +1,100 @@
+"""Estimators for tests that fail, each in its own way; before sample 7 they return the start pose."""
+
+import gc
+import os
+import sys
+import time
+
+import numpy as np
+
+from castor_envs.errors import InputError
+
+
+class Good:
+    def reset(self, robot, pose):
+        self.pose, self.k = np.array(pose), -1
+
+    def update(self, observation):
+        self.k += 1
+        return self.fail() if self.k == 7 else self.pose
+
+    def fail(self) -> object:
+        return self.pose
+
+
+class Raises(Good):
+    def fail(self):
+        raise ValueError("no idea\nwhere I am")
+
+
+class ReturnsNaN(Good):
+    def fail(self):
+        return np.array([0.0, np.nan, 0.0])
+
+
+class WrongShape(Good):
+    def fail(self):
+        return np.zeros(2)
+
+
+class ReturnsText(Good):
+    def fail(self):
+        return "lost"
+
+
+class Overflows(Good):
+    def update(self, observation):
+        return np.full(3, 1e300)
+
+
+class Exits(Good):
+    def fail(self):
+        sys.exit(0)
+
+
+class Dies(Good):
+    def fail(self):
+        os._exit(0)
+
+
+class Hangs(Good):
+    def fail(self):
+        while True:
+            pass
+
+
+class HangsInReset(Good):
+    def reset(self, robot, pose):
+        while True:
+            pass
+
+
+class Beats(Good):
+    """Hangs, and shows that it still runs by making a file longer."""
+
+    def fail(self):
+        with open(os.environ["HEARTBEAT"], "ab", buffering=0) as file:
+            while True:
+                file.write(b".")
+                time.sleep(0.01)
+
+
+class Refuses(Good):
+    def reset(self, robot, pose):
+        raise InputError("needs six legs")
+
+
+class CannotBeMade(Good):
+    def __init__(self):
+        raise RuntimeError("no")
+
+
+class LooksForTruth(Good):
+    """Raises if there is a log, a run or an episode anywhere in its process."""
+
+    def fail(self):
+        kinds = {"Log", "Run", "Episode"}
+        found = {type(item).__name__ for item in gc.get_objects()} & kinds
+        if found:
+            raise RuntimeError(f"found {found}")
+        return self.pose

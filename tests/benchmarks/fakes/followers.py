@@ -1,0 +1,42 @@
+"""Estimators for tests that work: dead reckoning of a differential robot."""
+
+import time
+
+import numpy as np
+
+from castor_envs.kinematics import Geometry
+
+
+class Follower:
+    batched = True
+
+    def reset(self, robot, pose):
+        geometry = Geometry.of(robot)
+        self.roll = geometry.radius * 2 * np.pi / geometry.counts_per_rev
+        self.track = geometry.lateral[..., 0] - geometry.lateral[..., 1]
+        self.x, self.y, self.psi = pose[..., 0], pose[..., 1], pose[..., 2]
+
+    def update(self, observation):
+        rolled = self.roll * observation["wheel"]
+        along, turn = rolled.mean(axis=-1), (rolled[..., 1] - rolled[..., 0]) / self.track
+        self.x = self.x + along * np.cos(self.psi + turn / 2)
+        self.y = self.y + along * np.sin(self.psi + turn / 2)
+        self.psi = self.psi + turn
+        return np.stack([self.x, self.y, self.psi], axis=-1)
+
+
+class Single(Follower):
+    batched = False
+
+
+class Slow(Single):
+    def reset(self, robot, pose):
+        time.sleep(0.05)
+        super().reset(robot, pose)
+
+
+class Pretends(Follower):
+    """Says that it is batched, and is not."""
+
+    def update(self, observation):
+        return super().update(observation).reshape(3)

@@ -1,0 +1,114 @@
+"""An independent integration: minimal coordinates, mass matrix, own tyres and motors, scipy's solver; then compare.
+
+Coordinates are q = (x, y, psi, theta of each castor that pivots). Points of the plane are complex numbers: a point that
+sits at p in the frame of B, or at a in the frame of a castor that pivots at p, is at
+
+    z = x + i y + exp(i psi) p + exp(i (psi + theta)) a
+
+so its derivatives by x, y, psi and theta are 1, i, i (z - x - i y) and i exp(i (psi + theta)) a, and what its acceleration
+has beyond them times q'' is -psi'^2 exp(i psi) p - (psi' + theta')^2 exp(i (psi + theta)) a. Kane's equations follow.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from castor_envs.controller import KinematicController
+from castor_envs.floor import Floor
+from castor_envs.physics import World
+from castor_envs.physics.world import SERVO_BANDWIDTH
+from castor_envs.presets import preset
+
+STEERING_BANDWIDTH = 2000.0  # rad/s: how fast a steering motor within its torque limit takes up its commanded rate
+
+
+class Model:
+    """Equations of motion of a robot whose wheels carry `loads` (N), written from its description alone."""
+
+    def __init__(self, robot, floor, loads):
+        self.robot, self.loads = robot, np.array(loads)
+        slope = complex(*floor.slope)
+        across = floor.gravity / math.sqrt(1 + abs(slope) ** 2)
+        self.downhill, castors = -slope * across, robot.castors
+        self.free = [i for i, castor in enumerate(castors) if castor.steering != "fixed"]
+        self.dofs = 3 + len(self.free)
+        self.column = {i: 3 + j for j, i in enumerate(self.free)}
+        self.theta = np.array([castor.angle for castor in castors])
+        self.steering = [self.column[i] for i in robot.driven_castors]
+        self.steering_inertia = np.array([castors[i].inertia for i in robot.driven_castors])
+
+        # Masses as points: chassis, then castors. Wheels' contact points likewise, each with its castor.
+        self.mass = np.array([robot.mass, *(castor.mass for castor in castors)])
+        self.inertia = np.array([robot.inertia, *(castor.inertia for castor in castors)])
+        pivots = np.array([complex(*castor.pivot) for castor in castors])
+        offsets = np.array([castor.offset for castor in castors])
+        self.of = np.array(robot.wheel_castors)
+        lateral = np.array([wheel.lateral for wheel in robot.wheels])
+        self.in_body = np.array([complex(*robot.center_of_mass), *pivots, *pivots[self.of]])
+        self.in_castor = np.array([0.0, *-offsets, *(-offsets[self.of] + 1j * lateral)])
+        self.castor = np.array([-1, *range(len(castors)), *self.of])
+
+        self.radius = np.array([wheel.radius for wheel in robot.wheels])
+        self.spin_inertia = np.array([wheel.inertia for wheel in robot.wheels])
+        contact = robot.contact
+        self.limit = contact.friction * self.loads
+        self.k_long = contact.slip_stiffness_long * self.loads / contact.relaxation_length
+        self.k_lat = contact.slip_stiffness_lat * self.loads / contact.relaxation_length
+        felt = self.spin_inertia + self.loads / across * self.radius**2
+        self.motor = np.array([wheel.driven for wheel in robot.wheels], dtype=float)
+        self.p_gain, self.i_gain = SERVO_BANDWIDTH * felt, SERVO_BANDWIDTH**2 / 4 * felt
+
+    def points(self, q, rates):
+        """Return derivatives by q (points, dofs), and velocity and left-over acceleration (points,)."""
+        theta, turning = self.theta.copy(), np.zeros(len(self.theta))
+        theta[self.free], turning[self.free] = q[3:], rates[3:]
+        e = np.exp(1j * q[2])
+        body, arm = e * self.in_body, e * np.exp(1j * theta)[self.castor] * self.in_castor
+        by_q = np.zeros((len(body), self.dofs), dtype=complex)
+        by_q[:, 0], by_q[:, 1], by_q[:, 2] = 1, 1j, 1j * (body + arm)
+        for i, column in self.column.items():
+            by_q[:, column] = np.where(self.castor == i, 1j * arm, 0)
+        spin = rates[2] + np.append(turning, 0.0)[self.castor]
+        return by_q, by_q @ rates, -(rates[2] ** 2) * body - spin**2 * arm, e * np.exp(1j * theta)
+
+    def tyres(self, long, lat, v, heading, spin):
+        """Return force in N (complex) along with its part on the tread, and the rates of both bristle deflections."""
+        v = v * np.conj(heading)
+        rolling = np.abs(self.radius * spin) / self.robot.contact.relaxation_length
+        d_long, d_lat = v.real - self.radius * spin - rolling * long, v.imag - rolling * lat
+        damping = self.robot.contact.damping
+        pull, push = -self.k_long * (long + damping * d_long), -self.k_lat * (lat + damping * d_lat)
+        share = np.minimum(1.0, self.limit / np.maximum(np.hypot(pull, push), 1e-12))
+        sliding = share < 1.0
+        pull, push = pull * share, push * share
+        d_long = np.where(sliding, (-pull / self.k_long - long) / damping, d_long)
+        d_lat = np.where(sliding, (-push / self.k_lat - lat) / damping, d_lat)
+        return heading * (pull + 1j * push), pull, d_long, d_lat
+
+    def rhs(self, t, state, wheel_command, steering_command):
+        """Return the state's derivative: q, q', steering integrals, spins, servo integrals, bristles along and across."""
+        d, w = self.dofs, len(self.radius)
+        q, rates, steered = state[:d], state[d : 2 * d], state[2 * d : -4 * w]
+        spin, integral, long, lat = state[-4 * w :].reshape(4, w)
+        by_q, velocity, left_over, direction = self.points(q, rates)
+        bodies = len(self.mass)
+        mass = np.real(np.conj(by_q[:bodies]).T * self.mass @ by_q[:bodies])
+        mass[2, 2] += self.inertia.sum()
+        for i, column in self.column.items():
+            mass[[2, column, column], [column, 2, column]] += self.inertia[i + 1]
+        push = self.mass * (self.downhill - left_over[:bodies])
+        force, pull, d_long, d_lat = self.tyres(long, lat, velocity[bodies:], direction[self.of], spin)
+        loads = np.real(np.conj(by_q).T @ np.concatenate([push, force]))
+        late, gain = steering_command - rates[self.steering], STEERING_BANDWIDTH * self.steering_inertia
+        wanted, most = gain * (late + STEERING_BANDWIDTH / 4 * steered), self.robot.max_steering_torque
+        loads[self.steering] += np.clip(wanted, -most, most)
+        d_steered = np.where(np.abs(wanted) < most, late, 0.0)
+        error = (wheel_command - spin) * self.motor
+        wanted, most = self.p_gain * error + self.i_gain * integral, self.robot.max_wheel_torque
+        torque = np.clip(wanted, -most, most)
+        d_spin = (torque - self.radius * pull) / self.spin_inertia
+        d_integral = np.where(np.abs(wanted) < most, error, 0.0)
+        return np.concatenate([rates, np.linalg.solve(mass, loads), d_steered, d_spin, d_integral, d_long, d_lat])
