@@ -45,6 +45,7 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
                 "cases_done": entry.done,
                 "failed": [{"reason": failed.reason, "cases": list(failed.cases)} for failed in entry.failed],
                 "lacking": list(entry.lacking),
+                "stands_still": entry.stands_still,
             }
             for entry in board.entries
         ],
@@ -65,7 +66,7 @@ def as_markdown(leaderboard: Leaderboard) -> str:
             parts.append(f"Not run: {board.missing}\n")
         if board.entries:
             metrics = [board.metric, *(metric for metric in _present(board) if metric != board.metric)]
-            lines = [_header(board, metrics), ["--:", "---", *["--:"] * (len(metrics) + 1)]]
+            lines = [_header(metrics), ["--:", "---", *["--:"] * (len(metrics) + 1)]]
             lines += [_cells(entry, metrics, everywhere=True) for entry in board.entries]
             parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
         parts += [f"- {note}\n" for note in _notes(board)]
@@ -81,12 +82,13 @@ def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
             _say(console, f"not run: {board.missing}")
         if board.entries:
             present = _present(board)
-            metrics = [board.metric, *(METRICS[name] for name in _SHORT if METRICS[name] in present)]
+            main = [board.metric, *(METRICS[name] for name in _SHORT if METRICS[name] in present)]
+            metrics = list(dict.fromkeys(main))
             table = Table()
-            for number, column in enumerate(_header(board, list(dict.fromkeys(metrics)))):
+            for number, column in enumerate(_header(metrics)):
                 table.add_column(column, justify="left" if number == 1 else "right", no_wrap=number == 1)
             for entry in board.entries:
-                table.add_row(*_cells(entry, list(dict.fromkeys(metrics)), everywhere=False))
+                table.add_row(*_cells(entry, metrics, everywhere=False))
             console.print(table, highlight=False, markup=False)
         for note in _notes(board):
             _say(console, note)
@@ -102,10 +104,8 @@ def _present(board: TaskBoard) -> list[Metric]:
     return [metric for name, metric in METRICS.items() if any(name in entry.scores for entry in board.entries)]
 
 
-def _header(board: TaskBoard, metrics: list[Metric]) -> list[str]:
-    interval = f" [{100 * LEVEL:.0f} %]"
-    titles = [f"{metric.title}, {metric.shown_unit}{interval if metric == board.metric else ''}" for metric in metrics]
-    return ["rank", "estimator", *titles, "update, µs"]
+def _header(metrics: list[Metric]) -> list[str]:
+    return ["rank", "estimator", *(f"{metric.title}, {metric.shown_unit}" for metric in metrics), "update, µs"]
 
 
 def _cells(entry: Entry, metrics: list[Metric], everywhere: bool) -> list[str]:
@@ -123,7 +123,8 @@ def _cells(entry: Entry, metrics: list[Metric], everywhere: bool) -> list[str]:
 def _notes(board: TaskBoard) -> list[str]:
     """Return what is said below a table: failures, cases not done, older sources."""
     few = len(board.cases) < FEWEST_CASES
-    meaning = "too few to show a difference" if few else "who shares a rank does not differ significantly"
+    shared = f"in brackets {100 * LEVEL:.0f} % intervals; who shares a rank does not differ significantly"
+    meaning = "too few to show a difference" if few else shared
     notes = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}; {meaning}"]
     for entry in board.entries:
         for failed in entry.failed:
@@ -131,10 +132,13 @@ def _notes(board: TaskBoard) -> list[str]:
             notes.append(
                 f"{entry.estimator} failed {len(failed.cases)} of {len(board.cases)} cases ({cases}): {failed.reason}"
             )
+        if entry.stands_still:
+            notes.append(f"{entry.estimator} is not ranked: its ATE is no better than that of standing still")
         if entry.lacking:
             notes.append(f"{entry.estimator} has not run {len(entry.lacking)} of {len(board.cases)} cases; run again")
-    for name, source_hash, rows in board.superseded:
-        notes.append(f"{name}: {rows} rows of another version of its source ({source_hash}) are left out")
+    if board.superseded:
+        others = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
+        notes.append(f"rows of other versions of an estimator's source are left out: {others}")
     return notes if board.entries else []
 
 

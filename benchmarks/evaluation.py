@@ -32,6 +32,9 @@ class Metric:
 _MM = {"unit": "m", "shown_unit": "mm", "factor": 1e3}
 _DEG = {"unit": "rad", "shown_unit": "deg", "factor": 180.0 / np.pi}
 
+STANDING_STILL = "ate_standing_still"
+"""The ATE of an estimator that stays at the start: stored beside the metrics, to tell whom a closed path flatters."""
+
 METRICS: dict[str, Metric] = {
     metric.name: metric
     for metric in (
@@ -140,11 +143,13 @@ def _square_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
 def _path_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
     ends = [metrics.end_point_error(true, estimate) for _, true, estimate in paths]
     relative = [metrics.relative_pose_error(true, estimate) for _, true, estimate in paths]
+    at_rest = [metrics.absolute_trajectory_error(true, np.broadcast_to(true[0], true.shape)) for _, true, _ in paths]
     along = [metrics.absolute_trajectory_error(true, estimate) for _, true, estimate in paths]
     scores = {
         "end_point_position": np.mean([end.position for end in ends]),
         "end_point_heading": np.mean([end.heading for end in ends]),
         "ate": np.mean(along),
+        STANDING_STILL: np.mean(at_rest),
         "rpe_translation": np.mean([error.translation for error in relative]),
         "rpe_rotation": np.mean([error.rotation for error in relative]),
     }

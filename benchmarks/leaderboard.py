@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.archives import CorruptFileError
 from benchmarks.episodes import EpisodeStore
-from benchmarks.evaluation import METRICS, Metric
+from benchmarks.evaluation import METRICS, STANDING_STILL, Metric
 from benchmarks.ranking import Interval, interval, ranks
 from benchmarks.results import ResultsStore, Row
 from benchmarks.task import Case, Task
@@ -25,7 +25,8 @@ class FailedCases:
 class Entry:
     """One estimator on a task's board.
 
-    rank: None if it failed or lacks cases, so that failing on hard cases never helps. scores: by metric, over the
+    rank: None if it failed or lacks cases, so that failing on hard cases never helps, or if its ATE is no better
+    than that of standing still: a robot that returns to its start flatters whoever never left it. scores: by metric, over the
     `done` cases that it did. lacking: cases of the board that it has no row of.
     """
 
@@ -37,6 +38,7 @@ class Entry:
     done: int
     failed: tuple[FailedCases, ...]
     lacking: tuple[Case, ...]
+    stands_still: bool
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class TaskBoard:
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """All boards. other_versions: tasks and versions of which there are rows that are not shown."""
+    """All boards. other_versions: of these tasks, of which there are rows that are not shown."""
 
     boards: tuple[TaskBoard, ...]
     other_versions: tuple[tuple[str, int], ...]
@@ -88,8 +90,8 @@ def build(
             rows = [row for row in rows if row.case in wanted]
         reason = (missing or {}).get(task.name) or task.missing
         boards.append(_board(task, rows, store, episodes, reason, sources or {}))
-    shown = {(task.name, task.version) for task in tasks}
-    others = tuple(version for version in store.versions() if version not in shown)
+    current = {task.name: task.version for task in tasks}
+    others = tuple((name, version) for name, version in store.versions() if current.get(name, version) != version)
     return Leaderboard(tuple(boards), others, tuple(store.corrupt))
 
 
@@ -119,7 +121,7 @@ def _board(
     ranking = {
         name: [row.scores[task.metric] for row in sorted(own, key=lambda row: _case_order(row.case))]
         for name, own in newest.items()
-        if len(own) == len(cases) and all(row.failure is None for row in own)
+        if len(own) == len(cases) and all(row.failure is None for row in own) and not _stands_still(own)
     }
     placed = ranks(ranking)
     entries = [_entry(task, name, own, placed.get(name), cases, store) for name, own in newest.items()]
@@ -160,6 +162,14 @@ def _entry(
         done=len(good),
         failed=tuple(FailedCases(reason, tuple(own)) for reason, own in reasons.items()),
         lacking=tuple(case for case in cases if case not in present),
+        stands_still=_stands_still(good),
+    )
+
+
+def _stands_still(rows: list[Row]) -> bool:
+    """Return whether the paths of scored rows are, on the whole, no nearer to the truth than the start pose is."""
+    return (
+        sum(row.scores.get("ate", 0.0) - row.scores.get(STANDING_STILL, float("inf")) for row in rows) >= 0 < len(rows)
     )
 
 

@@ -10,6 +10,7 @@ is killed leaves whole files only, and the next one computes what is missing.
 """
 
 import json
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -145,6 +146,8 @@ def check_results_folder(results: Path) -> None:
         if place.exists():
             if not place.is_dir():
                 raise InputError(f"--results {results}: {place} is a file; name a folder")
+            if not os.access(place, os.W_OK | os.X_OK):
+                raise InputError(f"--results {results}: {place} may not be written to; name another folder")
             return
 
 

@@ -57,8 +57,8 @@ def ten_cables(direction: Direction, random: np.random.Generator) -> Floor:
 def slippery_patch(direction: Direction, random: np.random.Generator) -> Floor:
     """Return a square of 0.6 m, friction 0.02 to 0.05 (wet soap), about the first corner.
 
-    The base brakes, turns and starts there: at 0.5 m/s2 its wheels need about 0.05 if all share the work. Under one castor
-    alone a patch shows little: the other castors hold the base, and the servo keeps the wheel's speed.
+    The base brakes, turns and starts there: at 0.5 m/s2 its wheels need about 0.05 if all share the work. Under one
+    castor alone a patch shows little: the others hold the base, and the servo keeps the wheel's speed.
     """
     inside = 1.0 if direction == "ccw" else -1.0
     center = (1.5 + random.uniform(-0.2, 0.2), inside * (0.3 + random.uniform(-0.2, 0.2)))

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from benchmarks.board_views import as_json, as_markdown, print_leaderboard
 from benchmarks.episodes import EpisodeStore
+from benchmarks.evaluation import score
 from benchmarks.leaderboard import build
 from benchmarks.results import ResultsStore, Row
 
@@ -163,3 +164,31 @@ def test_few_cases_have_no_interval(board):
     score = board.entries()["mine"].scores["E_max_syst"]
     assert (score.low, score.high) == (None, None)
     json.dumps(as_json(build([board.task], board.results)), allow_nan=False)
+
+
+def test_whoever_stands_still_is_not_ranked(tmp_path, fake_tasks, plugin):
+    """On a closed path an estimator that never moves has no error at the end: its path gives it away."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Closed(fake_tasks.Arcs):
+        samples: int = 315  # a whole circle
+
+    task = Closed()
+    episode = task.record(0)
+    EpisodeStore(tmp_path).save(task, 0, episode)
+    store = ResultsStore(tmp_path)
+    for name, estimates in (
+        ("still", [np.tile(run.truth[0], (len(run.truth), 1)) for run in episode.runs]),
+        ("follower", [run.truth + [0.05, 0.0, 0.0] for run in episode.runs]),
+    ):
+        scores = score(episode, estimates)
+        store.save(
+            Row(task.name, 1, name, "f" * 16, 0, episode.digest, "0" * 16, scores=scores, estimates=tuple(estimates))
+        )
+    (board,) = build([task], tmp_path).boards
+    by_name = {entry.estimator: entry for entry in board.entries}
+    assert by_name["follower"].rank == 1
+    assert not by_name["follower"].stands_still
+    assert by_name["still"].rank is None
+    assert by_name["still"].stands_still
+    assert "not ranked" in as_markdown(build([task], tmp_path))

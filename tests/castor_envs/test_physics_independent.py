@@ -9,20 +9,18 @@ so its derivatives by x, y, psi and theta are 1, i, i (z - x - i y) and i exp(i 
 has beyond them times q'' is -psi'^2 exp(i psi) p - (psi' + theta')^2 exp(i (psi + theta)) a. Kane's equations follow.
 """
 
-import dataclasses
 import math
 
 import numpy as np
-import pytest
-from scipy.integrate import solve_ivp
 
-from castor_envs.controller import KinematicController
-from castor_envs.floor import Floor
-from castor_envs.physics import World
 from castor_envs.physics.world import SERVO_BANDWIDTH
-from castor_envs.presets import preset
 
 STEERING_BANDWIDTH = 2000.0  # rad/s: how fast a steering motor within its torque limit takes up its commanded rate
+
+
+def unsaturated(wanted, most):
+    """1 within a motor's limit, 0 beyond, and steep instead of sudden between: a solver can follow it along the limit."""
+    return np.clip((most - np.abs(wanted)) / (1e-3 * most), 0.0, 1.0)
 
 
 class Model:
@@ -105,10 +103,10 @@ class Model:
         late, gain = steering_command - rates[self.steering], STEERING_BANDWIDTH * self.steering_inertia
         wanted, most = gain * (late + STEERING_BANDWIDTH / 4 * steered), self.robot.max_steering_torque
         loads[self.steering] += np.clip(wanted, -most, most)
-        d_steered = np.where(np.abs(wanted) < most, late, 0.0)
+        d_steered = late * unsaturated(wanted, most)
         error = (wheel_command - spin) * self.motor
         wanted, most = self.p_gain * error + self.i_gain * integral, self.robot.max_wheel_torque
         torque = np.clip(wanted, -most, most)
         d_spin = (torque - self.radius * pull) / self.spin_inertia
-        d_integral = np.where(np.abs(wanted) < most, error, 0.0)
+        d_integral = error * unsaturated(wanted, most)
         return np.concatenate([rates, np.linalg.solve(mass, loads), d_steered, d_spin, d_integral, d_long, d_lat])
