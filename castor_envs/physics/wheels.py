@@ -121,8 +121,8 @@ def slack_on_circle(pull, turning, yielding, lateral, limit):
             break
         if limit == 0.0:
             return math.inf
-        falling = along * along * turning / (turning * slack + yielding) + across * across / slack
-        slack += size * size * (size / limit - 1.0) / falling
+        falling = (along / size) ** 2 * turning / (turning * slack + yielding) + (across / size) ** 2 / slack
+        slack += (size / limit - 1.0) / falling
     return slack
 
 

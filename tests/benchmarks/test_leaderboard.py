@@ -179,7 +179,7 @@ def test_whoever_stands_still_is_not_ranked(tmp_path, fake_tasks, plugin):
     store = ResultsStore(tmp_path)
     for name, estimates in (
         ("still", [np.tile(run.truth[0], (len(run.truth), 1)) for run in episode.runs]),
-        ("follower", [run.truth + [0.05, 0.0, 0.0] for run in episode.runs]),
+        ("follower", [run.truth + np.array([0.05, 0.0, 0.0]) for run in episode.runs]),
     ):
         scores = score(episode, estimates)
         store.save(

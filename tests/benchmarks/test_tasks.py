@@ -1,5 +1,8 @@
 """The official tasks, against an implementation of the square, the encoders and the estimators that shares no code."""
 
+# pyright: reportPossiblyUnbound=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportOptionalSubscript=false
+
 import cmath
 import math
 

@@ -1,3 +1,6 @@
+# pyright: reportPossiblyUnbound=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportOptionalSubscript=false
+
 import importlib.util
 import os
 import subprocess
@@ -233,3 +236,21 @@ def test_a_video_is_recorded_without_a_display(name, tmp_path):
     videos = list(tmp_path.glob("*.mp4"))
     assert len(videos) == 1
     assert videos[0].stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_vector_is_its_members_bit_for_bit(name):
+    many = gym.make_vec(name, num_envs=3, vectorization_mode="vector_entry_point", robot="differential")
+    ones = [gym.make(name, robot="differential") for _ in range(3)]
+    observations, infos = many.reset(seed=[4, 5, 6])
+    singles = [env.reset(seed=4 + i) for i, env in enumerate(ones)]
+    many.action_space.seed(0)
+    for _ in range(30):
+        for i, (observation, info) in enumerate(singles):
+            assert all(np.array_equal(observations[key][i], observation[key]) for key in observation)
+            assert np.array_equal(infos["pose"][i], info["pose"])
+        actions = many.action_space.sample()
+        observations, rewards, _, _, infos = many.step(actions)
+        answers = [env.step(action) for env, action in zip(ones, actions, strict=True)]
+        assert np.array_equal(rewards, [answer[1] for answer in answers])
+        singles = [(answer[0], answer[4]) for answer in answers]

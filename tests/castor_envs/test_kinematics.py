@@ -17,7 +17,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def contact_velocity(robot, theta, rate, twist, wheel):
-    """The velocity of a wheel's contact point by finite differences of its position in N, turned into the castor's frame."""
+    """A contact point's velocity by finite differences of its position in N, seen in the castor's frame."""
     castor, w = robot.castors[robot.wheel_castors[wheel]], robot.wheels[wheel]
     i, step = robot.wheel_castors[wheel], 1e-6
 

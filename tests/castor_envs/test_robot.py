@@ -1,3 +1,6 @@
+# pyright: reportPossiblyUnbound=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportOptionalSubscript=false
+
 import dataclasses
 import json
 import math

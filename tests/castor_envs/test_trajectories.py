@@ -1,4 +1,8 @@
+# pyright: reportPossiblyUnbound=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportOptionalSubscript=false
+
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -31,7 +35,7 @@ def test_the_pose_is_the_integral_of_the_twist(trajectory):
 
     times = trajectory.breakpoints()
     pose = np.zeros(3)
-    for start, end in zip(times[:-1], times[1:], strict=True):
+    for start, end in pairwise(times):
         inside = (np.nextafter(start, end), np.nextafter(end, start))
         pose = solve_ivp(rates, inside, pose, rtol=1e-10, atol=1e-12).y[:, -1]
         np.testing.assert_allclose(trajectory.at(end)[0], pose, atol=1e-7)
