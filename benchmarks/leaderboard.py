@@ -25,10 +25,9 @@ class FailedCases:
 class Entry:
     """One estimator on a task's board.
 
-    rank: None if it failed or lacks cases, so that failing on hard cases never helps, or if its ATE is no
-    better than that of standing still: a robot that returns to its start flatters whoever never left it. scores: by
-    metric, over the
-    `done` cases that it did. lacking: cases of the board that it has no row of.
+    rank: None if it failed or lacks cases, so that failing on hard cases never helps, or if it `stands_still`: its ATE
+    is no better than that of the start pose, and a robot that returns to its start flatters whoever never left it.
+    scores: by metric, over the `done` cases that it did. lacking: cases of the board that it has no row of.
     """
 
     rank: int | None

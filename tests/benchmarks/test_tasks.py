@@ -1,6 +1,6 @@
 """The official tasks, against an implementation of the square, the encoders and the estimators that shares no code."""
 
-# pyright: reportPossiblyUnbound=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportPossiblyUnboundVariable=false, reportAttributeAccessIssue=false, reportArgumentType=false
 # pyright: reportOperatorIssue=false, reportOptionalSubscript=false
 
 import cmath
