@@ -47,19 +47,22 @@ class KinematicController:
         """Return commands for measured castor angles (n,) and the twist (3,) in B wanted in mid-period."""
         geometry, theta = self._geometry, np.asarray(castor_angle, dtype=float)
         twist = np.asarray(twist, dtype=float)
-        rate = self._rates(theta, twist)
-        middle = theta + 0.5 * self._period * rate
-        trailing = ~np.isnan(castor_rates(geometry, middle, twist))
-        rate = np.where(trailing, self._rates(middle, twist), rate)
+        steered = self._steering_rates(theta, twist)
+        middle = theta + 0.5 * self._period * self._rates(theta, twist, steered)
+        rate = self._rates(middle, twist, steered)
         wheel = inverse(geometry, middle, rate, twist).rate
         return Commands(wheel[self._driven_wheels], rate[self._driven_castors])
 
-    def _rates(self, theta: Array, twist: Array) -> Array:
-        """Return castor rates: of rolling where the castor trails, else of steering to the direction of travel."""
-        rolling = castor_rates(self._geometry, theta, twist)
+    def _rates(self, theta: Array, twist: Array, steered: Array) -> Array:
+        """Return castor rates (n,): of rolling where the castor trails, else `steered`; within the motors' limit."""
+        rate = np.where(self._geometry.trailing, castor_rates(self._geometry, theta, twist), steered)
+        limit = np.where(self._geometry.driven, self._steering_limit, np.inf)
+        return np.clip(rate, -limit, limit)
+
+    def _steering_rates(self, theta: Array, twist: Array) -> Array:
+        """Return the rates (n,) that turn driven castors to their pivots' direction of travel in a period; else 0."""
         u = pivot_velocity(self._geometry, twist)
         away = np.arctan2(u[:, 1], u[:, 0]) - theta
         nearest = away - np.pi * np.round(away / np.pi)
-        steering = np.where(np.hypot(u[:, 0], u[:, 1]) > STANDSTILL, nearest / self._period, 0.0)
-        rates = np.where(np.isnan(rolling), np.where(self._geometry.driven, steering, 0.0), rolling)
-        return np.where(self._geometry.driven, np.clip(rates, -self._steering_limit, self._steering_limit), rates)
+        turning = self._geometry.driven & (np.hypot(u[:, 0], u[:, 1]) > STANDSTILL)
+        return np.where(turning, nearest / self._period, 0.0)

@@ -12,8 +12,10 @@ with e = (cos theta, sin theta) the rolling direction and n = (-sin theta, cos t
 without writing them out.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +86,12 @@ class Geometry:
         """How many castors each robot has."""
         return self.pivot.shape[-2]
 
+    @cached_property
+    def trailing(self) -> NDArray[np.bool_]:
+        """Which castors (..., n) the floor turns: behind their pivot, on at least one wheel without rollers."""
+        held = np.bincount(self.wheel_castor, weights=self.standard, minlength=self.n_castors) > 0
+        return (self.offset > 0) & held
+
     def side_slip_of_fixed(self, twist: ArrayLike) -> Array:
         """Return how fast (m/s) each fixed castor (..., n) slips sideways at a twist (..., 3); 0 where it may."""
         slip = inverse(self, self.angle, np.zeros_like(self.angle), twist).side_slip
@@ -101,7 +109,7 @@ class Geometry:
             "radius": 1,
             "roller": 1,
         }
-        changed = dict(self.__dict__)
+        changed = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         for name, own in parameters.items():
             array = changed[name]
             split = array.ndim - own
@@ -158,10 +166,7 @@ def castor_rates(geometry: Geometry, castor_angle: ArrayLike, twist: ArrayLike) 
     castor_angle, twist = np.asarray(castor_angle, dtype=float), np.asarray(twist, dtype=float)
     u = pivot_velocity(geometry, twist)
     sideways = np.sum(u * left_of(unit(castor_angle)), axis=-1)
-    held = np.array(
-        [np.any(geometry.standard[geometry.wheel_castor == i]) for i in range(geometry.n_castors)], dtype=bool
-    )
-    trailing = (geometry.offset > 0) & held
+    trailing = geometry.trailing
     turning = np.where(trailing, sideways / np.where(trailing, geometry.offset, 1.0), np.nan) - twist[..., 2:]
     return np.where(geometry.fixed, 0.0, turning)
 

@@ -39,17 +39,17 @@ class Run:
     speed: float
     acceleration: float
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Length of all legs."""
         return sum(leg.length for leg in self.legs)
 
-    @property
+    @cached_property
     def peak(self) -> float:
         """Highest speed reached: short runs never reach `speed`."""
         return min(self.speed, math.sqrt(self.length * self.acceleration))
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Time taken, s."""
         return self.length / self.peak + self.peak / self.acceleration
