@@ -11,6 +11,7 @@ from rich.console import Console
 
 from benchmarks import leaderboard as boards
 from benchmarks.board_views import as_json, as_markdown, print_leaderboard
+from benchmarks.episodes import write_episode
 from benchmarks.progress import TerminalProgress
 from benchmarks.results import check_results_folder, names_of
 from benchmarks.runner import Assignment
@@ -129,6 +130,25 @@ def check(
         print(f"ok     {finding.name}" if finding.passed else f"WRONG  {finding.name}: {finding.message}")
     if not all(finding.passed for finding in findings):
         raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    task: Annotated[str, typer.Argument(help="A task's name.")],
+    cases: Annotated[int, typer.Option(help="The first so many cases.")] = 1,
+    out: Annotated[Path, typer.Option(help="The folder to write to; it must not exist yet.")] = Path("castor-episodes"),
+    measured: MeasuredData = None,
+) -> None:
+    """Write episodes as files: what estimators are given (robot.json, logs), with the truth as the logs' reference."""
+    (chosen,) = select_tasks(_tasks(measured), [task])
+    _at_least("--cases", cases, 1)
+    if chosen.missing is not None:
+        raise InputError(f"task {task}: {chosen.missing}")
+    if out.exists():
+        raise InputError(f"--out {out}: is there already; name a new folder")
+    for case in chosen.cases(cases):
+        write_episode(out / f"case-{case}", chosen.record(case))
+    print(f"{out}: {len(chosen.cases(cases))} case(s) of {task}")
 
 
 @app.command("list")

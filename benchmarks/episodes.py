@@ -11,7 +11,7 @@ from benchmarks.archives import CorruptFileError, read_archive, read_metadata, w
 from benchmarks.provenance import provenance
 from benchmarks.task import Case, Episode, Run, Task
 from castor_envs.errors import InputError
-from castor_envs.logs import Log
+from castor_envs.logs import Log, write_log
 from castor_envs.robot import RobotDescription
 
 FORMAT = "castor-episode/1"
@@ -77,6 +77,17 @@ class EpisodeStore:
             if getattr(run.log, part) is not None
         }
         write_archive(self.path(task.name, task.version, case), metadata, arrays)
+
+
+def write_episode(folder: Path, episode: Episode) -> None:
+    """Write an episode for people and other programs: robot.json and a log a run, such as run-01-cw.csv.
+
+    A run on the clean floor that only gives the systematic error ends in -baseline.
+    """
+    episode.robot.save(folder / "robot.json")
+    for k, run in enumerate(episode.runs, start=1):
+        name = "-".join(filter(None, [f"run-{k:02d}", run.direction, "baseline" if run.baseline else None]))
+        write_log(folder / f"{name}.csv", run.log, episode.robot)
 
 
 def _log(arrays: dict[str, Any], run: int) -> Log:

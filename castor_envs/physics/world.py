@@ -8,6 +8,7 @@ import pymunk
 from numpy.typing import ArrayLike, NDArray
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
+from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry, castor_rates, inverse
 from castor_envs.physics import wheels as law
@@ -247,8 +248,9 @@ def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
     loads = []
     for castor, load in zip(robot.castors, on_pivot, strict=True):
         if load <= 0:
-            raise ValueError(
-                f"{robot.name}: center_of_mass lies outside the pivots, castor at {castor.pivot} would lift"
+            raise InputError(
+                f"robot {robot.name!r}: center_of_mass {robot.center_of_mass} lies outside its pivots, and the castor at "
+                f"{castor.pivot} would lift; move one of them"
             )
         total = float(load) + castor.mass * gravity
         lateral = np.array([wheel.lateral for wheel in castor.wheels])
@@ -256,6 +258,11 @@ def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
             share = np.ones(1)
         else:
             share = np.linalg.pinv(np.vstack([np.ones(len(lateral)), lateral])) @ np.array([1.0, 0.0])
+        if np.any(share <= 0):
+            raise InputError(
+                f"robot {robot.name!r}: the wheels of the castor at {castor.pivot} all stand to one side of its pivot, "
+                "and it would tip; set their lateral positions to both sides"
+            )
         loads += list(total * share)
     return np.array(loads)
 

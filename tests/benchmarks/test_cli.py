@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import cli
 from castor_envs import command_line
+from castor_envs.logs import read_log
+from castor_envs.robot import RobotDescription
 
 SCRIPT = Path(sys.executable).with_name("castor-bench")
 
@@ -175,3 +178,21 @@ def test_the_script_works_in_a_folder_with_a_benchmarks_of_its_own(tmp_path):
 def test_the_official_tasks_are_in_order():
     tasks = importlib.import_module("benchmarks.tasks").official_tasks()
     assert len({task.name for task in tasks}) == len(tasks) >= 1
+
+
+def test_exported_episodes_are_what_estimators_get(castor_bench, fake_tasks, tmp_path):
+    out = tmp_path / "episodes"
+    code, _, err = castor_bench("export", "arcs", "--cases", 2, "--out", out)
+    assert code == 0, err
+    episode = fake_tasks.Arcs().record(1)
+    robot = RobotDescription.load(out / "case-1" / "robot.json")
+    assert robot == episode.robot
+    logs = sorted((out / "case-1").glob("*.csv"))
+    assert [path.name for path in logs] == ["run-01-cw.csv", "run-02-ccw.csv"]
+    for path, run in zip(logs, episode.runs, strict=True):
+        log = read_log(path, robot)
+        np.testing.assert_array_equal(log.wheel, run.log.wheel)
+        np.testing.assert_array_equal(log.reference, run.log.reference)
+    code, _, err = castor_bench("export", "arcs", "--out", out)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "is there already" in err

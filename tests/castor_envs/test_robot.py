@@ -5,12 +5,14 @@ import dataclasses
 import json
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from castor_envs.effects import PivotBias, WheelRadius
 from castor_envs.errors import InputError
+from castor_envs.physics.world import World, wheel_loads
 from castor_envs.presets import load_robot, n_castor, preset, preset_names
 from castor_envs.robot import Castor, RobotDescription, Wheel
 
@@ -130,3 +132,24 @@ def test_papers_numbers_stand_in_the_presets():
     assert {(c.offset, c.wheels[0].lateral, c.wheels[0].radius) for c in caster.castors} == {(0.014, -0.00375, 0.0508)}
     with pytest.raises(InputError):
         n_castor(7)
+
+
+def test_a_robot_that_would_tip_is_refused_where_it_is_built():
+    robot = preset("asoc-prototype")
+    with pytest.raises(InputError, match="center_of_mass"):
+        World(dataclasses.replace(robot, center_of_mass=(1.0, 0.0)))
+    wheels = (Wheel(radius=0.05, lateral=0.2), Wheel(radius=0.05, lateral=0.1))
+    castor = dataclasses.replace(robot.castors[0], wheels=wheels)
+    with pytest.raises(InputError, match="one side"):
+        World(dataclasses.replace(robot, castors=(castor, *robot.castors[1:])))
+
+
+def test_the_pivots_carry_the_weight_and_its_moments():
+    """Three pivots: the loads are those of a plate on three legs, found from the balance of force and moments."""
+    robot = dataclasses.replace(preset("asoc-prototype"), center_of_mass=(0.05, -0.03))
+    loads = wheel_loads(robot, 9.81).reshape(3, 2)
+    np.testing.assert_allclose(loads[:, 0], loads[:, 1])
+    legs = loads.sum(axis=1) - 1.5 * 9.81
+    assert np.sum(legs) == pytest.approx(18 * 9.81)
+    pivots = np.array([castor.pivot for castor in robot.castors])
+    np.testing.assert_allclose(legs @ pivots, 18 * 9.81 * np.array([0.05, -0.03]), atol=1e-9)
