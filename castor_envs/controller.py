@@ -29,11 +29,9 @@ def trailing_angles(geometry: Geometry, twist: ArrayLike) -> Array:
 class KinematicController:
     """Maps a body twist to wheel and steering rates by the rolling constraints (Doebbler II.D), open loop in the pose.
 
-    Commands hold for a sample period, in which castors go on turning: they are computed for the angles that
-    the castors will
-    have in its middle. Driven castors without an offset (swerve, tricycle) are steered to their pivot's
-    direction of travel, or to its
-    opposite if that is nearer.
+    Commands hold for a sample period, in which castors go on turning: they are computed for the angles that the
+    castors will have in its middle. Driven castors without an offset (swerve, tricycle) are steered to their pivot's
+    direction of travel, or to its opposite if that is nearer.
     """
 
     def __init__(self, robot: RobotDescription) -> None:

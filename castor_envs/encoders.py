@@ -11,9 +11,8 @@ Array = NDArray[np.float64]
 class Encoders:
     """The encoders of one robot, as it is built.
 
-    geometry: of the real robot. phase (..., driven wheels): where between two counts each wheel encoder
-    stood at the start, in
-    counts, [0, 1).
+    geometry: of the real robot. phase (..., driven wheels): where between two counts each wheel encoder stood at the
+    start, in counts, [0, 1).
     """
 
     def __init__(self, geometry: Geometry, phase: ArrayLike) -> None:

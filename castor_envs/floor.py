@@ -39,9 +39,8 @@ class Cable:
 class Floor:
     """The floor in N.
 
-    patches: where they overlap, the last one counts. slope: rise over run along x and y, dimensionless.
-    climbing: whether
-    a wheel on a cable pays the climbing force (False: it only rolls the longer way). gravity: m/s2.
+    patches: where they overlap, the last one counts. slope: rise over run along x and y, dimensionless. climbing:
+    whether a wheel on a cable pays the climbing force (False: it only rolls the longer way). gravity: m/s2.
     """
 
     patches: tuple[Patch, ...] = ()
@@ -100,8 +99,7 @@ _ADAPTER = TypeAdapter(Floor)
 def cable_extra_roll(wheel_radius: float, diameter: float) -> float:
     """Return by how much the path rolled over a cable exceeds the path in plan, m.
 
-    The wheel's centre follows an arc of radius r + a about the cable's: 2 (r + a)(phi - sin phi), with a
-    half the
+    The wheel's centre follows an arc of radius r + a about the cable's: 2 (r + a)(phi - sin phi), with a half the
     diameter and cos phi = (r - a) / (r + a).
     """
     radius = diameter / 2

@@ -30,13 +30,10 @@ Array = NDArray[np.float64]
 class Geometry:
     """The numbers of one robot, or of many of one layout, as arrays with any leading axes.
 
-    n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle
-    (..., n) of
-    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal
-    for all
-    robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN
-    where there is
-    no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering.
+    n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
+    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal for all
+    robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there
+    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering.
     """
 
     pivot: Array
@@ -197,9 +194,8 @@ def inverse(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike,
 def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Array, Array]:
     """Return the constraints as matrices: rows first the rolling of each wheel, then the side slip of each wheel.
 
-    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side
-    slip). The rows
-    are those of `inverse`, which is linear in twist and castor rate.
+    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side slip). The
+    rows are those of `inverse`, which is linear in twist and castor rate.
     """
     castor_angle = np.asarray(castor_angle, dtype=float)
     no_rate = np.zeros(np.broadcast_shapes(castor_angle.shape, geometry.offset.shape))
@@ -215,10 +211,8 @@ def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Arra
 def forward(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, wheel_rate: ArrayLike) -> Array:
     """Return the twist (..., 3) that fits wheel rates (..., w) and castor rates (..., n) best, by least squares.
 
-    Rows: rolling of each wheel with an encoder, no side slip of each standard wheel, all in m/s and equally
-    weighted.
-    The rates of idle wheels are ignored. What the wheels cannot see (one free castor: the body's turning
-    about its
+    Rows: rolling of each wheel with an encoder, no side slip of each standard wheel, all in m/s and equally weighted.
+    The rates of idle wheels are ignored. What the wheels cannot see (one free castor: the body's turning about its
     pivot) is set to the smallest twist that fits.
     """
     castor_rate, wheel_rate = np.asarray(castor_rate, dtype=float), np.asarray(wheel_rate, dtype=float)

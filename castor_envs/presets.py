@@ -2,24 +2,19 @@
 
 Assumptions, and why:
 
-- ASOC dimensions. Doebbler prints none but the encoder steps (0.3 and 0.07 deg), 20 Hz and 300 kg. The
-  one-third
-  prototype here has pivot radius R = 0.24 m, offset r_c = 72 mm, wheel radius 38.1 mm (3 inch wheels) and
-  half track
-  d = 58 mm: Table I's calibrated errors of r_c and beta follow from r_c / D near 0.16, and this gives 0.173.
-  The full-scale base is three times as large in every length.
+- ASOC dimensions. Doebbler prints none but the encoder steps (0.3 and 0.07 deg), 20 Hz and 300 kg. The one-third
+  prototype here has pivot radius R = 0.24 m, offset r_c = 72 mm, wheel radius 38.1 mm (3 inch wheels) and half track
+  d = 58 mm: Table I's calibrated errors of r_c and beta follow from r_c / D near 0.16, and this gives 0.173. The
+  full-scale base is three times as large in every length.
 - Encoders with whole counts a turn: 1200 (0.3 deg) and 5143 (0.07 deg).
-- Masses and inertias: an 18 kg chassis as a disc of 0.3 m radius, castors of 1.5 kg; full scale 250 kg and
-  16.7 kg each,
-  300 kg together. Wheel inertia: a solid disc.
-- Contact: friction 0.8 (rubber on a hard floor), slip stiffness 80 a unit of load, so that 0.5 m/s2 (a force
-  of 5 % of
-  the load) costs 0.06 % slip; relaxation length 1 cm, the order of a wheel's contact patch.
+- Masses and inertias: an 18 kg chassis as a disc of 0.3 m radius, castors of 1.5 kg; full scale 250 kg and 16.7 kg
+  each, 300 kg together. Wheel inertia: a solid disc.
+- Contact: friction 0.8 (rubber on a hard floor), slip stiffness 80 a unit of load, so that 0.5 m/s2 (a force of 5 %
+  of the load) costs 0.06 % slip; relaxation length 1 cm, the order of a wheel's contact patch.
 - OmniMate: Borenstein's two trucks, here as two free castors with two wheels each; dimensions of a
   LabMate-sized truck.
-- The differential robot is LabMate-sized (wheel radius 75 mm, track 340 mm: Borenstein and Feng's robot),
-  the tricycle of
-  the same scale. Their support castors carry nothing.
+- The differential robot is LabMate-sized (wheel radius 75 mm, track 340 mm: Borenstein and Feng's robot), the
+  tricycle of the same scale. Their support castors carry nothing.
 - Powered caster: pivots, wheel radius and offsets as TidyBot++ has them; masses, encoders and motors are
   assumed.
 """

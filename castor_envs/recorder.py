@@ -18,8 +18,8 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     """Records every sample of an episode: counts, pivots, commands and, as the reference, the truth.
 
     env: one of castor_envs' environments, wrapped or not. folder: where each finished episode goes as
-    ``episode-0000.csv``, with
-    the robot's description beside it as ``robot.json``; None keeps the newest episode in memory only (`log`).
+    ``episode-0000.csv``, with the robot's description beside it as ``robot.json``; None keeps the newest episode in
+    memory only (`log`).
     """
 
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:

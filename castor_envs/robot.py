@@ -55,13 +55,11 @@ class Wheel:
 class Castor:
     """A castor: a fork on a vertical pivot, carrying wheels on one axle.
 
-    pivot: position in B, m. steering: "free", "driven" (a motor turns it) or "fixed" (at `angle`, rad).
-    offset: how far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of
-    mass, which
-    is taken to lie on the axle behind the pivot, kg and kg m2.
-    pivot_counts_per_rev: of the absolute pivot encoder, None where there is none. pivot_zero: the model's
-    beta in
-    measured angle = theta + beta (Doebbler eq. 2), rad.
+    pivot: position in B, m. steering: "free", "driven" (a motor turns it) or "fixed" (at `angle`, rad). offset: how
+    far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of mass, which is taken to
+    lie on the axle behind the pivot, kg and kg m2. pivot_counts_per_rev: of the absolute pivot encoder, None where
+    there is none; a castor that turns needs one to be driven in an environment. pivot_zero: the model's
+    beta in measured angle = theta + beta (Doebbler eq. 2), rad.
     """
 
     pivot: Vector
@@ -93,11 +91,9 @@ class Castor:
 class Contact:
     """How wheels and floor touch: a brush tyre with relaxation length.
 
-    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long,
-    slip_stiffness_lat: force
-    a unit of slip, divided by the wheel's load. relaxation_length: rolled distance in which the force builds
-    up, m.
-    damping: of the bristles, as a time (damping coefficient / bristle stiffness), s.
+    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long, slip_stiffness_lat:
+    force a unit of slip, divided by the wheel's load. relaxation_length: rolled distance in which the force builds
+    up, m. damping: of the bristles, as a time (damping coefficient / bristle stiffness), s.
     """
 
     friction: Positive = 0.8
@@ -119,12 +115,9 @@ class Gyro:
 class RobotDescription:
     """A robot on castors: frozen, validated, and the same to physics, estimators, calibration and diagnosis.
 
-    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its
-    castors, kg,
-    kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven
-    wheel.
-    max_steering_speed, max_steering_torque: of each driven castor. effects: what the real robot does beyond
-    this
+    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg,
+    kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
+    max_steering_speed, max_steering_torque: of each driven castor. effects: what the real robot does beyond this
     description; `as_built` folds them in.
     """
 

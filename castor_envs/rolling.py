@@ -28,10 +28,9 @@ class Rolled(NamedTuple):
 def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLike | None = None) -> Rolled:
     """Return what the robot's joints do on a trajectory, every sample period, the last sample at or after its end.
 
-    castor_angle (n,): at the start; None: as after long trailing in the first direction of motion. The
-    castors' angles follow the
-    no-side-slip constraint, integrated to 1e-10. Raises InputError for robots whose castors steer instead of
-    trailing.
+    castor_angle (n,): at the start; None: as after long trailing in the first direction of motion. The castors'
+    angles follow the no-side-slip constraint, integrated to 1e-10. Raises InputError for robots whose castors steer
+    instead of trailing.
     """
     geometry = Geometry.of(robot)
     n = geometry.n_castors

@@ -162,11 +162,9 @@ def umbmark(
 ) -> Trajectory:
     """Return the square of UMBmark (Borenstein and Feng 1994), back to the start pose.
 
-    corners: "turn" stops and turns by 90 deg at each corner, the last one included; "fixed" keeps the
-    heading and drives the
-    sides ahead, sideways, back and sideways (omnidirectional robots); "rounded" drives arcs of
-    `corner_radius` without stopping,
-    starting in the middle of a side. Lengths in m, speeds in m/s and rad/s.
+    corners: "turn" stops and turns by 90 deg at each corner, the last one included; "fixed" keeps the heading and
+    drives the sides ahead, sideways, back and sideways (omnidirectional robots); "rounded" drives arcs of
+    `corner_radius` without stopping, starting in the middle of a side. Lengths in m, speeds in m/s and rad/s.
     """
     if direction not in ("ccw", "cw"):
         raise InputError(f"direction must be 'ccw' or 'cw', got {direction!r}")
@@ -221,9 +219,8 @@ def wander(
 ) -> Trajectory:
     """Return random runs of at least `duration` s that stay within `arena` m of the start (centre of the body).
 
-    Each is a random arc; robots that cannot move sideways (`holonomic` False) start each one with a turn on
-    the spot if it would
-    leave the arena.
+    Each is a random arc; robots that cannot move sideways (`holonomic` False) start each one with a turn on the spot
+    if it would leave the arena.
     """
     runs: list[Run] = []
     pose, time = np.zeros(3), 0.0

@@ -36,10 +36,9 @@ def clean_floor(direction: Direction, random: np.random.Generator) -> Floor:
 def ten_cables(direction: Direction, random: np.random.Generator) -> Floor:
     """Return ten cables of 10 mm across the first side, under the inner wheels only, as in the extended UMBmark.
 
-    Borenstein and Feng (1995) lay ten bumps of 9-10 mm along the first side, under the wheel that faces the
-    inside of the square. The
-    base has no such single wheel: the cables lie under the inner wheel of its inner castor, every 0.12 m,
-    each shifted at random by up to 2 cm.
+    Borenstein and Feng (1995) lay ten bumps of 9-10 mm along the first side, under the wheel that faces the inside of
+    the square. The base has no such single wheel: the cables lie under the inner wheel of its inner castor, every
+    0.12 m, each shifted at random by up to 2 cm.
     """
     inside = 1.0 if direction == "ccw" else -1.0
     cables = tuple(

@@ -22,16 +22,15 @@ class ASOCEnv(RobotEnv):
     """Drive a robot on active split-offset castors (or any other) along a trajectory, by its own sensors.
 
     ## Description
-    The agent commands every motor once a sample period and is to follow a trajectory that it knows by the
-    time. It sees encoders
-    only, so it has to keep track of its pose itself. Wheels slip, floors have patches, cables and slope.
+    The agent commands every motor once a sample period and is to follow a trajectory that it knows by
+    the time. It sees encoders only, so it has to keep track of its pose itself. Wheels slip, floors have patches,
+    cables and slope.
 
     ## Action Space
-    `Box(-1, 1, (driven wheels + driven castors,))`, float32, wheels first, in the order of the robot file.
-    With
-    `control="speed"` a fraction of `max_wheel_speed` (a servo holds it) and of `max_steering_speed`; with
-    `control="voltage"` wheels
-    get this fraction of the full voltage: torque max_wheel_torque (u - speed / max_wheel_speed).
+    `Box(-1, 1, (driven wheels + driven castors,))`, float32, wheels first, in the order of the robot
+    file. With `control="speed"` a fraction of `max_wheel_speed` (a servo holds it) and of `max_steering_speed`; with
+    `control="voltage"` wheels get this fraction of the full voltage: torque max_wheel_torque (u - speed /
+    max_wheel_speed).
 
     ## Observation Space
     `Dict` of 1-D boxes, float64; never truth.
@@ -44,9 +43,8 @@ class ASOCEnv(RobotEnv):
     | `gyro`  | (1,)             | yaw rate, rad/s; only if the robot has a gyro                       |
 
     ## Rewards
-    Minus the tracking error, times the sample period: the distance to the reference (m) plus a quarter of a
-    metre times the
-    heading error's size (rad, wrapped).
+    Minus the tracking error, times the sample period: the distance to the reference (m) plus a quarter of
+    a metre times the heading error's size (rad, wrapped).
 
     ## Starting State
     At rest at the origin, castors trailing for the first leg. The encoders' phases are random.
@@ -56,9 +54,8 @@ class ASOCEnv(RobotEnv):
 
     ## Information
     `pose` (3,): the truth. `reference` (3,): the trajectory's pose now. `position_error` (m),
-    `heading_error` (rad). `command`,
-    `steering_command`: what the motors were told in the last period (rad/s; with voltage control the wheels'
-    fraction).
+    `heading_error` (rad). `command`, `steering_command`: what the motors were told in the last period (rad/s; with
+    voltage control the wheels' fraction).
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`

@@ -21,11 +21,9 @@ class UMBmarkEnv(RobotEnv):
 
     ## Description
     The University of Michigan Benchmark (Borenstein and Feng 1994): a robot drives a square in one
-    direction, back to where it
-    began, and its odometry is judged by the error at the end. The driver is Doebbler's kinematics-based
-    controller, open loop;
-    wheels slip and floors have bumps, so the robot itself does not return exactly. The pose at the start is
-    (0, 0, 0).
+    direction, back to where it began, and its odometry is judged by the error at the end. The driver is Doebbler's
+    kinematics-based controller, open loop; wheels slip and floors have bumps, so the robot itself does not return
+    exactly. The pose at the start is (0, 0, 0).
 
     ## Action Space
     `Box(3,)`, float64: the estimate of the pose after the newest observation.
@@ -47,8 +45,8 @@ class UMBmarkEnv(RobotEnv):
     | `gyro`  | (1,)             | yaw rate, rad/s; only if the robot has a gyro                       |
 
     ## Rewards
-    Minus the growth of the estimate's position error (m) since the last action: an episode's return is minus
-    the error at its end.
+    Minus the growth of the estimate's position error (m) since the last action: an episode's return is
+    minus the error at its end.
 
     ## Starting State
     At rest at the origin, castors trailing for the first side. The encoders' phases are random.
@@ -58,8 +56,7 @@ class UMBmarkEnv(RobotEnv):
 
     ## Information
     `pose` (3,): the truth. `position_error` (m), `heading_error` (rad): of the last action. `command`,
-    `steering_command`: what the
-    driver commanded in the period that led to this observation, rad/s.
+    `steering_command`: what the driver commanded in the period that led to this observation, rad/s.
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`; `env.unwrapped.robot` is

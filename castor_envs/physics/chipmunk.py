@@ -52,9 +52,8 @@ def step_space(typingctx: Any, step: Any, space: Any, dt: Any) -> Any:
 class BodyLink:
     """Reads and loads all bodies of a space through two arrays that live as long as this object.
 
-    motion (b, 6): x, y, angle, v_x, v_y, angular velocity, in the order in which bodies were added. loads
-    (b, 3): force
-    x, y and torque for the next step. `addresses`, `got` and `given` are what the compiled loop needs.
+    motion (b, 6): x, y, angle, v_x, v_y, angular velocity, in the order in which bodies were added. loads (b, 3):
+    force x, y and torque for the next step. `addresses`, `got` and `given` are what the compiled loop needs.
     """
 
     def __init__(self, space: pymunk.Space, bodies: list[pymunk.Body]) -> None:

@@ -89,22 +89,34 @@ def friction_at(x, y, otherwise, patches):
 
 
 @register_jitable
-def rise_at(x, y, radius, cables):
-    """Return the rise h of a wheel's centre at (x, y) and its gradient: of the highest cable there, else zeros."""
-    rise, gradient_x, gradient_y = 0.0, 0.0, 0.0
+def rise_between(start_x, start_y, end_x, end_y, radius, cables):
+    """Return how a wheel's centre rises on a short way over the highest cable there, else zeros.
+
+    That is its rise h halfway, the share of the way that lies on the cable, and in the middle of that share the
+    gradient of h: the edges of a cable are sharp, so half a substep more or less on it would be felt.
+    """
+    rise, share, gradient_x, gradient_y, highest = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(cables)):
         cable = cables[i]
-        right, up = x - cable[0], y - cable[1]
-        along = cable[2] * right + cable[3] * up
-        across = cable[2] * up - cable[3] * right
+        right, up = 0.5 * (start_x + end_x) - cable[0], 0.5 * (start_y + end_y) - cable[1]
+        along, middle = cable[2] * right + cable[3] * up, cable[2] * up - cable[3] * right
+        if abs(along) > cable[4]:
+            continue
+        half = 0.5 * abs(cable[2] * (end_y - start_y) - cable[3] * (end_x - start_x))
         flat, reach = radius - cable[5], radius + cable[5]
-        square = reach * reach - across * across
-        if abs(along) <= cable[4] and square > flat * flat:
-            root = math.sqrt(square)
-            if root - flat > rise:
-                rise = root - flat
-                gradient_x, gradient_y = across * cable[3] / root, -across * cable[2] / root
-    return rise, gradient_x, gradient_y
+        edge = math.sqrt(reach * reach - flat * flat)
+        if abs(middle) - half >= edge:
+            continue
+        across, part = middle, 1.0
+        if abs(middle) + half > edge:
+            low, high = max(middle - half, -edge), min(middle + half, edge)
+            across, part = 0.5 * (low + high), (high - low) / (2.0 * half)
+        root = math.sqrt(reach * reach - across * across)
+        if root - flat > highest:
+            highest, share = root - flat, part
+            gradient_x, gradient_y = across * cable[3] / root, -across * cable[2] / root
+            rise = math.sqrt(reach * reach - middle * middle) - flat if abs(middle) < edge else 0.0
+    return rise, share, gradient_x, gradient_y
 
 
 @register_jitable
@@ -116,13 +128,16 @@ def slack_on_circle(pull, turning, yielding, lateral, limit):
     slack = 1.0
     for _ in range(30):
         along, across = pull / (turning * slack + yielding), lateral / slack
-        size = math.hypot(along, across)
-        if size <= limit * (1.0 + 1e-12):
+        size = math.sqrt(along * along + across * across)
+        if size <= limit:
             break
         if limit == 0.0:
             return math.inf
-        falling = (along / size) ** 2 * turning / (turning * slack + yielding) + (across / size) ** 2 / slack
-        slack += (size / limit - 1.0) / falling
+        along, across = along / size, across / size
+        step = (size / limit - 1.0) / (along * along * turning / (turning * slack + yielding) + across * across / slack)
+        slack += step
+        if step < 1e-9 * slack:
+            break
     return slack
 
 
@@ -211,21 +226,25 @@ def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
         body = bodies[wheel.body]
         x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, 0.5 * dt)
         u_x, u_y = body[3] - body[5] * arm_y, body[4] + body[5] * arm_x
-        rise, gradient_x, gradient_y = rise_at(x + arm_x, y + arm_y, wheel.radius, cables)
-        climb = gradient_x * e_x + gradient_y * e_y
-        longer = math.sqrt(1.0 + climb * climb)
+        v_long, v_lat = u_x * e_x + u_y * e_y, u_y * e_x - u_x * e_y
         limit = wheel.load * friction_at(x + arm_x, y + arm_y, wheel.friction, patches)
-        turn_wheel(wheel, longer * (u_x * e_x + u_y * e_y), u_y * e_x - u_x * e_y, limit, dt)
-        wheel.rise = rise
 
+        # Forces act at the end of the substep: a cable's is the mean over half a substep before and after.
         x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, dt)
+        place_x, place_y, way_x, way_y = x + arm_x, y + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
+        wheel.rise, share, gradient_x, gradient_y = rise_between(
+            place_x - way_x, place_y - way_y, place_x + way_x, place_y + way_y, wheel.radius, cables
+        )
+        climb = gradient_x * e_x + gradient_y * e_y
+        longer = 1.0 + share * (math.sqrt(1.0 + climb * climb) - 1.0)
+        turn_wheel(wheel, longer * v_long, v_lat, limit, dt)
         along, across = longer * wheel.force_long, wheel.force_lat
         if wheel.grip == OMNI:
             across = wheel.roller * wheel.force_long
         force_x, force_y = along * e_x - across * e_y, along * e_y + across * e_x
         if climbing:
-            force_x -= wheel.load * gradient_x
-            force_y -= wheel.load * gradient_y
+            force_x -= share * wheel.load * gradient_x
+            force_y -= share * wheel.load * gradient_y
         loads[wheel.body, 0] += force_x
         loads[wheel.body, 1] += force_y
         loads[wheel.body, 2] += arm_x * force_y - arm_y * force_x
@@ -235,9 +254,8 @@ def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
 def advance(addresses, bodies, got, loads, given, wheels, patches, cables, climbing, dt, substeps):
     """Step space and wheels `substeps` times without returning to Python.
 
-    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their
-    data. bodies and
-    loads are the batch buffers; got and given hold their fill counts.
+    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their data.
+    bodies and loads are the batch buffers; got and given hold their fill counts.
     """
     space, step, each, getter, getter_data, setter, setter_data = addresses
     for _ in range(substeps):

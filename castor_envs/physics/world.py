@@ -26,17 +26,14 @@ _DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
 class World:
     """A robot on a floor.
 
-    Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels
-    are not bodies:
-    each has a spin, a motor and a contact force (`castor_envs.physics.wheels`). Loads are constant, from the
-    static balance
-    of the chassis on its pivots.
+    Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels are not
+    bodies: each has a spin, a motor and a contact force (`castor_envs.physics.wheels`). Loads are constant, from the
+    static balance of the chassis on its pivots.
 
-    robot: effects are folded in. pose: of B in N. castor_angles (n,): theta at the start, those of fixed
-    castors ignored.
-    twist: (v_x, v_y, omega) in B at the start; castors and wheels start in rolling motion with it. stepper:
-    "compiled" or
-    "reference" (plain Python). substeps: a sample period; None takes as many as the robot's stiffest contact needs.
+    robot: effects are folded in. pose: of B in N. castor_angles (n,): theta at the start, those of fixed castors
+    ignored. twist: (v_x, v_y, omega) in B at the start; castors and wheels start in rolling motion with it. stepper:
+    "compiled" or "reference" (plain Python). substeps: a sample period; None takes as many as the robot's stiffest
+    contact needs.
     """
 
     def __init__(
@@ -105,10 +102,9 @@ class World:
     def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = 0.0, drive: Drive = "servo") -> None:
         """Run one sample period with constant commands.
 
-        wheel_command (driven wheels,): rad/s; with drive "voltage" a fraction of the full voltage, in [-1,
-        1]. Beyond the
-        robot's limits it is clipped. steering_command (driven castors,): rad/s. drive "off" leaves all
-        motors dead.
+        wheel_command (driven wheels,): rad/s; with drive "voltage" a fraction of the full voltage, in [-1, 1]. Beyond
+        the robot's limits it is clipped. steering_command (driven castors,): rad/s. drive "off" leaves all motors
+        dead.
         """
         robot = self.robot
         limit = robot.max_wheel_speed if drive == "servo" else 1.0
@@ -193,8 +189,17 @@ class World:
         long = 0.5 * (w["stretch_long"] + after["stretch_long"])
         lat = 0.5 * (w["stretch_lat"] + after["stretch_lat"])
         bristles = 0.5 * np.sum(w["stiffness_long"] * long**2 + w["stiffness_lat"] * lat**2)
-        risen = np.sum(w["load"] * after["rise"]) if self.floor.climbing else 0.0
+        risen = self._climbed(motion) if self.floor.climbing else 0.0
         return float(kinetic + height + spin + bristles + risen)
+
+    def _climbed(self, motion: Array) -> float:
+        """Return the potential energy of wheels that stand on cables half a substep on, J."""
+        energy = 0.0
+        for wheel in self.wheels.view(np.recarray):
+            x, y, arm_x, arm_y, _, _ = law.contact_at(wheel, motion[wheel.body], 0.5 * self.dt)
+            place = x + arm_x, y + arm_y
+            energy += wheel.load * law.rise_between(*place, *place, wheel.radius, self._cables)[0]
+        return float(energy)
 
 
 def _turned(vector: Array, angle: float) -> Array:
@@ -233,12 +238,10 @@ def chassis(robot: RobotDescription) -> tuple[float, float, Array]:
 def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
     """Return the load on each wheel (w,), N.
 
-    The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and
-    moments, which
-    is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels
-    by the lever rule about
-    the pivot's line. Moments that no arrangement of these pivots can balance are left to support castors
-    without load.
+    The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and moments,
+    which is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels by
+    the lever rule about the pivot's line. Moments that no arrangement of these pivots can balance are left to support
+    castors without load.
     """
     pivots = np.array([castor.pivot for castor in robot.castors])
     balance = np.vstack([np.ones(len(pivots)), pivots.T])
@@ -249,8 +252,8 @@ def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
     for castor, load in zip(robot.castors, on_pivot, strict=True):
         if load <= 0:
             raise InputError(
-                f"robot {robot.name!r}: center_of_mass {robot.center_of_mass} lies outside its pivots, and the castor at "
-                f"{castor.pivot} would lift; move one of them"
+                f"robot {robot.name!r}: center_of_mass {robot.center_of_mass} lies outside its pivots, and the castor "
+                f"at {castor.pivot} would lift; move one of them"
             )
         total = float(load) + castor.mass * gravity
         lateral = np.array([wheel.lateral for wheel in castor.wheels])
@@ -305,9 +308,8 @@ def _wheel_records(robot: RobotDescription, floor: Floor) -> NDArray[np.void]:
 def _enough_substeps(robot: RobotDescription, records: NDArray[np.void]) -> int:
     """Return the substeps a sample period that keep the stiffest castor's contact mode well resolved.
 
-    The contact sees body velocities explicitly, so with mode frequency omega a substep must keep omega dt
-    and the bristle
-    damping's omega^2 damping dt small.
+    The contact sees body velocities explicitly, so with mode frequency omega a substep must keep omega dt and the
+    bristle damping's omega^2 damping dt small.
     """
     fastest = 0.0
     offset_of = {k: robot.castors[i].offset for k, i in enumerate(robot.wheel_castors)}
