@@ -79,12 +79,11 @@ def friction_at(x, y, otherwise, patches):
     """Return the friction coefficient at a place: of the last patch that covers it, else `otherwise`."""
     friction = otherwise
     for i in range(len(patches)):
-        patch = patches[i]
-        right, up = x - patch[0], y - patch[1]
-        along = patch[2] * right + patch[3] * up
-        across = patch[2] * up - patch[3] * right
-        if abs(along) <= patch[4] and abs(across) <= patch[5]:
-            friction = patch[6]
+        right, up = x - patches[i, 0], y - patches[i, 1]
+        along = patches[i, 2] * right + patches[i, 3] * up
+        across = patches[i, 2] * up - patches[i, 3] * right
+        if abs(along) <= patches[i, 4] and abs(across) <= patches[i, 5]:
+            friction = patches[i, 6]
     return friction
 
 
@@ -97,24 +96,23 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
     """
     rise, share, gradient_x, gradient_y, highest = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(cables)):
-        cable = cables[i]
-        right, up = 0.5 * (start_x + end_x) - cable[0], 0.5 * (start_y + end_y) - cable[1]
-        along, middle = cable[2] * right + cable[3] * up, cable[2] * up - cable[3] * right
-        if abs(along) > cable[4]:
+        right, up = 0.5 * (start_x + end_x) - cables[i, 0], 0.5 * (start_y + end_y) - cables[i, 1]
+        along, middle = cables[i, 2] * right + cables[i, 3] * up, cables[i, 2] * up - cables[i, 3] * right
+        if abs(along) > cables[i, 4]:
             continue
-        half = 0.5 * abs(cable[2] * (end_y - start_y) - cable[3] * (end_x - start_x))
-        flat, reach = radius - cable[5], radius + cable[5]
-        edge = math.sqrt(reach * reach - flat * flat)
-        if abs(middle) - half >= edge:
+        half = 0.5 * abs(cables[i, 2] * (end_y - start_y) - cables[i, 3] * (end_x - start_x))
+        clear = abs(middle) - half
+        if clear > 0.0 and clear * clear >= 4.0 * radius * cables[i, 5]:
             continue
+        flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
         across, part = middle, 1.0
-        if abs(middle) + half > edge:
+        if half > 0.0 and abs(middle) + half > edge:
             low, high = max(middle - half, -edge), min(middle + half, edge)
-            across, part = 0.5 * (low + high), (high - low) / (2.0 * half)
+            across, part = 0.5 * (low + high), max(high - low, 0.0) / (2.0 * half)
         root = math.sqrt(reach * reach - across * across)
         if root - flat > highest:
             highest, share = root - flat, part
-            gradient_x, gradient_y = across * cable[3] / root, -across * cable[2] / root
+            gradient_x, gradient_y = across * cables[i, 3] / root, -across * cables[i, 2] / root
             rise = math.sqrt(reach * reach - middle * middle) - flat if abs(middle) < edge else 0.0
     return rise, share, gradient_x, gradient_y
 

@@ -5,12 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
 
 FAKES = Path(__file__).parent / "fakes"
 sys.path.append(str(FAKES))
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

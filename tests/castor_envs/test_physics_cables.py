@@ -17,7 +17,7 @@ WEIGHT = 46.0 * G
 
 
 def center_heights(x, radius, diameter):
-    """How high a disc's centre is at x when it rests on the floor or on a round cable at 0: the lowest place it fits in.
+    """How high a disc's centre is at x when it rests on the floor or on a round cable at 0: the lowest it fits.
 
     No formula for the arc: the disc must clear every point of the cable's outline.
     """
@@ -53,9 +53,11 @@ def test_wheels_roll_the_longer_way_over_a_cable(radius, diameter, speed):
     floor = Floor(cables=(across(diameter=diameter),), climbing=False)
     world = World(differential(radius=radius), floor)
     while world.pose[0] < 0.3:
+        assert world.time < 30.0
         world.advance([speed / radius] * 2)
     angle, x = world.wheel_angles, world.pose[0]
     while world.pose[0] < 0.9 or not math.isclose(world.twist[0], speed, rel_tol=1e-4):
+        assert world.time < 30.0
         world.advance([speed / radius] * 2)
     extra = radius * (world.wheel_angles - angle) - (world.pose[0] - x)
     np.testing.assert_allclose(extra, path_over(radius, diameter), rtol=0.01)
@@ -67,6 +69,7 @@ def heading_after(cables, speed, climbing=False):
     robot = dataclasses.replace(differential(), max_wheel_torque=30.0)
     world = World(robot, Floor(cables=cables, climbing=climbing))
     while abs(world.pose[0]) < max(abs(cable.center[0]) for cable in cables) + 0.4:
+        assert world.time < 30.0
         world.advance([speed / RADIUS] * 2)
     for _ in range(20):
         world.advance([0.0, 0.0])
@@ -114,6 +117,7 @@ def test_coasting_over_a_cable_pays_the_climb_and_gets_it_back(speed):
     world = World(robot, Floor(cables=(across(at=0.2),)), twist=(speed, 0.0, 0.0), substeps=8)
     start, way = kinetic_energy(world), []
     while world.pose[0] < 0.35:
+        assert world.time < 30.0
         world.advance([0.0, 0.0], drive="off")
         way.append((world.pose[0], kinetic_energy(world)))
     x, energy = np.transpose(way)
@@ -130,6 +134,7 @@ def test_motors_that_lift_a_robot_onto_a_cable_do_the_work_of_the_climb():
     robot = dataclasses.replace(differential(), sample_period=0.001, max_wheel_torque=40.0)
     world, work = World(robot, Floor(cables=(across(at=0.2),)), substeps=4), 0.0
     while world.pose[0] < 0.1999:
+        assert world.time < 30.0
         speed = min(0.05, 0.2 * world.time, 2 * (0.2 - world.pose[0]) + 0.002)
         world.advance([speed / RADIUS] * 2)
         work += robot.sample_period * float(np.sum(world.wheels["torque"] * world.wheels["speed"]))

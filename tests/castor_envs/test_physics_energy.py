@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pymunk import PivotJoint
+from pymunk.constraints import PivotJoint
 
 from castor_envs.floor import Floor, Patch
 from castor_envs.physics import World

@@ -5,21 +5,29 @@ sits at p in the frame of B, or at a in the frame of a castor that pivots at p, 
 
     z = x + i y + exp(i psi) p + exp(i (psi + theta)) a
 
-so its derivatives by x, y, psi and theta are 1, i, i (z - x - i y) and i exp(i (psi + theta)) a, and what its acceleration
-has beyond them times q'' is -psi'^2 exp(i psi) p - (psi' + theta')^2 exp(i (psi + theta)) a. Kane's equations follow.
+so its derivatives by x, y, psi and theta are 1, i, i (z - x - i y) and i exp(i (psi + theta)) a, and its acceleration
+has beyond them times q'' the part -psi'^2 exp(i psi) p - (psi' + theta')^2 exp(i (psi + theta)) a. Kane's equations
+follow: the sum over masses of Re(conj(derivative) * (mass * acceleration - force)) is zero for each coordinate.
 """
 
+import dataclasses
 import math
 
 import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
 
+from castor_envs.controller import KinematicController
+from castor_envs.floor import Floor
+from castor_envs.physics import World
 from castor_envs.physics.world import SERVO_BANDWIDTH
+from castor_envs.presets import preset
 
 STEERING_BANDWIDTH = 2000.0  # rad/s: how fast a steering motor within its torque limit takes up its commanded rate
 
 
 def unsaturated(wanted, most):
-    """1 within a motor's limit, 0 beyond, and steep instead of sudden between: a solver can follow it along the limit."""
+    """1 within a motor's limit, 0 beyond, steep instead of sudden between: so a solver can follow the limit."""
     return np.clip((most - np.abs(wanted)) / (1e-3 * most), 0.0, 1.0)
 
 
@@ -87,7 +95,7 @@ class Model:
         return heading * (pull + 1j * push), pull, d_long, d_lat
 
     def rhs(self, t, state, wheel_command, steering_command):
-        """Return the state's derivative: q, q', steering integrals, spins, servo integrals, bristles along and across."""
+        """Return the derivative of q, q', steering integrals, spins, servo integrals, bristles along and across."""
         d, w = self.dofs, len(self.radius)
         q, rates, steered = state[:d], state[d : 2 * d], state[2 * d : -4 * w]
         spin, integral, long, lat = state[-4 * w :].reshape(4, w)
@@ -110,3 +118,51 @@ class Model:
         d_spin = (torque - self.radius * pull) / self.spin_inertia
         d_integral = error * unsaturated(wanted, most)
         return np.concatenate([rates, np.linalg.solve(mass, loads), d_steered, d_spin, d_integral, d_long, d_lat])
+
+
+def integrated(model, commands, start):
+    """Poses and pivot angles after each sample period, commands held during it."""
+    robot, driven = model.robot, list(model.robot.driven_wheels)
+    state = np.zeros(2 * model.dofs + len(model.steering) + 4 * len(model.radius))
+    state[: model.dofs], rows = start, []
+    for wheel, steering in commands:
+        command = np.zeros(len(model.radius))
+        command[driven] = np.clip(wheel, -robot.max_wheel_speed, robot.max_wheel_speed)
+        steering = np.clip(steering, -robot.max_steering_speed, robot.max_steering_speed)
+        options = {"method": "LSODA", "rtol": 1e-4, "atol": 1e-6}
+        state = solve_ivp(model.rhs, (0, robot.sample_period), state, args=(command, steering), **options).y[:, -1]
+        rows.append(state[: model.dofs])
+    return np.array(rows)
+
+
+def wanted_twist(robot, t, speed):
+    sideways = 0.0 if robot.castors[0].steering == "fixed" else 0.6 * math.cos(1.3 * t)
+    return speed * min(1.0, t / 0.5) * np.array([math.cos(0.8 * t), sideways, 2.5 * math.sin(1.7 * t)])
+
+
+@pytest.mark.parametrize(
+    ("name", "friction", "speed"),
+    [
+        ("asoc-prototype", 0.8, 0.5),
+        ("asoc-prototype", 0.15, 0.4),  # slides most of the time
+        ("differential", 0.15, 0.8),
+        ("powered-caster", 0.8, 0.25),
+    ],
+)
+def test_an_independent_integration_agrees_within_three_millimetres(name, friction, speed):
+    robot = preset(name)
+    robot = dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, friction=friction))
+    floor = Floor(slope=(0.06, -0.04))
+    weight = 9.80665 * (robot.mass + sum(castor.mass for castor in robot.castors))
+    even = weight / math.sqrt(1 + 0.06**2 + 0.04**2) / len(robot.wheels)
+    model = Model(robot, floor, [even] * len(robot.wheels))
+    world, controller, commands, path = World(robot, floor), KinematicController(robot), [], []
+    for k in range(round(5.0 / robot.sample_period)):
+        wanted = wanted_twist(robot, (k + 0.5) * robot.sample_period, speed)
+        commands.append(controller.commands(world.castor_angles, wanted))
+        world.advance(*commands[-1])
+        path.append([*world.pose, *world.castor_angles[model.free]])
+    path, expected = np.array(path), integrated(model, commands, np.zeros(model.dofs))
+    assert np.ptp(path[:, :2]) > 0.2
+    assert np.max(np.hypot(*(path - expected)[:, :2].T)) < 3e-3
+    assert np.max(np.abs(path[:, 2:] - expected[:, 2:])) < 5e-3

@@ -57,7 +57,7 @@ NO_SIDEWAYS = ("differential", "tricycle", "trailing-wheel")
 
 
 def stiff(robot, slip_stiffness):
-    """The robot with generous friction; its bristles keep their damping coefficient a stiffness' root, as a spring's."""
+    """The robot with generous friction and stiffer bristles, their damping ratio kept."""
     damping = 1e-3 * math.sqrt(80.0 / slip_stiffness)
     contact = Contact(
         friction=50.0, slip_stiffness_long=slip_stiffness, slip_stiffness_lat=slip_stiffness, damping=damping
@@ -120,7 +120,7 @@ def test_a_world_starts_in_rolling_motion_and_coasts_on(name):
 
 
 def steady(floor, command, contact):
-    """How far a differential robot's wheels roll, and how far it gets (along, across), in a second of steady driving."""
+    """How far a differential robot's wheels roll, and how far it gets (along, across), in a second of driving."""
     world = World(dataclasses.replace(preset("differential"), contact=contact), floor)
     for _ in range(60):
         world.advance([command, command])
@@ -156,7 +156,7 @@ def test_along_a_contour_the_robot_drifts_downhill_by_the_side_slip_angle(comman
 
 @pytest.mark.parametrize("relaxation_length", [0.01, 0.03])
 def test_the_side_force_builds_up_over_the_relaxation_length(relaxation_length):
-    """A rolling wheel that is suddenly pushed aside: slip angle and force approach each other as exp(-distance / length).
+    """A rolling wheel that is suddenly pushed aside: its side force follows the slip angle over that distance.
 
     Robot on a cross slope, rolling from the start without any bristle deflection. Newton: m y'' = -m g s - F, and
     F = k z + c z' with z' = y' - V z / sigma; integrated here by itself.

@@ -12,6 +12,7 @@ import pytest
 from castor_envs.controller import KinematicController
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.physics import World
+from castor_envs.physics.world import Drive
 from castor_envs.presets import preset
 from castor_envs.robot import Contact
 
@@ -74,20 +75,23 @@ def test_halving_the_substep_moves_little_on_a_rough_floor_too(name):
     assert math.dist(coarse.pose[:2], fine.pose[:2]) < 1e-3
 
 
+DRIVES: tuple[Drive, ...] = ("servo", "voltage", "servo", "off")
+
+
 def episode(name, stepper, samples, substeps):
     """Poses, castor angles and wheel angles of random driving by turns with servos, voltage, and motors off."""
     robot, random = preset(name), np.random.default_rng(7)
     angles = random.uniform(-math.pi, math.pi, len(robot.castors))
     world = World(robot, ROUGH, castor_angles=angles, stepper=stepper, substeps=substeps)
     rows = []
-    for k in range(samples):
-        if k % 10 == 0:
-            drive = ("servo", "voltage", "servo", "off")[k // 10 % 4]
-            most = 0.5 if drive == "voltage" else 0.4 * robot.max_wheel_speed
-            wheels = random.uniform(-most, most, len(robot.driven_wheels))
-            steering = random.uniform(-4, 4, len(robot.driven_castors))
-        world.advance(wheels, steering, drive)
-        rows.append([*world.pose, *world.castor_angles, *world.wheel_angles])
+    for k in range(samples // 10):
+        drive = DRIVES[k % 4]
+        most = 0.5 if drive == "voltage" else 0.4 * robot.max_wheel_speed
+        wheels = random.uniform(-most, most, len(robot.driven_wheels))
+        steering = random.uniform(-4, 4, len(robot.driven_castors))
+        for _ in range(10):
+            world.advance(wheels, steering, drive)
+            rows.append([*world.pose, *world.castor_angles, *world.wheel_angles])
     return np.array(rows)
 
 

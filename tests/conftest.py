@@ -1,0 +1,19 @@
+"""What all tests share: plug-ins that a test wrote are forgotten after it, and hypothesis keeps no clock."""
+
+import sys
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
+
+
+@pytest.fixture(autouse=True)
+def _forget_plugins(tmp_path, monkeypatch):
+    """Take modules that a test wrote to its folder, and import paths that it added, back again."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", None) or "").startswith(str(tmp_path)):
+            del sys.modules[name]
