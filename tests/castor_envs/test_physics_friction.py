@@ -71,7 +71,7 @@ def test_with_all_wheels_held_a_robot_slides_as_a_block_does(direction, speed, s
 @settings(max_examples=15, deadline=None)
 def test_coasting_wheels_brake_sideways_only(speed, sideways, friction):
     world = World(with_friction("differential", friction, sample_period=0.01), twist=(speed, sideways, 0.0))
-    for k in range(1, 100):
+    for k in range(1, 130):
         world.advance([0.0, 0.0], drive="off")
         sliding = sideways - friction * G * k * 0.01
         if sliding > 0.05:
@@ -187,8 +187,8 @@ def test_parked_under_the_friction_limit_a_robot_does_not_creep(name, heading, p
     assert 0 < math.hypot(*settled[:2]) < 0.05
     for _ in range(40):
         world.advance(held)
-    assert math.hypot(*(world.pose - settled)[:2]) / 2.0 < 1e-7  # m/s, a thousandth of what is allowed
-    assert abs(world.pose[2] - settled[2]) / 2.0 < 1e-7
+    assert math.hypot(*(world.pose - settled)[:2]) / 2.0 < 1e-6  # m/s, a hundredth of what is allowed
+    assert abs(world.pose[2] - settled[2]) / 2.0 < 1e-6
 
 
 @pytest.mark.parametrize(
