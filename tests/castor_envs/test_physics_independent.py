@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from castor_envs.controller import KinematicController
 from castor_envs.floor import Floor
 from castor_envs.physics import World
-from castor_envs.physics.world import SERVO_BANDWIDTH
+from castor_envs.physics.wheel_records import SERVO_BANDWIDTH
 from castor_envs.presets import preset
 
 STEERING_BANDWIDTH = 2000.0  # rad/s: how fast a steering motor within its torque limit takes up its commanded rate

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from castor_envs.effects import PivotBias, WheelRadius
 from castor_envs.errors import InputError
-from castor_envs.physics.world import World, wheel_loads
+from castor_envs.physics import World
+from castor_envs.physics.statics import wheel_loads
 from castor_envs.presets import load_robot, n_castor, preset, preset_names
 from castor_envs.robot import Castor, RobotDescription, Wheel
 

@@ -1,0 +1,70 @@
+"""What a robot weighs, where, and how its weight stands on its wheels."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.errors import InputError
+from castor_envs.robot import RobotDescription
+
+Array = NDArray[np.float64]
+
+
+def turned(vector: Array, angle: float) -> Array:
+    """Return a plane vector (2,) turned by `angle`, rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+def castor_center(robot: RobotDescription, i: int) -> Array:
+    """Return the centre of mass of castor i in the frame of its pivot turned by its own angle: behind the pivot."""
+    return np.array([-robot.castors[i].offset, 0.0])
+
+
+def chassis(robot: RobotDescription) -> tuple[float, float, Array]:
+    """Return mass, inertia and centre of mass (2,) in B of the chassis with the castors fixed to it."""
+    parts = [(robot.mass, robot.inertia, np.array(robot.center_of_mass))]
+    for i, castor in enumerate(robot.castors):
+        if castor.steering == "fixed":
+            center = np.array(castor.pivot) + turned(castor_center(robot, i), castor.angle)
+            parts.append((castor.mass, castor.inertia, center))
+    mass = sum(part[0] for part in parts)
+    center = sum((part[0] * part[2] for part in parts), np.zeros(2)) / mass
+    inertia = sum(part[1] + part[0] * float(np.sum((part[2] - center) ** 2)) for part in parts)
+    return mass, inertia, center
+
+
+def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
+    """Return the load on each wheel (w,), N.
+
+    The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and moments,
+    which is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels by
+    the lever rule about the pivot's line. Moments that no arrangement of these pivots can balance are left to support
+    castors without load.
+    """
+    pivots = np.array([castor.pivot for castor in robot.castors])
+    balance = np.vstack([np.ones(len(pivots)), pivots.T])
+    weight = robot.mass * gravity * np.array([1.0, *robot.center_of_mass])
+    on_pivot = np.linalg.pinv(balance, rcond=1e-9) @ weight
+    on_pivot *= robot.mass * gravity / np.sum(on_pivot)
+    loads = []
+    for castor, load in zip(robot.castors, on_pivot, strict=True):
+        if load <= 0:
+            raise InputError(
+                f"robot {robot.name!r}: center_of_mass {robot.center_of_mass} lies outside its pivots, and the castor "
+                f"at {castor.pivot} would lift; move one of them"
+            )
+        total = float(load) + castor.mass * gravity
+        lateral = np.array([wheel.lateral for wheel in castor.wheels])
+        if len(lateral) == 1:
+            share = np.ones(1)
+        else:
+            share = np.linalg.pinv(np.vstack([np.ones(len(lateral)), lateral])) @ np.array([1.0, 0.0])
+        if np.any(share <= 0):
+            raise InputError(
+                f"robot {robot.name!r}: the wheels of the castor at {castor.pivot} all stand to one side of its pivot, "
+                "and it would tip; set their lateral positions to both sides"
+            )
+        loads += list(total * share)
+    return np.array(loads)
