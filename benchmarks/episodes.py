@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.archives import CorruptFileError, read_archive, read_metadata, write_archive
-from benchmarks.provenance import provenance
+from benchmarks.provenance import provenance, world_digest
 from benchmarks.task import Case, Episode, Run, Task
 from castor_envs.errors import InputError
 from castor_envs.logs import Log, write_log
@@ -36,11 +36,16 @@ class EpisodeStore:
         return self.root / f"{task}@{version}" / file_name(case)
 
     def digest(self, task: str, version: int, case: Case) -> str | None:
-        """Return the digest of a stored episode, None if it is not there; raises CorruptFileError."""
+        """Return the digest of a stored episode; raises CorruptFileError.
+
+        None if it is not there, or if another version of the world or of the tasks recorded it: then it is recorded
+        again, and if it differs, so do its rows.
+        """
         try:
-            return str(read_metadata(self.path(task, version, case), FORMAT)["digest"])
+            metadata = read_metadata(self.path(task, version, case), FORMAT)
         except FileNotFoundError:
             return None
+        return str(metadata["digest"]) if metadata["origin"].get("world") == world_digest() else None
 
     def load(self, task: str, version: int, case: Case) -> Episode:
         """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""

@@ -82,14 +82,17 @@ class _Run:
         return {**missing, **problems}
 
     def _to_record(self, assignment: Assignment, case: Case) -> bool:
-        """Return whether a case's episode is needed and not there."""
+        """Return whether a case's episode is needed and not there, or there from another version of the world."""
         task = assignment.task
         try:
             stored = self.episodes.digest(task.name, task.version, case)
         except CorruptFileError as error:
             self.progress.warn(f"{error}; it is recorded again")
             return True
-        return stored is None and any(self._lacks(task, entry, case, None) for entry in assignment.estimators)
+        outdated = stored is None and self.episodes.path(task.name, task.version, case).exists()
+        return outdated or (
+            stored is None and any(self._lacks(task, entry, case, None) for entry in assignment.estimators)
+        )
 
     def _lacking(self, assignment: Assignment) -> dict[Case, list[EstimatorEntry]]:
         """Return the cases that some estimators have no row of, with these estimators."""

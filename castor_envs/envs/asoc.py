@@ -7,7 +7,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from castor_envs.controller import Commands
-from castor_envs.envs.robot_env import RobotEnv
+from castor_envs.envs.robot_env import RobotEnv, finite
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
@@ -99,7 +99,7 @@ class ASOCEnv(RobotEnv):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Command the motors for one sample period."""
-        fraction = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+        fraction = np.clip(finite(action, self.action_space.shape, "action (a number per motor)"), -1.0, 1.0)
         wheel, steering = np.split(fraction, [len(self.robot.driven_wheels)])
         steering = steering * self.robot.max_steering_speed
         if self._control == "speed":

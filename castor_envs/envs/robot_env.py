@@ -102,6 +102,16 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
             self._renderer.close()
 
 
+def finite(values: ArrayLike, shape: tuple[int, ...] | None, what: str) -> Array:
+    """Return an array of finite numbers; raises InputError for anything else or another shape."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape:
+        raise InputError(f"{what} must have shape {shape}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{what} must be finite, got {array}")
+    return array
+
+
 def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:
     """Raise InputError if a leg of the trajectory would make a fixed castor of the robot slip sideways."""
     geometry = Geometry.of(robot)

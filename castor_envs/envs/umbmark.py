@@ -7,7 +7,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.controller import Commands, KinematicController
-from castor_envs.envs.robot_env import RobotEnv
+from castor_envs.envs.robot_env import RobotEnv, finite
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.floor import Floor
 from castor_envs.robot import RobotDescription
@@ -103,16 +103,14 @@ class UMBmarkEnv(RobotEnv):
         """Put the robot at the start."""
         observation = self._start(seed)
         self._error = 0.0
-        self._estimate: NDArray[np.float64] | None = None
+        self._off: NDArray[np.float64] | None = None
         self._show()
         return observation, self._info(self._no_commands, 0.0)
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
-        truth = self._sensed.world.pose
-        self._estimate = np.asarray(action, dtype=float)
-        error = float(np.hypot(*(self._estimate[:2] - truth[:2])))
-        heading_error = float(self._estimate[2] - truth[2])
+        self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self._sensed.world.pose
+        error, heading_error = float(np.hypot(self._off[0], self._off[1])), float(self._off[2])
         reward, self._error = self._error - error, error
 
         commands = self._no_commands
@@ -136,4 +134,5 @@ class UMBmarkEnv(RobotEnv):
         }
 
     def _drawn_estimate(self) -> ArrayLike | None:
-        return self._estimate
+        # The estimate is one sample older than the robot that is drawn: it is moved along, so that its error shows.
+        return None if self._off is None else self._sensed.world.pose + self._off

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks import estimating
+from benchmarks import episodes, estimating
 from benchmarks.episodes import EpisodeStore
 from benchmarks.estimation import Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.progress import SilentProgress
@@ -290,3 +290,16 @@ def test_stacks_are_of_alike_runs(fake_tasks, plugin):
         assert isinstance(found, list)
         for one, other in zip(alone, found, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-13)
+
+
+def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plugin, monkeypatch):
+    """Old episodes must not be mixed with edited physics: they are recorded anew, and only what differs is run."""
+    plan = [Assignment(fake_tasks.Arcs(), (0, 1), (load_estimator(plugin("followers:Follower")),))]
+    run(plan, tmp_path)
+    again, other = Heard(), Heard()
+    run(plan, tmp_path, progress=again)
+    assert again.stages["recording episodes"] == 0
+    monkeypatch.setattr(episodes, "world_digest", lambda: "another world")
+    run(plan, tmp_path, progress=other)
+    assert other.stages["recording episodes"] == 2
+    assert other.stages["running estimators"] == 0  # this world records the same

@@ -254,3 +254,29 @@ def test_a_vector_is_its_members_bit_for_bit(name):
         answers = [env.step(action) for env, action in zip(ones, actions, strict=True)]
         assert np.array_equal(rewards, [answer[1] for answer in answers])
         singles = [(answer[0], answer[4]) for answer in answers]
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_actions_that_are_no_numbers_are_refused(name):
+    env = gym.make(name).unwrapped
+    env.reset(seed=0)
+    size = env.action_space.shape[0]
+    with pytest.raises(InputError, match="shape"):
+        env.step(np.zeros(size - 1))
+    with pytest.raises(InputError, match="finite"):
+        env.step(np.full(size, np.nan))
+
+
+def test_the_picture_shows_the_error_of_the_estimate_it_was_given(monkeypatch):
+    env = gym.make("castor/UMBmark-v0", render_mode="rgb_array")
+    _, info = env.reset(seed=0)
+    for _ in range(60):
+        _, _, _, _, info = env.step(info["pose"] + [0.03, 0.04, 0.0])
+    drawn = {}
+    draw = env.unwrapped._renderer.draw
+    monkeypatch.setattr(
+        env.unwrapped._renderer, "draw", lambda pose, *a, **k: (drawn.update(k, pose=pose), draw(pose, *a, **k))[1]
+    )
+    env.render()
+    assert np.hypot(*(drawn["estimate"] - drawn["pose"])[:2]) == pytest.approx(info["position_error"])
+    assert info["position_error"] == pytest.approx(0.05)
