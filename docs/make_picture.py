@@ -59,6 +59,7 @@ def main():
     """Draw and save."""
     (task,) = select_tasks(official_tasks(), ["umbmark-kinematic-calibrated"])
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 6), dpi=100, layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.12)  # pyright: ignore
     left.imshow(drive())
     left.axis("off")
     left.set_title("castor/UMBmark-v0: cables, a slippery patch, CAST-0's estimate", fontsize=11)
@@ -70,12 +71,12 @@ def main():
     right.axhline(0, color="#cccccc", zorder=0)
     right.axvline(0, color="#cccccc", zorder=0)
     right.set_xlim(-75, 75)
-    right.set_ylim(-75, 75)
+    right.set_ylim(-75, 105)
     right.set_aspect("equal")
     right.set_xlabel("return error x, mm")
     right.set_ylabel("return error y, mm")
     right.set_title(f"UMBmark, calibrated robot files, {SETS} parameter sets", fontsize=11)
-    right.legend(fontsize=8, ncols=2, loc="upper right")
+    right.legend(fontsize=7, ncols=4, loc="upper center", columnspacing=0.8, handletextpad=0.1)
     figure.savefig(Path(__file__).parent / "umbmark.png")
 
 

@@ -1,0 +1,71 @@
+"""The README does what it says: its code runs, its commands work, its links lead somewhere."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BENCH = Path(sys.executable).with_name("castor-bench")
+
+
+def block(start):
+    """Return the Python block of the README that holds a line."""
+    (found,) = [code for code in re.findall(r"```python\n(.*?)```", README, flags=re.S) if start in code]
+    return found
+
+
+def call(*command, folder):
+    return subprocess.run([str(part) for part in command], cwd=folder, capture_output=True, text=True, timeout=300)
+
+
+def test_the_two_lines_are_there_and_the_check_uses_one():
+    lines = [line for line in README.splitlines() if line.startswith("python3 -m venv ")]
+    assert [line.split("&&")[-1].split()[0] for line in lines] == [".venv/bin/castor-bench", ".venv/bin/pytest"]
+    assert "grep -E '^python3 -m venv .*pytest' README.md" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_the_ten_lines_run(tmp_path):
+    code = block("from estimators.cast import CAST")
+    assert len([line for line in code.splitlines() if line.strip()]) <= 10
+    done = call(sys.executable, "-c", code, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert 0 < float(done.stdout.split(" mm")[0]) < 20
+
+
+def test_the_plug_in_is_checked_and_judged(tmp_path):
+    (tmp_path / "mean_castor.py").write_text(block("class MeanCastor"))
+    checked = call(BENCH, "check", "mean_castor.py", folder=tmp_path)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    task = ("--task", "umbmark-kinematic-calibrated", "--cases", "2")
+    ran = call(BENCH, "run", "--estimator", "mean_castor.py", "--estimator", "dead-reckoning", *task, folder=tmp_path)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    board = json.loads(call(BENCH, "leaderboard", "--json", *task, folder=tmp_path).stdout)
+    errors = {entry["estimator"]: entry["scores"]["ate_m"]["mean"] for entry in board["tasks"][0]["entries"]}
+    assert 0 < errors["mean_castor:MeanCastor"] < 0.1
+    assert set(errors) == {"mean_castor:MeanCastor", "dead-reckoning"}
+
+
+def test_robots_floors_logs_and_videos(tmp_path):
+    pytest.importorskip("moviepy")
+    short = block("RecordLog").replace("render_mode=", "side=0.1, render_mode=")
+    done = call(sys.executable, "-c", short, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "videos").glob("*.mp4"))
+    diagnose = BENCH.with_name("castor-diagnose")
+    seen = call(diagnose, "inspect", "logs/episode-0000.csv", "--robot", "logs/robot.json", folder=tmp_path)
+    assert seen.returncode == 0, seen.stderr
+
+
+@pytest.mark.parametrize("document", ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+def test_links_lead_to_files_and_headings_have_text(document):
+    path = ROOT / document
+    text = path.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)", text):
+        assert target.startswith("https://") or (path.parent / target).exists(), target
+    sections = re.split(r"^#+ .*$", text, flags=re.M)[1:]
+    assert all(section.strip() for section in sections[1:])
