@@ -5,12 +5,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.board_columns import board_columns, fitting
 from benchmarks.evaluation import METRICS, Metric
 from benchmarks.leaderboard import Entry, Leaderboard, TaskBoard
 from benchmarks.ranking import FEWEST_CASES, LEVEL
 
 FORMAT = "castor-leaderboard/1"
-_SHORT = ("nonsystematic_orientation_error", "end_point_position", "end_point_heading", "ate", "rpe_translation")
 
 
 def as_json(leaderboard: Leaderboard) -> dict[str, Any]:
@@ -49,6 +49,7 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
             }
             for entry in board.entries
         ],
+        "not_served": [{"estimator": one.estimator, "reason": one.reason} for one in board.not_served],
         "missing": board.missing,
         "superseded": [
             {"estimator": name, "source_hash": source_hash, "rows": rows}
@@ -67,33 +68,37 @@ def as_markdown(leaderboard: Leaderboard) -> str:
         if board.entries:
             metrics = [board.metric, *(metric for metric in _present(board) if metric != board.metric)]
             lines = [_header(metrics), ["--:", "---", *["--:"] * (len(metrics) + 1)]]
-            lines += [_cells(entry, metrics, everywhere=True) for entry in board.entries]
+            lines += [_cells(entry, metrics) for entry in board.entries]
             parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
-        parts += [f"- {note}\n" for note in _notes(board)]
+        parts += [f"- {note}\n" for note in _notes(board, intervals="in brackets")]
     parts += [f"{note}\n" for note in _general_notes(leaderboard)]
     return "\n".join(parts)
 
 
 def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
-    """Print the leaderboard in a terminal, a table for each task with its main metrics."""
+    """Print the leaderboard in a terminal, a table for each task with its main metrics, as many as the width holds."""
+    narrow = False
     for board in leaderboard.boards:
         console.print(f"\n{board.title}", style="bold", markup=False, highlight=False)
         if board.missing is not None:
             _say(console, f"not run: {board.missing}")
         if board.entries:
-            present = _present(board)
-            main = [board.metric, *(METRICS[name] for name in _SHORT if METRICS[name] in present)]
-            metrics = list(dict.fromkeys(main))
+            columns, left_out = fitting(board_columns(board), console.width)
+            narrow = narrow or left_out
             table = Table()
-            for number, column in enumerate(_header(metrics)):
-                table.add_column(column, justify="left" if number == 1 else "right", no_wrap=number == 1)
-            for entry in board.entries:
-                table.add_row(*_cells(entry, metrics, everywhere=False))
+            for column in columns:
+                # Numbers are never cut or wrapped; a name too long for any terminal is.
+                numbers = column.name != "estimator"
+                table.add_column(column.heading, justify=column.justify, no_wrap=numbers, overflow="fold")
+            for cells in zip(*(column.cells for column in columns), strict=True):
+                table.add_row(*cells)
             console.print(table, highlight=False, markup=False)
-        for note in _notes(board):
+        for note in _notes(board, intervals=None):
             _say(console, note)
     for note in _general_notes(leaderboard):
         _say(console, note)
+    if narrow:
+        _say(console, "narrow terminal: castor-bench leaderboard --markdown shows every score")
 
 
 def _say(console: Console, text: str) -> None:
@@ -108,24 +113,34 @@ def _header(metrics: list[Metric]) -> list[str]:
     return ["rank", "estimator", *(f"{metric.title}, {metric.shown_unit}" for metric in metrics), "update, µs"]
 
 
-def _cells(entry: Entry, metrics: list[Metric], everywhere: bool) -> list[str]:
-    """Return a row of text; intervals for the first metric, or everywhere."""
+def _cells(entry: Entry, metrics: list[Metric]) -> list[str]:
+    """Return a row of text, each score with its interval."""
     cells = ["–" if entry.rank is None else str(entry.rank), entry.estimator]
-    for number, metric in enumerate(metrics):
+    for metric in metrics:
         score = entry.scores.get(metric.name)
         text = metric.shown(None if score is None else score.mean)
-        if score is not None and score.low is not None and (everywhere or number == 0):
+        if score is not None and score.low is not None:
             text += f" [{metric.shown(score.low)}, {metric.shown(score.high)}]"
         cells.append(text)
     return [*cells, "–" if entry.time_per_update_us is None else f"{entry.time_per_update_us:.1f}"]
 
 
-def _notes(board: TaskBoard) -> list[str]:
-    """Return what is said below a table: failures, cases not done, older sources."""
+def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
+    """Return what is said below a table: who shares a rank, failures, cases not done, older sources.
+
+    intervals: where in the table they are, if that is to be said.
+    """
+    refusals = [f"{one.estimator} does not serve this robot: {one.reason}" for one in board.not_served]
+    if not board.entries:
+        return refusals
+    meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
     few = len(board.cases) < FEWEST_CASES
-    shared = f"in brackets {100 * LEVEL:.0f} % intervals; who shares a rank does not differ significantly"
-    meaning = "too few to show a difference" if few else shared
-    notes = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}; {meaning}"]
+    if intervals is not None and not few:
+        meaning.append(f"{intervals} {100 * LEVEL:.0f} % intervals")
+    if any(entry.rank is not None for entry in board.entries):
+        shared = "who does not differ significantly (paired) from the best of a rank shares it"
+        meaning.append("too few to show a difference" if few else shared)
+    notes = ["; ".join(meaning), *refusals]
     for entry in board.entries:
         for failed in entry.failed:
             cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")
@@ -139,7 +154,7 @@ def _notes(board: TaskBoard) -> list[str]:
     if board.superseded:
         others = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
         notes.append(f"rows of other versions of an estimator's source are left out: {others}")
-    return notes if board.entries else []
+    return notes
 
 
 def _general_notes(leaderboard: Leaderboard) -> list[str]:

@@ -3,6 +3,7 @@
 import importlib.metadata
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from rich.console import Console
 
 from benchmarks import leaderboard as boards
 from benchmarks.board_views import as_json, as_markdown, print_leaderboard
+from benchmarks.checking import check_apart
 from benchmarks.episodes import write_episode
 from benchmarks.progress import TerminalProgress
 from benchmarks.results import check_results_folder, names_of
@@ -21,7 +23,6 @@ from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.presets import load_robot, preset_names
-from estimators import conformance
 from estimators.registry import EstimatorEntry, builtin_names, load_estimator
 
 app = typer.Typer(
@@ -77,17 +78,27 @@ def run(
     tasks = select_tasks(_tasks(measured), task or [])
     _at_least("--cases", cases, 1)
     _at_least("--jobs", jobs, 1)
-    if not timeout > 0:
-        raise InputError(f"--timeout must be above 0, got {timeout:g}")
+    _above_zero("--timeout", timeout)
     check_results_folder(results)
     named = _estimators(estimator or [])
-    plan = [Assignment(t, tuple(t.cases(cases)), named or _builtin(t)) for t in tasks if t.missing is None]
-    with TerminalProgress() as progress:
-        missing = run_plan(plan, results, jobs or os.cpu_count() or 1, timeout, progress)
+    left_out = _left_out(named, [t for t in tasks if t.missing is None])
+    plan = [
+        Assignment(t, tuple(t.cases(cases)), _without(named, left_out.get(t.name, [])) if named else _builtin(t))
+        for t in tasks
+        if t.missing is None
+    ]
+    try:
+        with TerminalProgress() as progress:
+            missing = run_plan(plan, results, jobs or os.cpu_count() or 1, timeout, progress)
+    except KeyboardInterrupt:
+        print(f"stopped; what is done is kept in {results}: the same command continues", file=sys.stderr)
+        raise typer.Exit(130) from None
     sources = {entry.name: entry.source_hash for assignment in plan for entry in assignment.estimators}
-    board = boards.build(tasks, results, cases, missing, sources)
+    board = boards.build(tasks, results, cases, missing, sources, left_out)
     print_leaderboard(board, _console())
     print(f"\nresults in {results}; show them again: castor-bench leaderboard --results {results}")
+    if any(_fails_everywhere(entry, board) for entry in named):
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -123,9 +134,11 @@ def leaderboard(
 def check(
     estimator: Annotated[str, typer.Argument(help="A name, module:Class or file.py[:Class].")],
     robot: Annotated[str | None, typer.Option(help="A preset or a robot file; default: one that it serves.")] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds that the check may take.")] = 60.0,
 ) -> None:
     """Check an estimator before a benchmark does; exit code 1 if anything is wrong with it."""
-    findings = conformance.check(load_estimator(estimator), None if robot is None else load_robot(robot))
+    _above_zero("--timeout", timeout)
+    findings = check_apart(estimator, None if robot is None else load_robot(robot), timeout, _print_now)
     for finding in findings:
         print(f"ok     {finding.name}" if finding.passed else f"WRONG  {finding.name}: {finding.message}")
     if not all(finding.passed for finding in findings):
@@ -194,6 +207,44 @@ def _estimators(specs: list[str]) -> tuple[EstimatorEntry, ...]:
 
 def _builtin(task: Task) -> tuple[EstimatorEntry, ...]:
     return tuple(load_estimator(name) for name in builtin_names(task.robot))
+
+
+def _left_out(named: tuple[EstimatorEntry, ...], tasks: list[Task]) -> dict[str, list[boards.NotServed]]:
+    """Return the named built-in estimators that do not serve tasks' robots, by task.
+
+    Raises InputError for one that serves none of the tasks.
+    """
+    left_out: dict[str, list[boards.NotServed]] = {}
+    for entry in named:
+        reasons = {task.name: reason for task in tasks if (reason := entry.applicable(task.robot)) is not None}
+        if tasks and len(reasons) == len(tasks):
+            why = "; ".join(dict.fromkeys(reasons.values()))
+            raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}")
+        for task, reason in reasons.items():
+            left_out.setdefault(task, []).append(boards.NotServed(entry.name, reason))
+    return left_out
+
+
+def _without(named: tuple[EstimatorEntry, ...], left_out: list[boards.NotServed]) -> tuple[EstimatorEntry, ...]:
+    names = {one.estimator for one in left_out}
+    return tuple(entry for entry in named if entry.name not in names)
+
+
+def _fails_everywhere(entry: EstimatorEntry, board: boards.Leaderboard) -> bool:
+    """Return whether an estimator has rows, and a score in none of them."""
+    shown = [one for task in board.boards for one in task.entries if one.estimator == entry.name]
+    names = [one.estimator for task in board.boards for one in task.not_served]
+    declined = entry.name in names and not entry.builtin  # built-in ones are left out where they would decline
+    return (bool(shown) or declined) and not any(one.done for one in shown)
+
+
+def _print_now(line: str) -> None:
+    print(line, flush=True)
+
+
+def _above_zero(option: str, value: float) -> None:
+    if not value > 0:
+        raise InputError(f"{option} must be above 0, got {value:g}")
 
 
 def _at_least(option: str, value: int | None, least: int) -> None:

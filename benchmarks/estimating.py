@@ -15,7 +15,7 @@ from benchmarks.estimation import Failure, estimate_singly, estimate_stacked, ob
 from benchmarks.evaluation import score
 from benchmarks.progress import RunProgress
 from benchmarks.provenance import provenance
-from benchmarks.results import ResultsStore, Row
+from benchmarks.results import NOT_SERVED, ResultsStore, Row
 from benchmarks.task import Case, Episode, Task
 from benchmarks.workers import Died, Done, Job, Outcome, Raised, TimedOut, run_jobs
 from estimators.registry import EstimatorEntry
@@ -64,7 +64,7 @@ class Estimating:
                 return None
             reason = work.entry.applicable(next(iter(work.episodes.values())).robot)
             if reason is not None:
-                self._store_all(work, Failure(f"not applicable: {reason}"))
+                self._store_all(work, Failure(NOT_SERVED + reason))
             elif self._timeouts[work.key] >= MOST_TIMEOUTS:
                 reason = f"not tried after {MOST_TIMEOUTS} episodes took over {self._timeout:g} s each"
                 self._store_all(work, Failure(reason), timeout=self._timeout)
@@ -88,7 +88,7 @@ class Estimating:
         if isinstance(answer, list):
             for (case, episode), result in zip(work.episodes.items(), answer, strict=True):
                 self._store(work, case, episode, result)
-        elif work.stacked and not answer.reason.startswith("not applicable"):
+        elif work.stacked and not answer.reason.startswith(NOT_SERVED):
             self._progress.warn(
                 f"{work.entry.name} on stacked runs of {work.task.name}: {answer.reason}; trying case by case"
             )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.results import NOT_SERVED
 from benchmarks.task import Episode
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Geometry
@@ -197,8 +198,10 @@ def _follow(
     except _FailedError:
         raise
     except BaseException as error:
-        if isinstance(error, InputError) and where == "in reset":
-            raise _FailedError(f"not applicable: {error}") from None
+        # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
+        declines = isinstance(error, InputError) or (isinstance(error, ValueError) and start.ndim == 1)
+        if declines and where == "in reset":
+            raise _FailedError(NOT_SERVED + (" ".join(str(error).split()) or type(error).__name__)) from None
         raise _FailedError(f"raised {_one_line(error)} {where}") from None
     return poses
 

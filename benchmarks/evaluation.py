@@ -14,12 +14,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric: its name, its SI unit (also as part of a JSON key), and how people are shown it."""
+    """A metric: its name, its SI unit (also as part of a JSON key), and how people are shown it.
+
+    title: its heading; short: the one in a terminal.
+    """
 
     name: str
     unit: str
     key: str
     title: str
+    short: str
     shown_unit: str
     factor: float
     description: str
@@ -38,13 +42,21 @@ STANDING_STILL = "ate_standing_still"
 METRICS: dict[str, Metric] = {
     metric.name: metric
     for metric in (
-        Metric("E_max_syst", key="E_max_syst_m", title="E_max,syst", description="UMBmark, systematic", **_MM),
-        Metric("r_cw", key="r_cw_m", title="r_cw", description="UMBmark, clockwise centroid", **_MM),
-        Metric("r_ccw", key="r_ccw_m", title="r_ccw", description="UMBmark, other centroid", **_MM),
+        Metric(
+            "E_max_syst",
+            key="E_max_syst_m",
+            title="E_max,syst",
+            short="E_max",
+            description="UMBmark, systematic",
+            **_MM,
+        ),
+        Metric("r_cw", key="r_cw_m", title="r_cw", short="r_cw", description="UMBmark, clockwise centroid", **_MM),
+        Metric("r_ccw", key="r_ccw_m", title="r_ccw", short="r_ccw", description="UMBmark, other centroid", **_MM),
         Metric(
             "orientation_error",
             key="orientation_error_rad",
             title="orientation",
+            short="orient.",
             description="mean absolute return orientation error",
             **_DEG,
         ),
@@ -52,6 +64,7 @@ METRICS: dict[str, Metric] = {
             "nonsystematic_orientation_error",
             key="nonsystematic_orientation_error_rad",
             title="orientation, non-syst.",
+            short="non-syst.",
             description="extended UMBmark: the same less the mean error on the clean floor",
             **_DEG,
         ),
@@ -59,6 +72,7 @@ METRICS: dict[str, Metric] = {
             "end_point_position",
             key="end_point_position_m",
             title="end point",
+            short="end",
             description="position error of the last pose, mean over the runs",
             **_MM,
         ),
@@ -66,6 +80,7 @@ METRICS: dict[str, Metric] = {
             "end_point_heading",
             key="end_point_heading_rad",
             title="end heading",
+            short="end",
             description="heading error of the last pose, mean over the runs",
             **_DEG,
         ),
@@ -73,6 +88,7 @@ METRICS: dict[str, Metric] = {
             "ate",
             key="ate_m",
             title="ATE",
+            short="ATE",
             description="rms position error along the path, no alignment, mean over the runs",
             **_MM,
         ),
@@ -81,6 +97,7 @@ METRICS: dict[str, Metric] = {
             unit="m/m",
             key="rpe_translation_m_per_m",
             title="RPE",
+            short="RPE",
             shown_unit="mm/m",
             factor=1e3,
             description="error of the motion over 1 m of true path, mean",
@@ -90,6 +107,7 @@ METRICS: dict[str, Metric] = {
             unit="rad/m",
             key="rpe_rotation_rad_per_m",
             title="RPE rotation",
+            short="RPE",
             shown_unit="deg/m",
             factor=180.0 / np.pi,
             description="heading error over 1 m of true path, mean",

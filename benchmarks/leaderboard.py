@@ -22,6 +22,14 @@ class FailedCases:
 
 
 @dataclass(frozen=True)
+class NotServed:
+    """An estimator that declines a task's robot, and why."""
+
+    estimator: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Entry:
     """One estimator on a task's board.
 
@@ -45,7 +53,8 @@ class Entry:
 class TaskBoard:
     """The board of a task.
 
-    missing: why there are no results. superseded: estimators with the hash and number of rows of their older sources.
+    missing: why there are no results. not_served: estimators all of whose rows are refusals, with the reason.
+    superseded: estimators with the hash and number of rows of their older sources.
     """
 
     task: str
@@ -55,6 +64,7 @@ class TaskBoard:
     metric: Metric
     cases: tuple[Case, ...]
     entries: tuple[Entry, ...]
+    not_served: tuple[NotServed, ...]
     missing: str | None
     superseded: tuple[tuple[str, str, int], ...]
 
@@ -74,12 +84,14 @@ def build(
     cases: int | None = None,
     missing: Mapping[str, str] | None = None,
     sources: Mapping[str, str] | None = None,
+    left_out: Mapping[str, Sequence[NotServed]] | None = None,
 ) -> Leaderboard:
     """Return the leaderboard of some tasks from a results folder.
 
     cases: look at the first so many cases of each task only; None: at all that any estimator has a row of. missing:
     why tasks could not be run, by name, beyond what they say themselves. sources: source hashes by estimator; of
-    estimators not in it the source with the newest row is shown.
+    estimators not in it the source with the newest row is shown. left_out: estimators that a run left out of tasks, by
+    task.
     """
     store, episodes = ResultsStore(results), EpisodeStore(results)
     boards = []
@@ -89,7 +101,7 @@ def build(
             wanted = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
             rows = [row for row in rows if row.case in wanted]
         reason = (missing or {}).get(task.name) or task.missing
-        boards.append(_board(task, rows, store, episodes, reason, sources or {}))
+        boards.append(_board(task, rows, store, episodes, reason, sources or {}, (left_out or {}).get(task.name, ())))
     current = {task.name: task.version for task in tasks}
     others = tuple((name, version) for name, version in store.versions() if current.get(name, version) != version)
     return Leaderboard(tuple(boards), others, tuple(store.corrupt))
@@ -102,6 +114,7 @@ def _board(
     episodes: EpisodeStore,
     missing: str | None,
     current: Mapping[str, str],
+    left_out: Sequence[NotServed],
 ) -> TaskBoard:
     recorded: dict[Case, str | None] = {}
     by_source: dict[str, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
@@ -117,6 +130,10 @@ def _board(
             latest = max(sources, key=lambda source: max(row.origin.get("created", "") for row in sources[source]))
         newest[name] = sources[latest]
         superseded += [(name, source, len(own)) for source, own in sources.items() if source != latest]
+    declining = [name for name, own in newest.items() if all(row.refusal is not None for row in own)]
+    refused = {name: newest[name][0].refusal or "" for name in declining}
+    not_served = {**{one.estimator: one.reason for one in left_out if one.estimator not in newest}, **refused}
+    newest = {name: own for name, own in newest.items() if name not in refused}
     cases = tuple(sorted({row.case for own in newest.values() for row in own}, key=_case_order))
     ranking = {
         name: [row.scores[task.metric] for row in sorted(own, key=lambda row: _case_order(row.case))]
@@ -134,6 +151,7 @@ def _board(
         metric=METRICS[task.metric],
         cases=cases,
         entries=tuple(entries),
+        not_served=tuple(NotServed(name, reason) for name, reason in sorted(not_served.items())),
         missing=missing if not entries else None,
         superseded=tuple(superseded),
     )

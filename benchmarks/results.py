@@ -9,9 +9,11 @@ robot); whatever differs in one of these is another row. Nothing is ever appende
 is killed leaves whole files only, and the next one computes what is missing.
 """
 
+import contextlib
 import json
 import os
 import re
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +31,11 @@ from castor_envs.files import write_atomically
 Array = NDArray[np.float64]
 ROW_FORMAT = "castor-row/1"
 TIME_FORMAT = "castor-time/1"
+NOT_SERVED = "not applicable: "
+"""What a row's failure begins with where the estimator declined the robot; the estimator's reason follows."""
+LEFT_OVER = 3600.0
+"""s: older temporary files are left over from a run that was killed."""
+_TEMPORARY = re.compile(r"\..+\.(npz|json)\.[a-z0-9_]{8}\.tmp")  # of castor_envs.files.write_atomically
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +59,13 @@ class Row:
     scores: dict[str, float] = field(default_factory=dict)
     estimates: tuple[Array, ...] = ()
     origin: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the estimator declined the robot, None if it did not."""
+        if self.failure is None or not self.failure.startswith(NOT_SERVED):
+            return None
+        return self.failure.removeprefix(NOT_SERVED)
 
 
 class ResultsStore:
@@ -149,6 +163,15 @@ def check_results_folder(results: Path) -> None:
             if not os.access(place, os.W_OK | os.X_OK):
                 raise InputError(f"--results {results}: {place} may not be written to; name another folder")
             return
+
+
+def remove_leftovers(results: Path, older_than: float = LEFT_OVER) -> None:
+    """Remove the temporary files of runs that were killed while they wrote; younger ones may be of a run going on."""
+    for part in ("rows/*/*", "episodes/*"):
+        for path in results.glob(f"{part}/.*.tmp"):
+            with contextlib.suppress(OSError):
+                if _TEMPORARY.fullmatch(path.name) and time.time() - path.lstat().st_mtime > older_than:
+                    path.unlink()
 
 
 def names_of(corrupt: Sequence[CorruptFileError], most: int = 3) -> str:

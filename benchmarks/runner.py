@@ -16,7 +16,7 @@ from benchmarks.evaluation import METRICS
 from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.provenance import provenance
 from benchmarks.recording import record_missing
-from benchmarks.results import ResultsStore, check_results_folder
+from benchmarks.results import ResultsStore, check_results_folder, remove_leftovers
 from benchmarks.task import Case, Episode, Task
 from benchmarks.workers import Done, Job, run_jobs
 from estimators.registry import EstimatorEntry
@@ -48,6 +48,7 @@ def run(
     Raises InputError if the results folder cannot be one, RuntimeError if a task cannot record an episode.
     """
     check_results_folder(results)
+    remove_leftovers(results)
     return _Run(results, processes, timeout, progress or SilentProgress()).run(plan)
 
 

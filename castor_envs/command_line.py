@@ -27,8 +27,15 @@ def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        code = _explain(message())
+        code = _show_help(message()) if type(error).__name__ == "NoArgsIsHelpError" else _explain(message())
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _show_help(text: str) -> int:
+    """Print the help of a script called without arguments, unless Typer, where it formats with rich, has done so."""
+    if text.strip():
+        print(text)
+    return 2
 
 
 def _explain(message: str) -> int:

@@ -1,5 +1,6 @@
 """The console script castor-diagnose: thin, it reads, calls and prints."""
 
+import importlib.metadata
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,34 +10,56 @@ from rich.console import Console
 from rich.table import Table
 
 from castor_envs.command_line import run
+from castor_envs.errors import InputError
 from castor_envs.logs import read_log
 from castor_envs.presets import load_robot
+from castor_envs.robot import RobotDescription
 from discrepancy.inspection import inspect_logs
 
-app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+ROBOT_FILE = "robot.json"
 
 
-@app.callback(invoke_without_command=True)
-def diagnose(context: typer.Context) -> None:
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"castor-diagnose {importlib.metadata.version('castor-envs')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
     """Find where a robot's description and its measurements disagree."""
-    if context.invoked_subcommand is None:
-        print(context.get_help())
 
 
 @app.command()
 def inspect(
-    logs: Annotated[list[Path], typer.Argument(help="Logs of the robot: CSV files, one a run.")],
-    robot: Annotated[str, typer.Option(help="The robot that made them: a preset's name, or a robot file (.json).")],
+    logs: Annotated[
+        list[Path], typer.Argument(help="Logs of the robot: CSV files, one a run, or folders: all *.csv in them.")
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="The robot that made them: a preset's name, or a robot file (.json). "
+            f"Default: {ROBOT_FILE} beside the logs."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-inspect/1) instead of tables.")] = False,
 ) -> None:
     """Read and check logs, and show their sampling, their channels and whether their encoders agree.
 
     Agreement is the parity residual: on a robot with more wheels than a motion needs, what is left of each wheel's
     rolling and each castor's side slip after the rigid motion that fits them best, rms in mm a sample, beside what
-    the rounding of counts alone would leave.
+    the rounding of counts alone would leave. Sums over about a second show far smaller errors, as rounding does not
+    add up: the verdict goes by these.
     """
-    description = load_robot(robot)
-    found = inspect_logs(description, {str(path): read_log(path, description) for path in logs})
+    paths = _logs_of(logs)
+    description = load_robot(robot) if robot is not None else _robot_beside(paths)
+    found = inspect_logs(description, {str(path): read_log(path, description) for path in paths})
     if as_json:
         print(json.dumps(found, indent=2, allow_nan=False))
         return
@@ -44,6 +67,40 @@ def inspect(
     console.print(f"robot {found['robot']['name']} ({found['robot']['hash']})")
     for entry in found["logs"]:
         _show(console, entry)
+
+
+def _logs_of(given: list[Path]) -> list[Path]:
+    """Return the logs given, those of a folder by name."""
+    paths = []
+    for path in given:
+        if path.is_dir():
+            found = sorted(path.glob("*.csv"))
+            if not found:
+                raise InputError(f"{path}: is a folder without logs (*.csv)")
+            paths += found
+        elif path.is_file() and path.suffix.lower() == ".json":
+            raise InputError(f"{path}: is a robot file, not a log; give it as --robot {path}, and logs as CSV files")
+        else:
+            paths.append(path)
+    return paths
+
+
+def _robot_beside(logs: list[Path]) -> RobotDescription:
+    """Return the robot that the file beside the logs describes."""
+    robots: dict[Path, RobotDescription] = {}
+    for log in logs:
+        file = log.parent / ROBOT_FILE
+        if not log.exists():
+            raise InputError(f"{log}: cannot be read (No such file or directory)")
+        if not file.exists():
+            raise InputError(f"{log}: has no {ROBOT_FILE} beside it; name the robot with --robot")
+        if file not in robots:
+            robots[file] = RobotDescription.load(file)
+    first, *others = robots
+    for other in others:
+        if robots[other].hash() != robots[first].hash():
+            raise InputError(f"{first} and {other}: are different robots; inspect their logs one robot at a time")
+    return robots[first]
 
 
 def _show(console: Console, entry: dict[str, Any]) -> None:
@@ -63,7 +120,7 @@ def _show(console: Console, entry: dict[str, Any]) -> None:
         console.print(f"counts that are not whole numbers (radians?): {', '.join(broken)}")
     table = Table("channel", "smallest", "largest", "largest step", "the robot's limit", box=None)
     for channel in entry["channels"]:
-        limit = "" if channel["at_most"] is None else f"{channel['at_most']:.6g}"
+        limit = "-" if channel["at_most"] is None else f"{channel['at_most']:.6g}"
         numbers = (f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step"))
         table.add_row(channel["name"], *numbers, limit)
     console.print(table)
@@ -72,12 +129,15 @@ def _show(console: Console, entry: dict[str, Any]) -> None:
         console.print(f"parity: {parity['note']}")
         return
     console.print(f"parity residual, {parity['redundancy']} redundant rows, {parity['moving_samples']} moving samples")
-    table = Table("row", "rms mm a sample", "from rounding alone", box=None)
+    over = f"over {parity['window']:.3g} s"
+    table = Table("row", "rms mm a sample", "from rounding", "ratio", over, box=None)
     for kind in ("rolling", "side_slip"):
         for row in parity[kind]:
             name = f"{row['name']} {kind.replace('_', ' ')}"
-            table.add_row(name, f"{row['rms_mm']:.4f}", f"{row['rounding_mm']:.4f}")
+            ratios = ("-" if row[key] is None else f"{row[key]:.2f}" for key in ("ratio", "drift"))
+            table.add_row(name, f"{row['rms_mm']:.4f}", f"{row['rounding_mm']:.4f}", *ratios)
     console.print(table)
+    console.print(f"verdict: {parity['verdict']}")
 
 
 def _yes(value: bool) -> str:

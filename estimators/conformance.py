@@ -1,7 +1,7 @@
 """Tells the author of an estimator what is wrong with it before a benchmark does.
 
 Runs the estimator on short noise-free drives of one robot, in this process and without a time limit: an estimator that
-hangs hangs the check.
+hangs hangs the check. ``castor-bench check`` runs it in a process of its own, with a limit.
 """
 
 import traceback
@@ -43,13 +43,12 @@ class _Wrong(Exception):  # noqa: N818 - a verdict, not an error of this program
 def check(entry: EstimatorEntry, robot: RobotDescription | None = None) -> list[Finding]:
     """Return what was checked of an estimator, in the order of the checks.
 
-    robot: to check on; None takes the first preset that the estimator serves, the ASOC prototype and the differential
-    robot before others. What the estimator raises becomes a finding. While it does not return poses at all, nothing
-    further is checked.
+    robot: to check on; None takes the first preset, in the order of `candidates`, that the estimator serves. What the
+    estimator raises becomes a finding. While it does not return poses at all, nothing further is checked.
     """
     findings = [_finding(entry, "is constructed without arguments", entry.factory)]
     if findings[-1].passed:
-        subject = _Subject(entry, robot or _served_preset(entry))
+        subject = _Subject(entry, robot or preset(_served_preset(entry)))
         for name, run in _FIRST.items():
             findings.append(_finding(entry, name, lambda run=run: run(subject)))
             if not findings[-1].passed:
@@ -58,6 +57,34 @@ def check(entry: EstimatorEntry, robot: RobotDescription | None = None) -> list[
         if entry.batched:
             findings.append(_finding(entry, "gives in a batch what it gives alone", lambda: _batch(subject), _BATCHED))
     return findings
+
+
+def candidates() -> list[str]:
+    """Return the presets in the order in which one is looked for that an estimator serves."""
+    return list(dict.fromkeys(["asoc-prototype", "differential", *preset_names()]))
+
+
+def refusal(entry: EstimatorEntry, robot: RobotDescription) -> str | None:
+    """Return why the estimator's `reset` declines a robot, with a ValueError; None if it does not.
+
+    Whatever else goes wrong is for `check` to find.
+    """
+    try:
+        estimator = entry.factory()
+    except (Exception, SystemExit):
+        return None
+    try:
+        estimator.reset(robot, np.zeros(3))
+    except ValueError as error:
+        return _reason(error)
+    except (Exception, SystemExit):
+        pass
+    return None
+
+
+def _served_preset(entry: EstimatorEntry) -> str:
+    served = (name for name in candidates() if refusal(entry, preset(name)) is None)
+    return next(served, candidates()[0])
 
 
 class _Subject:
@@ -83,9 +110,11 @@ class _Subject:
 def _serves(subject: _Subject) -> None:
     try:
         subject.estimate([])
-    except InputError as error:
+    except ValueError as error:
+        # Only an InputError is surely meant; any other may be a mistake, so it is said where it comes from.
+        place = "" if isinstance(error, InputError) else f" {_place(subject.entry, error)}"
         raise _Wrong(
-            f"reset refuses robot {subject.robot.name!r}: {error}; check with a robot that it serves"
+            f"reset refuses robot {subject.robot.name!r}: {_reason(error)}{place}; check with a robot that it serves"
         ) from None
 
 
@@ -237,12 +266,20 @@ def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice
     except _Wrong as wrong:
         return Finding(name, False, str(wrong))
     except (Exception, SystemExit) as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        where = f"({own[-1].name}, line {own[-1].lineno} of {own[-1].filename})"
-        return Finding(name, False, f"raises {text} {where}{advice and ': ' + advice}")
+        return Finding(name, False, f"raises {text} {_place(entry, error)}{advice and ': ' + advice}")
     return Finding(name, True)
+
+
+def _place(entry: EstimatorEntry, error: BaseException) -> str:
+    """Return where something was raised: the last line of the estimator's own file on the way, if there is one."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
+    return f"({own[-1].name}, line {own[-1].lineno} of {own[-1].filename})"
+
+
+def _reason(error: ValueError) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _pose(value: object, k: int) -> Array:
@@ -259,19 +296,6 @@ def _pose(value: object, k: int) -> Array:
     if not np.isfinite(pose).all():
         raise _Wrong(f"update {k} returns {_text(pose)}: return finite numbers, from the first update on")
     return pose.copy()
-
-
-def _served_preset(entry: EstimatorEntry) -> RobotDescription:
-    """Return the first preset whose `reset` is not refused with an InputError, else the first of all."""
-    for name in ("asoc-prototype", "differential", *preset_names()):
-        try:
-            entry.factory().reset(preset(name), np.zeros(3))
-        except InputError:
-            continue
-        except Exception:
-            pass  # to be reported as a finding
-        return preset(name)
-    return preset("asoc-prototype")
 
 
 def _scaled(robot: RobotDescription, factor: float) -> RobotDescription:

@@ -31,7 +31,7 @@ class Estimator(Protocol):
     def reset(self, robot: RobotDescription | Geometry, pose: Array) -> None:
         """Start anew with this robot at `pose` (..., 3) = x, y (m) and psi (rad) of the body in N.
 
-        Raises InputError where the estimator cannot serve this robot.
+        Raises ValueError (InputError is one) where the estimator cannot serve this robot.
         """
         ...
 

@@ -66,12 +66,12 @@ class EstimatorEntry:
         """Return None if the estimator serves this robot, else the reason why not.
 
         Asks built-in estimators alone: a plug-in's code is never run here, lest it hangs. Its `reset` says so later,
-        with an InputError.
+        with a ValueError.
         """
         if self.builtin:
             try:
                 self.factory().reset(robot, np.zeros(3))
-            except InputError as error:
+            except ValueError as error:
                 return str(error)
         return None
 
@@ -110,6 +110,8 @@ def builtin_names(robot: RobotDescription) -> list[str]:
 
 def _from_entry_point(spec: str) -> EstimatorEntry:
     points = importlib.metadata.entry_points(group=GROUP)
+    if spec not in points.names and spec and os.path.isfile(f"{spec}.py"):
+        raise InputError(f"unknown estimator {spec!r}; did you mean the file {spec + '.py'!r}?")
     if not points.names:
         raise InputError(f"unknown estimator {spec!r}: none is registered; is castor-envs installed with pip?")
     name, argument = spec, None

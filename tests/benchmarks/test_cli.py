@@ -44,7 +44,7 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks):
 def test_a_run_ends_with_the_leaderboard(castor_bench, plugin):
     code, out, err = castor_bench("run", "--cases", 2, "--jobs", 1, "--estimator", plugin("followers:Follower"))
     assert code == 0, err
-    assert "E_max,syst, mm" in out
+    assert "E_max, mm" in out
     assert "followers:Follower" in out
     assert "not run: no square.csv there" in out
     code, out, _ = castor_bench("leaderboard", "--json")
@@ -196,3 +196,128 @@ def test_exported_episodes_are_what_estimators_get(castor_bench, fake_tasks, tmp
     code, _, err = castor_bench("export", "arcs", "--out", out)
     assert (code, err.count("\n")) == (2, 1)
     assert "is there already" in err
+
+
+CHOOSY = """
+import numpy as np
+
+class Choosy:
+    def reset(self, robot, pose):
+        raise ValueError("needs\\n six legs")
+
+    def update(self, observation):
+        return np.zeros(3)
+"""
+
+
+def test_a_plug_in_that_declines_the_robot_is_no_row_and_no_success(castor_bench, plugin):
+    Path("choosy.py").write_text(CHOOSY)
+    arguments = ("run", "--task", "arcs", "--cases", 1, "--jobs", 1, "--estimator")
+    code, out, err = castor_bench(*arguments, plugin("followers:Follower"), "--estimator", "choosy.py")
+    assert code == 1, err
+    assert "choosy:Choosy does not serve this robot: needs six legs" in out
+    assert "choosy:Choosy failed" not in out
+    assert castor_bench(*arguments, plugin("followers:Follower"))[0] == 0
+
+
+def test_who_fails_everything_makes_the_run_fail_after_the_board(castor_bench, plugin):
+    arguments = ("run", "--task", "arcs", "--cases", 2, "--jobs", 1, "--estimator")
+    code, out, _ = castor_bench(*arguments, plugin("faulty:Raises"))
+    assert code == 1
+    assert "failed 2 of 2 cases" in out
+    assert out.endswith("castor-bench leaderboard --results castor-results\n")
+    code, _, err = castor_bench(*arguments, plugin("fails_on_some:FailsOnSome"), "--cases", 4)
+    assert code == 0, err
+
+
+def test_a_built_in_that_serves_no_chosen_task_is_refused_at_once(castor_bench):
+    code, out, err = castor_bench("run", "--task", "arcs", "--estimator", "cast-9")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "'cast-9' does not serve the robot of any chosen task" in err
+    assert not list(Path().iterdir())
+
+
+def test_a_built_in_is_left_out_of_the_tasks_that_it_does_not_serve(castor_bench, fake_tasks, monkeypatch):
+    three = importlib.import_module("castor_envs.presets").preset("3-castor")
+    other = type("Other", (fake_tasks.Arcs,), {"robot": three, "record": None})(name="other")
+    monkeypatch.setattr(cli, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), other))
+    heard = {}
+
+    def plan_only(plan, *_):
+        heard.update({a.task.name: [entry.name for entry in a.estimators] for a in plan})
+        return {}
+
+    monkeypatch.setattr(cli, "run_plan", plan_only)
+    code, out, err = castor_bench("run", "--estimator", "cast-3", "--estimator", "dead-reckoning-1")
+    assert code == 0, err
+    assert heard == {"arcs": ["dead-reckoning-1"], "other": ["cast-3", "dead-reckoning-1"]}
+    assert "cast-3 does not serve this robot: " in out
+
+
+def test_ctrl_c_says_what_is_kept(castor_bench, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "run_plan", stopped)
+    code, out, err = castor_bench("run", "--task", "arcs", "--results", "kept")
+    assert (code, out) == (130, "")
+    assert err.strip() == "stopped; what is done is kept in kept: the same command continues"
+
+
+@pytest.mark.parametrize("command", [("run", "--estimator"), ("check",)])
+def test_a_file_named_without_its_ending_is_suggested(castor_bench, command):
+    Path("choosy.py").write_text(CHOOSY)
+    code, _, err = castor_bench(*command, "choosy")
+    assert code == 2
+    assert err == "error: unknown estimator 'choosy'; did you mean the file 'choosy.py'?\n"
+
+
+ODOMETRY = """
+from estimators import DeadReckoning
+
+class MyOdometry(DeadReckoning):
+    def reset(self, robot, pose):
+        if len(robot.castors) != 1 or robot.castors[0].steering != "fixed":
+            raise ValueError("needs a differential robot: one fixed castor")
+        super().reset(robot, pose)
+    batched = False
+"""
+
+
+def test_check_names_the_robot_and_who_was_declined(castor_bench):
+    Path("my_odometry.py").write_text(ODOMETRY)
+    code, out, err = castor_bench("check", "my_odometry.py")
+    assert code == 0, (out, err)
+    assert out.splitlines()[0] == (
+        "checking my_odometry:MyOdometry on preset 'differential' "
+        "(declined: asoc-prototype: needs a differential robot: one fixed castor)"
+    )
+    Path("choosy.py").write_text(CHOOSY)
+    code, out, _ = castor_bench("check", "choosy.py")
+    assert code == 1
+    assert out.splitlines()[0].endswith("(it declines every preset)")
+    assert "WRONG  serves the robot: reset refuses robot" in out
+    assert "needs six legs (reset, line 6 of" in out
+
+
+@pytest.mark.parametrize(
+    ("body", "line"),
+    [
+        ("def update(self, observation): os._exit(3)", "WRONG  stays alive: ended its process (exit code 3)"),
+        ("def update(self, observation): time.sleep(99)", "WRONG  answers in time: took over 1 s"),
+        ("def update(self, observation): ...\n    reset = lambda *_: time.sleep(99)", "WRONG  answers in time: "),
+        ("def update(self, observation): ...\nos._exit(4)", "WRONG  stays alive: ended its process (exit code 4)"),
+    ],
+)
+def test_check_survives_what_it_checks(castor_bench, body, line):
+    Path("bad.py").write_text(f"import os, time\nclass Bad:\n    def reset(self, *_): ...\n    {body}\n")
+    code, out, err = castor_bench("check", "bad.py", "--timeout", 1)
+    assert (code, err) == (1, "")
+    first, wrong = out.splitlines()
+    assert first.startswith("checking bad")
+    assert wrong.startswith(line)
+
+
+def test_check_refuses_a_robot_that_it_cannot_drive(castor_bench):
+    code, _, err = castor_bench("check", "cast-0", "--timeout", 0)
+    assert (code, err) == (2, "error: --timeout must be above 0, got 0\n")

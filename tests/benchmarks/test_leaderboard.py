@@ -148,8 +148,9 @@ def test_json_is_si_with_units_in_its_keys(shown):
 def test_people_read_millimetres_and_reasons(shown, capsys):
     print_leaderboard(shown, Console(width=160))
     text = capsys.readouterr().out
-    assert "E_max,syst, mm" in text
-    assert "45.00 [" in text
+    assert "E_max, mm" in text
+    assert "45.00" in text
+    assert "95 %" in text
     assert "bad failed 1 of 8 cases (0): raised ValueError: [red]no[/red] | idea" in text
 
 
@@ -192,3 +193,82 @@ def test_whoever_stands_still_is_not_ranked(tmp_path, fake_tasks, plugin):
     assert by_name["still"].rank is None
     assert by_name["still"].stands_still
     assert "not ranked" in as_markdown(build([task], tmp_path))
+
+
+@pytest.fixture
+def wide(board):
+    """A board whose table takes over 100 columns."""
+    for k, name in enumerate(("dead-reckoning-1", "cast-arc-0", "a_plug_in_of_mine:WithALongName")):
+        board.put(name, HARD * (1.2345 + k), source_hash=str(k) * 16)
+        board.store.save_time("arcs", 1, name, str(k) * 16, 123.4, {})
+        for case in CASES:
+            row = board.store.load("arcs", 1, name, str(k) * 16, case)
+            more = {"end_point_position": 0.1234, "end_point_heading": 0.01234, "rpe_translation": 0.01234}
+            board.store.save(dataclasses.replace(row, scores={**row.scores, **more}))
+    return build([board.task], board.results)
+
+
+@pytest.mark.parametrize(
+    ("width", "headings"),
+    [
+        (160, ["rank", "estimator", "E_max, mm", "95 %", "end, mm", "end, °", "ATE, mm", "RPE, mm/m", "µs"]),
+        (100, ["rank", "estimator", "E_max, mm", "95 %", "end, mm", "ATE, mm", "RPE, mm/m"]),
+        (80, ["rank", "estimator", "E_max, mm", "95 %", "ATE, mm"]),
+    ],
+)
+def test_a_narrow_terminal_drops_columns_and_cuts_none(wide, capsys, width, headings):
+    print_leaderboard(wide, Console(width=width))
+    out = capsys.readouterr().out
+    table = [line for line in out.splitlines() if line.startswith(("┃", "│"))]
+    assert [cell.strip() for cell in table[0].strip("┃").split("┃")] == headings
+    assert len(table) == 1 + 3
+    assert all(len(line) <= width for line in table)
+    assert "…" not in out
+    (score,) = [entry.scores["E_max_syst"] for entry in wide.boards[0].entries if entry.rank == 1]
+    first = [cell.strip() for cell in table[1].strip("│").split("│")]
+    assert first[:4] == ["1", "dead-reckoning-1", "55.55", f"{1e3 * score.low:.2f}–{1e3 * score.high:.2f}"]
+    said = "narrow terminal: castor-bench leaderboard --markdown shows every score" in out
+    assert said == (width < 160)
+
+
+def test_numbers_stay_whole_in_the_narrowest_terminal(wide, capsys):
+    print_leaderboard(wide, Console(width=40))
+    out = capsys.readouterr().out
+    assert "…" not in out
+    assert "55.55" in out
+    assert "E_max, mm" in out
+
+
+def test_who_declines_the_robot_is_no_row(board):
+    """All of its rows are refusals: it did not fail, and its cases are not the board's."""
+    board.put("good", HARD)
+    reason = "needs six legs | or [b]eight[/b]"
+    board.put("choosy", [0.0] * 10, cases=range(10), failures=dict.fromkeys(range(10), f"not applicable: {reason}"))
+    board.put("half", HARD, failures={0: "not applicable: not this one"})
+    leaderboard = build([board.task], board.results)
+    (shown,) = leaderboard.boards
+    assert [entry.estimator for entry in shown.entries] == ["good", "half"]
+    assert len(shown.cases) == 8
+    assert not shown.entries[0].lacking
+    (task,) = as_json(leaderboard)["tasks"]
+    assert task["not_served"] == [{"estimator": "choosy", "reason": reason}]
+    text = as_markdown(leaderboard)
+    assert f"- choosy does not serve this robot: {reason}\n" in text
+    assert "choosy failed" not in text
+    assert "half failed 1 of 8 cases (0): not applicable: not this one" in text
+
+
+def test_a_board_of_refusals_alone_says_so(board, capsys):
+    board.put("choosy", HARD, failures=dict.fromkeys(CASES, "not applicable: needs six legs"))
+    print_leaderboard(build([board.task], board.results), Console(width=80))
+    out = capsys.readouterr().out
+    assert "choosy does not serve this robot: needs six legs" in out
+    assert "mean over" not in out
+
+
+def test_ranks_are_explained_where_there_are_any(board):
+    explained = "who does not differ significantly (paired) from the best of a rank shares it"
+    board.put("picky", HARD, failures={6: "lost"})
+    assert explained not in as_markdown(build([board.task], board.results))
+    board.put("whole", HARD)
+    assert explained in as_markdown(build([board.task], board.results))

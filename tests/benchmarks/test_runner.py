@@ -1,6 +1,8 @@
 """The run on small fake tasks: rows are right, faults cost their own rows, and nothing is computed twice."""
 
 import dataclasses
+import os
+import time
 
 import numpy as np
 import pytest
@@ -125,7 +127,7 @@ def test_one_lost_member_of_a_stack_is_lost_alone(all_sorts):
 def test_rows_say_where_they_come_from(all_sorts):
     _, task, rows, _ = all_sorts
     row = rows["followers:Follower", 2]
-    assert set(row.origin) == {"created", "versions", "machine"}
+    assert set(row.origin) == {"created", "versions", "world", "machine"}
     assert {"python", "numpy", "pymunk", "numba", "castor-envs"} <= set(row.origin["versions"])
     assert set(row.origin["machine"]) == {"platform", "cpu_count"}
     assert row.robot_hash == task.record(2).robot.hash()
@@ -303,3 +305,40 @@ def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plug
     run(plan, tmp_path, progress=other)
     assert other.stages["recording episodes"] == 2
     assert other.stages["running estimators"] == 0  # this world records the same
+
+
+def test_a_value_error_in_reset_declines_the_robot(tmp_path, fake_tasks):
+    """On a stack too, where it may be a mistake in broadcasting instead: single runs are tried then."""
+    file, task = tmp_path / "mine.py", fake_tasks.Arcs()
+    file.write_text(
+        "import numpy as np\n"
+        "class Declines:\n"
+        " def reset(self, robot, pose): raise ValueError('needs\\n legs')\n"
+        " def update(self, seen): return np.zeros(3)\n"
+        "class Broadcasts(Declines):\n"
+        " batched = True\n"
+        "class Alone(Broadcasts):\n"
+        " def reset(self, robot, pose): self.pose = pose + np.zeros(3) if pose.shape == (3,) else np.ones(2) + pose\n"
+        " def update(self, seen): return self.pose\n"
+    )
+    names = ("Declines", "Broadcasts", "Alone")
+    run([Assignment(task, (0, 1), tuple(load_estimator(f"{file}:{name}") for name in names))], tmp_path / "results")
+    refusals = {key: row.refusal for key, row in rows_of(tmp_path / "results", task).items()}
+    assert refusals == {
+        (f"mine:{name}", case): None if name == "Alone" else "needs legs" for name in names for case in (0, 1)
+    }
+
+
+def test_what_killed_runs_left_is_removed_after_an_hour(tmp_path, fake_tasks):
+    kept = [".5.npz.abcd_123.tmp", ".notes.tmp", ".5.npz.abc.tmp", "5.npz.abcd_123.tmp", ".5.npz"]
+    old = time.time() - 3700
+    folders = [tmp_path / "rows" / "arcs@1" / "mine-0", tmp_path / "episodes" / "arcs@1"]
+    for folder in folders:
+        folder.mkdir(parents=True)
+        for name in (*kept, ".6.npz.abcd_123.tmp", ".time.json.abcd_123.tmp"):
+            (folder / name).write_bytes(b"half")
+            if name != kept[0]:
+                os.utime(folder / name, (old, old))
+    run([Assignment(fake_tasks.Arcs(), (), ())], tmp_path)
+    for folder in folders:
+        assert sorted(path.name for path in folder.iterdir()) == sorted(kept)

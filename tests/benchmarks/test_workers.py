@@ -1,6 +1,7 @@
 """Worker processes: every job has an outcome, whatever its function does."""
 
 import os
+import signal
 import sys
 import time
 from collections import deque
@@ -81,3 +82,12 @@ def test_the_environment_is_left_as_it_was(monkeypatch, value):
         monkeypatch.setenv("PYTHONSAFEPATH", value)
     outcomes(Job(pow, (1, 1), "any"), processes=1)
     assert os.environ.get("PYTHONSAFEPATH") == value
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs signal masks")
+def test_workers_are_deaf_to_ctrl_c_from_the_start():
+    """The parent alone says that it stops; it is not made deaf itself."""
+    (outcome,) = outcomes(Job(signal.pthread_sigmask, (signal.SIG_BLOCK, ()), "mask"), processes=1).values()
+    assert isinstance(outcome, Done)
+    assert signal.SIGINT in outcome.value
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -1,9 +1,12 @@
 """castor-diagnose inspect: what it prints, and that every mistake is one line and exit code 2."""
 
+import dataclasses
 import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,12 +78,15 @@ def test_inspect_shows_the_residual_of_a_robot_with_redundancy(capsys, monkeypat
     ratio = {row["name"]: row["rms_mm"] / row["rounding_mm"] for row in entry["parity"]["rolling"]}
     assert max(ratio, key=lambda name: ratio[name]) == "wheel_3r"
     assert ratio["wheel_3r"] > 5
+    assert all(row["ratio"] == pytest.approx(ratio[row["name"]], rel=1e-2) for row in entry["parity"]["rolling"])
+    assert entry["parity"]["verdict"].startswith("castor 3 contradicts this robot file (up to ")
     assert {row["name"] for row in entry["parity"]["side_slip"]} == {"castor_1", "castor_2", "castor_3"}
     assert entry["parity"]["note"] is None
     code, out, _ = diagnose(capsys, monkeypatch, *arguments)
     assert code == 0
     assert "wheel_3r rolling" in out
     assert "castor_3 side slip" in out
+    assert f"verdict: {entry['parity']['verdict']}\n" in out
 
 
 MISTAKES = [
@@ -89,7 +95,9 @@ MISTAKES = [
     (["inspect", "log.csv", "--robot", "diferential"], "unknown robot 'diferential'; did you mean 'differential'?"),
     (["inspect", "log.csv", "--robot", "gone.json"], "gone.json: cannot be read"),
     (["inspect", "log.csv", "--robot", "asoc-prototype"], "log.csv:1: column 'wheel_2l': is missing"),
-    (["inspect", "log.csv"], "--robot"),
+    (["inspect", "log.csv"], "log.csv: has no robot.json beside it; name the robot with --robot"),
+    (["inspect", "gone.csv"], "gone.csv: cannot be read (No such file or directory)"),
+    (["inspect", "empty"], "empty: is a folder without logs (*.csv)"),
     (["inspect", "--robot", "differential"], "logs"),
     (["inspekt", "log.csv"], "inspekt"),
     (["inspect", "log.csv", "--robot", "differential", "--jason"], "--jason"),
@@ -99,13 +107,14 @@ MISTAKES = [
 @pytest.mark.parametrize(("arguments", "message"), MISTAKES)
 def test_a_mistake_is_one_line_on_stderr_and_exit_code_2(capsys, monkeypatch, log, arguments, message):
     monkeypatch.chdir(log.parent)
+    Path("empty").mkdir()
     code, out, err = diagnose(capsys, monkeypatch, *arguments)
     assert code == 2
     assert out == ""
     assert err.count("\n") == 1
     assert err.startswith("error: ")
     assert message in err
-    assert sorted(path.name for path in log.parent.iterdir()) == ["log.csv"]
+    assert sorted(path.name for path in log.parent.iterdir()) == ["empty", "log.csv"]
 
 
 def test_a_folder_that_holds_its_own_discrepancy_does_not_shadow_ours(log):
@@ -123,7 +132,67 @@ def test_a_folder_that_holds_its_own_discrepancy_does_not_shadow_ours(log):
     assert done.returncode == 0, done.stderr
 
 
-def test_no_arguments_show_the_help(capsys, monkeypatch):
-    code, out, _ = diagnose(capsys, monkeypatch)
-    assert code == 0
+def test_no_arguments_show_the_help_and_nothing_else(capsys, monkeypatch):
+    code, out, err = diagnose(capsys, monkeypatch)
+    assert (code, err) == (2, "")
+    assert out.count("Usage: ") == 1
     assert "inspect" in out
+    assert out == diagnose(capsys, monkeypatch, "--help")[1]
+
+
+def test_version(capsys, monkeypatch):
+    assert diagnose(capsys, monkeypatch, "--version")[:2] == (0, f"castor-diagnose {version('castor-envs')}\n")
+
+
+def test_a_folder_means_its_logs_and_the_robot_beside_them(capsys, monkeypatch, log):
+    (log.parent / "second.csv").write_bytes(log.read_bytes())
+    robot = dataclasses.replace(preset("differential"), name="mine")
+    robot.save(log.parent / "robot.json")
+    code, out, err = diagnose(capsys, monkeypatch, "inspect", log.parent, "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["robot"]["name"] == "mine"
+    assert [entry["path"] for entry in found["logs"]] == [str(log), str(log.parent / "second.csv")]
+    monkeypatch.chdir(log.parent)
+    assert json.loads(str(diagnose(capsys, monkeypatch, "inspect", "log.csv", "--json")[1]))["robot"] == found["robot"]
+
+
+def test_logs_beside_different_robots_are_refused(capsys, monkeypatch, log):
+    other = log.parent / "other"
+    other.mkdir()
+    (other / "log.csv").write_bytes(log.read_bytes())
+    preset("differential").save(log.parent / "robot.json")
+    preset("differential").save(other / "robot.json")
+    assert diagnose(capsys, monkeypatch, "inspect", log, other)[0] == 0
+    dataclasses.replace(preset("differential"), sample_period=0.1).save(other / "robot.json")
+    code, out, err = diagnose(capsys, monkeypatch, "inspect", log, other)
+    assert (code, out) == (2, "")
+    assert "are different robots" in err
+
+
+def test_a_robot_file_is_no_log(capsys, monkeypatch, log):
+    preset("differential").save(log.parent / "robot.json")
+    code, out, err = diagnose(capsys, monkeypatch, "inspect", log.parent / "robot.json")
+    assert (code, out) == (2, "")
+    assert "robot.json: is a robot file, not a log" in err
+
+
+def test_times_are_rounded(capsys, monkeypatch, log):
+    """Eleven samples of a tenth of a second, from a start that no float holds."""
+    lines = log.read_text().splitlines()
+    moved = [lines[0], *(f"{32.1 + k / 10!r},{line.partition(',')[2]}" for k, line in enumerate(lines[1:]))]
+    log.write_text("\n".join(moved))
+    _, out, _ = diagnose(capsys, monkeypatch, "inspect", log, "--robot", "differential", "--json")
+    (entry,) = json.loads(out)["logs"]
+    assert entry["duration"] == 1.0
+    assert {entry["sample_period"][key] for key in ("median", "smallest", "largest")} == {0.1}
+
+
+def test_pivots_without_a_limit_show_a_dash(capsys, monkeypatch, tmp_path):
+    robot, n = preset("asoc-prototype"), 21
+    wheel = np.outer(np.arange(n) * 60.0, np.ones(6))
+    write_log(tmp_path / "log.csv", Log(np.arange(n) * 0.05, wheel, np.zeros((n, 3))), robot)
+    _, out, _ = diagnose(capsys, monkeypatch, "inspect", tmp_path / "log.csv", "--robot", "asoc-prototype")
+    (line,) = (line for line in out.splitlines() if line.startswith("pivot_1") or line.startswith(" pivot_1"))
+    assert line.split()[-1] == "-"
+    assert "verdict: consistent with rounding" in out

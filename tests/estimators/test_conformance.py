@@ -14,7 +14,7 @@ from castor_envs.presets import preset, preset_names
 from castor_envs.robot import Gyro
 from estimators import CAST, DeadReckoning, EstimatorEntry, load_estimator
 from estimators.check_drives import straight, turning, winding, with_pivot_counts_unwrapped
-from estimators.conformance import check
+from estimators.conformance import check, refusal
 
 
 class Careful:
@@ -327,3 +327,25 @@ def test_robot_that_cannot_drive_straight_is_refused():
     both = (fixed, dataclasses.replace(fixed, pivot=(1.0, 0.0), angle=1.0))
     with pytest.raises(InputError, match="cannot drive ahead"):
         check(entry(Careful), dataclasses.replace(robot, castors=both))
+
+
+class ForDifferential(Careful):
+    """Declines others as an author does who does not know InputError."""
+
+    def reset(self, robot, pose):
+        if len(robot.castors) != 1:
+            raise ValueError("needs\none castor")
+        super().reset(robot, pose)
+
+
+def test_value_error_in_reset_declines_the_robot():
+    assert refusal(entry(ForDifferential), preset("asoc-prototype")) == "needs one castor"
+    assert refusal(entry(ForDifferential), preset("differential")) is None
+    assert failed(ForDifferential) == {}
+    message = failed(ForDifferential, preset("asoc-prototype"))["serves the robot"]
+    assert re.search(r"reset refuses robot .*: needs one castor \(reset, line \d+ of", message)
+
+
+@pytest.mark.parametrize("kind", [Choosy, RaisingInReset])
+def test_other_errors_decline_nothing(kind):
+    assert refusal(entry(kind), preset("asoc-prototype")) is None

@@ -289,3 +289,9 @@ def test_name_declared_by_two_packages_must_be_told_apart(tmp_path, monkeypatch)
         load_estimator("only-two")
     with pytest.raises(InputError, match="takes no number"):
         load_estimator("only-one-3")
+
+
+def test_file_named_without_its_ending_is_suggested(tmp_path):
+    (tmp_path / "mean_castor.py").write_text(MINE)
+    with pytest.raises(InputError, match=r"unknown estimator 'mean_castor'; did you mean the file 'mean_castor.py'\?"):
+        load_estimator("mean_castor")
