@@ -46,18 +46,8 @@ def main() -> None:
     command_line.run(app)
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        print(f"castor-bench {importlib.metadata.version('castor-envs')}")
-        raise typer.Exit
-
-
 @app.callback()
-def options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
-) -> None:
+def options(version: command_line.Version = False) -> None:
     """Benchmark of odometry for robots on castors."""
 
 

@@ -1,12 +1,25 @@
 """What all console scripts share: a user's mistake is one line on stderr and exit code 2, never a traceback."""
 
+import importlib.metadata
 import os
 import sys
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
 from castor_envs.errors import InputError
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"castor-envs {importlib.metadata.version('castor-envs')}")
+        raise typer.Exit
+
+
+#: The option --version of every script.
+Version = Annotated[
+    bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+]
 
 
 def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:

@@ -1,6 +1,5 @@
 """The console script castor-diagnose: thin, it reads, calls and prints."""
 
-import importlib.metadata
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from castor_envs.command_line import run
+from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs import read_log
 from castor_envs.presets import load_robot
@@ -21,18 +20,8 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=N
 ROBOT_FILE = "robot.json"
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        print(f"castor-diagnose {importlib.metadata.version('castor-envs')}")
-        raise typer.Exit
-
-
 @app.callback()
-def options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
-) -> None:
+def options(version: command_line.Version = False) -> None:
     """Find where a robot's description and its measurements disagree."""
 
 
@@ -146,4 +135,4 @@ def _yes(value: bool) -> str:
 
 def main() -> None:
     """Run castor-diagnose; a user's mistake is one line on stderr and exit code 2."""
-    run(app)
+    command_line.run(app)

@@ -78,7 +78,7 @@ def test_list_and_version(castor_bench):
     _, out, _ = castor_bench("list")
     for name in ("arcs", "cast", "asoc-prototype"):
         assert name in out
-    assert castor_bench("--version")[:2] == (0, "castor-bench 0.1.0\n")
+    assert castor_bench("--version")[:2] == (0, "castor-envs 0.1.0\n")
 
 
 MISTAKES = {

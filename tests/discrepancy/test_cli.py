@@ -141,7 +141,7 @@ def test_no_arguments_show_the_help_and_nothing_else(capsys, monkeypatch):
 
 
 def test_version(capsys, monkeypatch):
-    assert diagnose(capsys, monkeypatch, "--version")[:2] == (0, f"castor-diagnose {version('castor-envs')}\n")
+    assert diagnose(capsys, monkeypatch, "--version")[:2] == (0, f"castor-envs {version('castor-envs')}\n")
 
 
 def test_a_folder_means_its_logs_and_the_robot_beside_them(capsys, monkeypatch, log):
