@@ -51,6 +51,20 @@ def check_apart(spec: str, robot: RobotDescription | None, timeout: float, say: 
         worker.close()
 
 
+def load_apart(spec: str, timeout: float) -> None:
+    """Load an estimator in a process of its own; raises InputError if it cannot be, hangs or ends its process."""
+    worker = _Worker(timeout)
+    try:
+        worker.call(conformance.candidates, limited=False)
+        worker.call(_name, spec)
+    except _LostError as lost:
+        raise InputError(f"estimator {spec!r} cannot be loaded: {lost.finding.message}") from None
+    except RuntimeError as error:
+        raise InputError(f"estimator {spec!r} cannot be loaded: {str(error).strip().splitlines()[-1]}") from None
+    finally:
+        worker.close()
+
+
 class _LostError(Exception):
     """The worker process hung or ended; `finding` says so."""
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from benchmarks import leaderboard as boards
 from benchmarks.board_views import as_json, as_markdown, print_leaderboard
-from benchmarks.checking import check_apart
+from benchmarks.checking import check_apart, load_apart
 from benchmarks.episodes import write_episode
 from benchmarks.progress import TerminalProgress
 from benchmarks.results import check_results_folder, names_of
@@ -67,10 +67,10 @@ def run(
     """Run what is missing, then show the leaderboard."""
     tasks = select_tasks(_tasks(measured), task or [])
     _at_least("--cases", cases, 1)
-    _at_least("--jobs", jobs, 1)
+    _at_least("--jobs", jobs, 1, 256)
     _above_zero("--timeout", timeout)
     check_results_folder(results)
-    named = _estimators(estimator or [])
+    named = _estimators(estimator or [], timeout)
     left_out = _left_out(named, [t for t in tasks if t.missing is None])
     plan = [
         Assignment(t, tuple(t.cases(cases)), _without(named, left_out.get(t.name, [])) if named else _builtin(t))
@@ -80,6 +80,8 @@ def run(
     try:
         with TerminalProgress() as progress:
             missing = run_plan(plan, results, jobs or os.cpu_count() or 1, timeout, progress)
+    except OSError as error:
+        raise InputError(f"--results {results}: cannot be written to ({error.strerror or error})") from None
     except KeyboardInterrupt:
         print(f"stopped; what is done is kept in {results}: the same command continues", file=sys.stderr)
         raise typer.Exit(130) from None
@@ -104,7 +106,7 @@ def leaderboard(
     _at_least("--cases", cases, 1)
     if as_json_text and as_markdown_text:
         raise InputError("choose one of --json and --markdown")
-    check_results_folder(results)
+    check_results_folder(results, write=False)
     if not (results / "rows").is_dir():
         raise InputError(f"no results in {results}; run castor-bench run first, or name the folder with --results")
     board = boards.build(tasks, results, cases)
@@ -183,10 +185,15 @@ def _tasks(measured: Path | None) -> tuple[Task, ...]:
     return tasks
 
 
-def _estimators(specs: list[str]) -> tuple[EstimatorEntry, ...]:
-    """Return the estimators of some specs, each once; raises InputError for two that share a name."""
+def _estimators(specs: list[str], timeout: float) -> tuple[EstimatorEntry, ...]:
+    """Return the estimators of some specs, each once; raises InputError for two that share a name.
+
+    Each is loaded in a process of its own first: a plug-in that hangs or ends its process on import is refused.
+    """
     entries: dict[str, EstimatorEntry] = {}
-    for entry in map(load_estimator, specs):
+    for spec in specs:
+        load_apart(spec, timeout)
+        entry = load_estimator(spec)
         other = entries.setdefault(entry.name, entry)
         if other.source_hash != entry.source_hash:
             raise InputError(
@@ -233,13 +240,13 @@ def _print_now(line: str) -> None:
 
 
 def _above_zero(option: str, value: float) -> None:
-    if not value > 0:
-        raise InputError(f"{option} must be above 0, got {value:g}")
+    if not 0 < value <= 1e6:
+        raise InputError(f"{option} must be above 0 and at most 1e6, got {value:g}")
 
 
-def _at_least(option: str, value: int | None, least: int) -> None:
-    if value is not None and value < least:
-        raise InputError(f"{option} must be at least {least}, got {value}")
+def _at_least(option: str, value: int | None, least: int, most: int = 100_000) -> None:
+    if value is not None and not least <= value <= most:
+        raise InputError(f"{option} must lie between {least} and {most}, got {value}")
 
 
 def _console() -> Console:

@@ -45,7 +45,11 @@ class EpisodeStore:
             metadata = read_metadata(self.path(task, version, case), FORMAT)
         except FileNotFoundError:
             return None
-        return str(metadata["digest"]) if metadata["origin"].get("world") == world_digest() else None
+        try:
+            digest, world = str(metadata["digest"]), metadata["origin"].get("world")
+        except (KeyError, AttributeError):
+            raise CorruptFileError(self.path(task, version, case), "does not hold an episode") from None
+        return digest if world == world_digest() else None
 
     def load(self, task: str, version: int, case: Case) -> Episode:
         """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""

@@ -39,6 +39,11 @@ class Work:
         return self.task.name, self.entry.name, self.entry.source_hash
 
 
+def owner_of(entry: EstimatorEntry) -> tuple[str, str] | str:
+    """Return whose code an estimator is: plug-ins do not share a worker process with anyone."""
+    return "built in" if entry.builtin else (entry.spec, entry.source_hash)
+
+
 class Estimating:
     """Takes work, makes jobs of it, and stores a row for each case, whatever happens."""
 
@@ -72,7 +77,7 @@ class Estimating:
                 seen = [observed_runs(episode) for episode in work.episodes.values()]
                 function = estimate_stacked if work.stacked else estimate_singly
                 arguments = (work.entry.spec, work.entry.source_hash, seen if work.stacked else seen[0])
-                return Job(function, arguments, work, self._timeout)
+                return Job(function, arguments, work, self._timeout, owner_of(work.entry))
 
     def _take(self, work: Work, outcome: Outcome) -> None:
         """Store what came of some work; a stack that failed as a whole is tried again case by case."""
@@ -116,7 +121,9 @@ class Estimating:
         if failure is None:
             with np.errstate(all="ignore"):
                 scores = score(episode, estimates)
-            if not np.isfinite(scores[work.task.metric]):
+            if work.task.metric not in scores:
+                failure, scores, estimates = f"the runs of this episode give no {work.task.metric}", {}, ()
+            elif not np.isfinite(scores[work.task.metric]):
                 failure, scores, estimates = "returned poses too large to be scored", {}, ()
         row = Row(
             task=work.task.name,

@@ -201,7 +201,7 @@ def _follow(
         # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
         declines = isinstance(error, InputError) or (isinstance(error, ValueError) and start.ndim == 1)
         if declines and where == "in reset":
-            raise _FailedError(NOT_SERVED + (" ".join(str(error).split()) or type(error).__name__)) from None
+            raise _FailedError(NOT_SERVED + (_text(error) or type(error).__name__)) from None
         raise _FailedError(f"raised {_one_line(error)} {where}") from None
     return poses
 
@@ -217,5 +217,15 @@ def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
 
 
 def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())[:200]
+    text = _text(error)
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def _text(error: BaseException) -> str:
+    """Return the message of a plug-in's exception as one printable line, whatever it may hold."""
+    try:
+        text = " ".join(str(error).split())[:200]
+    except Exception:
+        text = "its message cannot be shown"
+    text = "".join(character if character.isprintable() else "?" for character in text)
+    return text

@@ -79,6 +79,9 @@ class ResultsStore:
         """Return the folder of an estimator's rows in a task."""
         return self.root / f"{task}@{version}" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', estimator)}-{source_hash}"
 
+    def _path(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Path:
+        return self.folder(task, version, estimator, source_hash) / file_name(case)
+
     def save(self, row: Row) -> None:
         """Store a row."""
         metadata = {
@@ -102,7 +105,7 @@ class ResultsStore:
 
     def load(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Row | None:
         """Return a stored row, None if there is none or it cannot be read (then it is in `corrupt`)."""
-        row = self._read(self.folder(task, version, estimator, source_hash) / file_name(case))
+        row = self._read(self._path(task, version, estimator, source_hash, case))
         wanted = (task, version, estimator, source_hash, case)
         if row is None or (row.task, row.version, row.estimator, row.source_hash, row.case) != wanted:
             return None
@@ -113,7 +116,10 @@ class ResultsStore:
         for path in sorted((self.root / f"{task}@{version}").glob("*/*.npz")):
             if not path.name.startswith("."):
                 row = self._read(path)
-                if row is not None and (row.task, row.version) == (task, version):
+                if row is None or (row.task, row.version) != (task, version):
+                    continue
+                # A copy under another name is no row of its own.
+                if path == self._path(task, version, row.estimator, row.source_hash, row.case):
                     yield row
 
     def versions(self) -> list[tuple[str, int]]:
@@ -154,13 +160,15 @@ class ResultsStore:
             return None
 
 
-def check_results_folder(results: Path) -> None:
-    """Raise InputError if a results folder cannot be one; writes nothing."""
+def check_results_folder(results: Path, write: bool = True) -> None:
+    """Raise InputError if a results folder cannot be one, or (write) cannot be written to; writes nothing."""
+    if results.is_symlink() and not results.exists():
+        raise InputError(f"--results {results}: is a link that leads nowhere; name a folder")
     for place in (results, *results.parents):
         if place.exists():
             if not place.is_dir():
                 raise InputError(f"--results {results}: {place} is a file; name a folder")
-            if not os.access(place, os.W_OK | os.X_OK):
+            if write and not os.access(place, os.W_OK | os.X_OK):
                 raise InputError(f"--results {results}: {place} may not be written to; name another folder")
             return
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks.archives import CorruptFileError
 from benchmarks.episodes import EpisodeStore
-from benchmarks.estimating import Estimating, Work
+from benchmarks.estimating import Estimating, Work, owner_of
 from benchmarks.estimation import observed_runs, time_updates
 from benchmarks.evaluation import METRICS
 from benchmarks.progress import RunProgress, SilentProgress
@@ -123,11 +123,12 @@ class _Run:
             episodes = {case: self._load(task, case) for case in some}
             for entry in dict.fromkeys(entry for case in some for entry in lacking[case]):
                 own = {case: episodes[case] for case in some if entry in lacking[case]}
-                if entry.batched:
+                if entry.batched and entry.builtin:
                     yield Work(task, entry, own, stacked=True)
                 else:
+                    # Robots of different cases stay apart: their mean would be nearer to the truth than any of them.
                     for case in own:
-                        yield Work(task, entry, {case: own[case]}, stacked=False)
+                        yield Work(task, entry, {case: own[case]}, stacked=entry.batched)
 
     def _load(self, task: Task, case: Case) -> Episode:
         try:
@@ -158,7 +159,8 @@ class _Run:
             row = self.rows.load(task.name, task.version, entry.name, entry.source_hash, case)
             if row is not None and row.failure is None and self.episodes.path(task.name, task.version, case).exists():
                 first = observed_runs(self._load(task, case))[0]
-                return Job(time_updates, (entry.spec, entry.source_hash, first), (task, entry), self.timeout)
+                arguments = (entry.spec, entry.source_hash, first)
+                return Job(time_updates, arguments, (task, entry), self.timeout, owner_of(entry))
         return None
 
 

@@ -25,12 +25,17 @@ _READY = "ready"
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A function of a module and its arguments, for a worker. `subject` is the caller's own note, never sent."""
+    """A function of a module and its arguments, for a worker.
+
+    subject: the caller's own note, never sent. owner: whose code it runs; a worker serves one owner only, since code
+    can change the process that it runs in.
+    """
 
     function: Callable[..., Any]
     arguments: tuple
     subject: Any = None
     timeout: float | None = None
+    owner: Any = None
 
 
 @dataclass(frozen=True)
@@ -86,11 +91,15 @@ def run_jobs(agenda: Agenda, processes: int) -> Generator[tuple[Job, Outcome], N
                     break
                 if not idle:
                     workers.append(_Worker())
-                elif idle[-1].give(job):
-                    idle.pop()
+                    continue
+                own = [worker for worker in idle if worker.owner in (None, job.owner)]
+                worker = own[-1] if own else idle[-1]
+                idle.remove(worker)
+                if own and worker.give(job):
                     job = None
                 else:
-                    workers.remove(idle.pop())
+                    worker.kill()
+                    workers.remove(worker)
             if job is None and not any(worker.job for worker in workers):
                 return
             for worker, outcome in _news(workers):
@@ -120,6 +129,7 @@ class _Worker:
             self.process.start()
         theirs.close()
         self.ready = False
+        self.owner: Any = None
         self.job: Job | None = None
         self.deadline = float("inf")
 
@@ -131,6 +141,7 @@ class _Worker:
             self.kill()
             return False
         self.job = job
+        self.owner = job.owner
         self.deadline = float("inf") if job.timeout is None else time.monotonic() + job.timeout
         return True
 

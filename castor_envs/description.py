@@ -56,7 +56,7 @@ def explain(error: ValidationError) -> str:
         where = ".".join(str(part) for part in item["loc"])
         message = item["msg"].removeprefix("Value error, ")
         given = item["input"]
-        shown = "" if isinstance(given, dict | list | tuple) or item["type"] == "missing" else f", got {given!r}"
+        shown = "" if isinstance(given, dict | list | tuple) or item["type"] == "missing" else f", got {given!r:.80}"
         problems.append(f"{where}: {message}{shown}" if where else f"{message}{shown}")
     more = error.error_count() - len(problems)
     return "; ".join(problems) + (f"; and {more} more" if more > 0 else "")

@@ -166,6 +166,13 @@ def umbmark(
     drives the sides ahead, sideways, back and sideways (omnidirectional robots); "rounded" drives arcs of
     `corner_radius` without stopping, starting in the middle of a side. Lengths in m, speeds in m/s and rad/s.
     """
+    _check_positive(
+        side=side,
+        speed=speed,
+        acceleration=acceleration,
+        turn_speed=turn_speed,
+        turn_acceleration=turn_acceleration,
+    )
     if direction not in ("ccw", "cw"):
         raise InputError(f"direction must be 'ccw' or 'cw', got {direction!r}")
     sense = 1.0 if direction == "ccw" else -1.0
@@ -186,6 +193,12 @@ def umbmark(
     else:
         raise InputError(f"corners must be 'turn', 'fixed' or 'rounded', got {corners!r}")
     return Trajectory(f"UMBmark square, {direction}, {corners}", runs)
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (isinstance(value, int | float | np.number) and 0 < value < math.inf):
+            raise InputError(f"{name} must be a finite number above 0, got {value!r}")
 
 
 def pivoting(

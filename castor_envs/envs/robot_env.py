@@ -31,7 +31,11 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
         floor: Floor | str | None,
         render_mode: str | None,
     ) -> None:
-        floor = Floor.load(floor) if isinstance(floor, str) else floor or Floor()
+        floor = Floor.load(floor) if isinstance(floor, str) else Floor() if floor is None else floor
+        if not isinstance(floor, Floor):
+            raise InputError(f"floor must be a Floor or the path of a floor file, got {type(floor).__name__}")
+        if not isinstance(trajectory, Trajectory):
+            raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
         self._sensed = SensedRobot(load_robot(robot), floor)
         self.robot = self._sensed.described
         self.trajectory = trajectory

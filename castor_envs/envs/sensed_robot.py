@@ -38,9 +38,9 @@ class SensedRobot:
             raise InputError(f"robot {robot.name!r} has no driven wheel; give one wheel counts_per_rev")
         self.robot, self.floor = robot, floor
         self.described = robot.as_described()
+        self.world = World(robot, floor)  # refuses what cannot stand or be computed; `reset` makes it anew
         self._built = Geometry.of(robot.as_built())
         self._believed = Geometry.of(self.described)
-        self.world: World
 
     def reset(self, random: np.random.Generator, theta: Array) -> None:
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""

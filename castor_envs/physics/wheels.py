@@ -248,7 +248,7 @@ def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
         loads[wheel.body, 2] += arm_x * force_y - arm_y * force_x
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(addresses, bodies, got, loads, given, wheels, patches, cables, climbing, dt, substeps):
     """Step space and wheels `substeps` times without returning to Python.
 

@@ -91,12 +91,12 @@ MISTAKES = {
     ),
     "plug-in without update": (("run", "--estimator", "half.py"), "has no method update"),
     "plug-in that is not there": (("run", "--estimator", "nowhere.py:Mine"), "nowhere.py"),
-    "cases": (("run", "--cases", "0"), "--cases must be at least 1, got 0"),
-    "cases of the board": (("leaderboard", "--cases", "0"), "--cases must be at least 1, got 0"),
+    "cases": (("run", "--cases", "0"), "--cases must lie between 1 and 100000, got 0"),
+    "cases of the board": (("leaderboard", "--cases", "0"), "--cases must lie between 1 and 100000, got 0"),
     "cases, no number": (("run", "--cases", "many"), "--cases"),
-    "jobs": (("run", "--jobs", "0"), "--jobs must be at least 1, got 0"),
-    "timeout": (("run", "--timeout", "0"), "--timeout must be above 0, got 0"),
-    "timeout, no number": (("run", "--timeout", "nan"), "--timeout must be above 0, got nan"),
+    "jobs": (("run", "--jobs", "0"), "--jobs must lie between 1 and 256, got 0"),
+    "timeout": (("run", "--timeout", "0"), "--timeout must be above 0 and at most 1e6, got 0"),
+    "timeout, no number": (("run", "--timeout", "nan"), "--timeout must be above 0 and at most 1e6, got nan"),
     "results in a file": (("run", "--results", "half.py"), "half.py is a file"),
     "no results": (("leaderboard",), "no results in castor-results"),
     "measured folder": (("run", "--measured", "nowhere"), "nowhere"),
@@ -320,4 +320,26 @@ def test_check_survives_what_it_checks(castor_bench, body, line):
 
 def test_check_refuses_a_robot_that_it_cannot_drive(castor_bench):
     code, _, err = castor_bench("check", "cast-0", "--timeout", 0)
-    assert (code, err) == (2, "error: --timeout must be above 0, got 0\n")
+    assert (code, err) == (2, "error: --timeout must be above 0 and at most 1e6, got 0\n")
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("while True: pass", "took over 2 s"),
+        ("import os; os._exit(0)", "ended its process"),
+        ("raise BaseException('no')", "no"),
+    ],
+)
+def test_a_plug_in_that_fails_on_import_is_refused(castor_bench, tmp_path, source, said):
+    (tmp_path / "bad.py").write_text(source)
+    code, out, err = castor_bench("run", "--timeout", 2, "--estimator", tmp_path / "bad.py")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert said in err
+
+
+@pytest.mark.parametrize("option", [("--cases", 10**23), ("--jobs", 10**6), ("--timeout", 1e308), ("--timeout", "nan")])
+def test_absurd_numbers_are_refused(castor_bench, option):
+    code, out, err = castor_bench("run", *option)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert option[0] in err

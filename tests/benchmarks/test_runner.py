@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import shutil
 import time
 
 import numpy as np
@@ -342,3 +343,28 @@ def test_what_killed_runs_left_is_removed_after_an_hour(tmp_path, fake_tasks):
     run([Assignment(fake_tasks.Arcs(), (), ())], tmp_path)
     for folder in folders:
         assert sorted(path.name for path in folder.iterdir()) == sorted(kept)
+
+
+def test_a_plug_in_cannot_change_the_scores_of_others(tmp_path, fake_tasks, plugin):
+    """One worker process serves one plug-in only: what it does to its process ends with it."""
+    task = fake_tasks.Arcs()
+    honest = load_estimator("dead-reckoning")
+    others = [load_estimator(plugin(f"saboteur:{kind}")) for kind in ("Saboteur", "Unspeakable", "Surrogate")]
+    run([Assignment(task, (0, 1), (honest,))], tmp_path / "alone")
+    run([Assignment(task, (0, 1), (*others, honest))], tmp_path / "together", processes=1)
+    alone, together = rows_of(tmp_path / "alone", task), rows_of(tmp_path / "together", task)
+    for case in (0, 1):
+        assert together["dead-reckoning", case].scores == alone["dead-reckoning", case].scores
+        assert (
+            together["saboteur:Unspeakable", case].failure == "raised RudeError: its message cannot be shown in reset"
+        )
+        assert together["saboteur:Surrogate", case].failure == "raised RuntimeError: ? ?[31m in reset"
+
+
+def test_a_copied_row_does_not_count_twice(tmp_path, fake_tasks):
+    task = fake_tasks.Arcs()
+    run([Assignment(task, (0, 1), (load_estimator("dead-reckoning"),))], tmp_path)
+    (row,) = (tmp_path / "rows").rglob("0.npz")
+    shutil.copy(row, row.with_name("0 (copy).npz"))
+    shutil.copytree(row.parent, row.parent.with_name("copy"))
+    assert len(list(ResultsStore(tmp_path).rows(task.name, task.version))) == 2

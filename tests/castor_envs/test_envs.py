@@ -194,6 +194,12 @@ def test_a_gyro_reads_the_turning_rate():
         ("castor/UMBmark-v0", {"floor": "nowhere.json"}, "nowhere.json"),
         ("castor/ASOC-v0", {"trajectory": "figure-nine"}, "did you mean 'figure-eight'"),
         ("castor/ASOC-v0", {"control": "torque"}, "control"),
+        ("castor/ASOC-v0", {"trajectory": None}, "trajectory"),
+        ("castor/UMBmark-v0", {"side": 0}, "side"),
+        ("castor/UMBmark-v0", {"side": "1"}, "side"),
+        ("castor/UMBmark-v0", {"turn_speed": -1.0}, "turn_speed"),
+        ("castor/UMBmark-v0", {"acceleration": float("inf")}, "acceleration"),
+        ("castor/UMBmark-v0", {"floor": 5}, "floor"),
     ],
 )
 def test_wrong_arguments_are_refused(name, arguments, said):

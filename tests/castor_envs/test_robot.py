@@ -5,6 +5,7 @@ import dataclasses
 import json
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given
@@ -154,3 +155,36 @@ def test_the_pivots_carry_the_weight_and_its_moments():
     assert np.sum(legs) == pytest.approx(18 * 9.81)
     pivots = np.array([castor.pivot for castor in robot.castors])
     np.testing.assert_allclose(legs @ pivots, 18 * 9.81 * np.array([0.05, -0.03]), atol=1e-9)
+
+
+def test_a_key_that_stands_twice_is_refused(tmp_path):
+    path = tmp_path / "robot.json"
+    preset("asoc-prototype").save(path)
+    path.write_text(path.read_text().replace('"mass": 18.0,', '"mass": 18.0, "mass": 1.0,'))
+    with pytest.raises(InputError, match="'mass' stands twice"):
+        RobotDescription.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("asoc-prototype", {"mass": 0.5}),
+        ("asoc-prototype", {"inertia": 0.01}),
+        ("omnimate", {"mass": 0.5}),
+        ("swerve", {"mass": 0.5}),
+    ],
+)
+def test_a_chassis_lighter_than_its_castors_drives_as_the_heavy_one(name, changes):
+    robot = dataclasses.replace(preset(name), **changes)
+    env = gym.make("castor_envs:castor/UMBmark-v0", robot=robot)
+    env.reset(seed=0)
+    for _ in range(120):
+        *_, info = env.step(np.zeros(3))
+    np.testing.assert_allclose(info["pose"][:2], [0.25 * 6 - 0.0625, 0.0], atol=0.02)
+
+
+def test_physics_that_goes_wrong_says_so():
+    castor = dataclasses.replace(preset("asoc-prototype").castors[0], inertia=1e-300, mass=1e-9)
+    robot = dataclasses.replace(preset("asoc-prototype"), castors=(castor, *preset("asoc-prototype").castors[1:]))
+    with pytest.raises(InputError, match=r"substeps|unstable"):
+        World(robot).advance(np.ones(6))
