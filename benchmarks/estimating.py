@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.estimation import Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.evaluation import score
+from benchmarks.following import Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.progress import RunProgress
 from benchmarks.provenance import provenance
 from benchmarks.results import NOT_SERVED, ResultsStore, Row

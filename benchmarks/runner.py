@@ -11,8 +11,8 @@ from pathlib import Path
 from benchmarks.archives import CorruptFileError
 from benchmarks.episodes import EpisodeStore
 from benchmarks.estimating import Estimating, Work, owner_of
-from benchmarks.estimation import observed_runs, time_updates
 from benchmarks.evaluation import METRICS
+from benchmarks.following import observed_runs, time_updates
 from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.provenance import provenance
 from benchmarks.recording import record_missing

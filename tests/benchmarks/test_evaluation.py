@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from benchmarks.archives import CorruptFileError
 from benchmarks.episodes import EpisodeStore
-from benchmarks.estimation import Observations, observed_runs
 from benchmarks.evaluation import METRICS, STANDING_STILL, score
+from benchmarks.following import Observations, observed_runs
 from benchmarks.task import Episode, Run
 from castor_envs.logs import Log
 from castor_envs.presets import differential, preset

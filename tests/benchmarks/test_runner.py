@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import episodes, estimating
 from benchmarks.episodes import EpisodeStore
-from benchmarks.estimation import Failure, estimate_singly, estimate_stacked, observed_runs
+from benchmarks.following import Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.progress import SilentProgress
 from benchmarks.rescoring import rescore
 from benchmarks.results import ResultsStore
