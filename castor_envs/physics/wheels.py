@@ -30,8 +30,7 @@ STANDARD, OMNI = 0, 1
 
 WHEEL = np.dtype(
     [
-        # where: body index, contact point in the body's frame (from its centre of mass), rolling direction
-        # there
+        # where: body index, contact point in the body's frame (from its centre of mass), rolling direction there
         ("body", np.int64),
         ("x", float),
         ("y", float),
