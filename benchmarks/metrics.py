@@ -19,22 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from castor_envs.se2 import relative_pose
+
 Array = NDArray[np.float64]
-
-
-def turn_back(vector: ArrayLike, angle: ArrayLike) -> Array:
-    """Return plane vectors (..., 2) in a frame that is turned by `angle` (...), rad, against theirs."""
-    vector, angle = np.asarray(vector, dtype=float), np.asarray(angle, dtype=float)
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = vector[..., 0], vector[..., 1]
-    return np.stack([c * x + s * y, c * y - s * x], axis=-1)
-
-
-def relative_pose(start: ArrayLike, end: ArrayLike) -> Array:
-    """Return the pose `end` (..., 3) as seen from the pose `start` (..., 3)."""
-    start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
-    moved = turn_back(end[..., :2] - start[..., :2], start[..., 2])
-    return np.concatenate([moved, (end - start)[..., 2:]], axis=-1)
 
 
 def return_errors(start: ArrayLike, true_end: ArrayLike, estimated_end: ArrayLike) -> Array:

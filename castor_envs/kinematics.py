@@ -21,7 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from castor_envs.errors import InputError
 from castor_envs.robot import RobotDescription
+from castor_envs.train import TrainDescription
 
 Array = NDArray[np.float64]
 
@@ -55,12 +57,14 @@ class Geometry:
     def of(cls, robot: "RobotDescription | Sequence[RobotDescription] | Geometry") -> "Geometry":
         """Return the geometry of a robot, of a sequence of robots (one leading axis), or the geometry itself.
 
-        Raises ValueError if the robots of a sequence differ in layout, encoders or sample period.
+        Raises ValueError if the robots of a sequence differ in layout, encoders or sample period, InputError for a train.
         """
         if isinstance(robot, Geometry):
             return robot
         if isinstance(robot, RobotDescription):
             return _of_one(robot)
+        if isinstance(robot, TrainDescription):
+            raise InputError(f"serves a single robot, and {robot.name!r} is a train")
         members = [_of_one(member) for member in robot]
         first = members[0]
         layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
