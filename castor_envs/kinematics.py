@@ -57,7 +57,7 @@ class Geometry:
     def of(cls, robot: "RobotDescription | Sequence[RobotDescription] | Geometry") -> "Geometry":
         """Return the geometry of a robot, of a sequence of robots (one leading axis), or the geometry itself.
 
-        Raises ValueError if the robots of a sequence differ in layout, encoders or sample period, InputError for a train.
+        Raises ValueError if robots of a sequence differ in layout, encoders or sample period, InputError for a train.
         """
         if isinstance(robot, Geometry):
             return robot

@@ -11,7 +11,8 @@ from castor_envs.encoders import Encoders, castor_angles
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry
-from castor_envs.physics.world import Drive, World
+from castor_envs.physics.simulation import Drive
+from castor_envs.physics.world import World
 from castor_envs.robot import RobotDescription
 
 Array = NDArray[np.float64]

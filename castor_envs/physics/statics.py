@@ -1,8 +1,9 @@
-"""What a robot weighs, where, and how its weight stands on its wheels."""
+"""What a robot weighs, where, how its weight stands on its wheels, and how frames and centres of mass go together."""
 
 import math
 
 import numpy as np
+import pymunk
 from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
@@ -68,3 +69,26 @@ def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
             )
         loads += list(total * share)
     return np.array(loads)
+
+
+def place(body: pymunk.Body, at: Array, angle: float, twist: Array, center: Array) -> None:
+    """Put a body with frame origin `at` and `twist` in its frame; `center` is its centre of mass in that frame."""
+    velocity = turned(np.array([twist[0] - twist[2] * center[1], twist[1] + twist[2] * center[0]]), angle)
+    position = at + turned(center, angle)
+    body.angle = float(angle)
+    body.position = (float(position[0]), float(position[1]))
+    body.velocity = (float(velocity[0]), float(velocity[1]))
+    body.angular_velocity = float(twist[2])
+
+
+def pose_of(motion: Array, center: Array) -> Array:
+    """Return the pose (3,) in N of a body's frame from its motion (6,); `center` is its centre of mass in the frame."""
+    x, y, psi = motion[:3]
+    return np.array([*((x, y) - turned(center, psi)), psi])
+
+
+def twist_of(motion: Array, center: Array) -> Array:
+    """Return the twist (3,) in its own frame of a body's frame from its motion (6,)."""
+    _, _, psi, *velocity, omega = motion
+    v = turned(np.array(velocity), -psi)
+    return np.array([v[0] + omega * center[1], v[1] - omega * center[0], omega])

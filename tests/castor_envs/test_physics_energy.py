@@ -60,7 +60,7 @@ def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
         world.advance(0.3 * random.uniform(-1, 1, len(robot.driven_wheels)) * robot.max_wheel_speed)
     weight, contact = 9.80665 / math.sqrt(1 + slope @ slope), robot.contact
     expected = 0.0
-    for body in world._space.bodies:
+    for body in world._simulation.space.bodies:
         speed, spin = body.velocity.length, body.angular_velocity
         expected += 0.5 * body.mass * speed**2 + 0.5 * body.moment * spin**2
         expected += body.mass * weight * float(slope @ body.position)
@@ -71,7 +71,7 @@ def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
         expected += 0.5 * along * state["stretch_long"] ** 2 + 0.5 * across * state["stretch_lat"] ** 2
     assert world.energy() == pytest.approx(expected, rel=2e-3, abs=1e-4)
     mass = robot.mass + sum(castor.mass for castor in robot.castors)
-    assert sum(body.mass for body in world._space.bodies) == pytest.approx(mass)
+    assert sum(body.mass for body in world._simulation.space.bodies) == pytest.approx(mass)
 
 
 def test_rolling_downhill_turns_height_into_motion_and_little_else():
@@ -89,7 +89,7 @@ def test_rolling_downhill_turns_height_into_motion_and_little_else():
 def momentum(world):
     """Linear momentum and angular momentum about the origin of N."""
     total = np.zeros(3)
-    for body in world._space.bodies:
+    for body in world._simulation.space.bodies:
         (x, y), (vx, vy) = body.position, body.velocity
         total += body.mass * np.array([vx, vy, x * vy - y * vx])
         total[2] += body.moment * body.angular_velocity
@@ -113,7 +113,7 @@ def test_on_ice_momentum_stays_whatever_the_motors_do(name):
 
 
 def center_of_mass(world):
-    bodies = world._space.bodies
+    bodies = world._simulation.space.bodies
     return np.average([body.position for body in bodies], axis=0, weights=[body.mass for body in bodies])
 
 
@@ -123,7 +123,7 @@ def test_pivots_hold_together_under_random_full_commands(name, friction):
     robot = dataclasses.replace(preset(name), contact=Contact(friction=friction))
     random = np.random.default_rng(2)
     world = World(robot, castor_angles=random.uniform(-math.pi, math.pi, len(robot.castors)))
-    pivots = [joint for joint in world._space.constraints if isinstance(joint, PivotJoint)]
+    pivots = [joint for joint in world._simulation.space.constraints if isinstance(joint, PivotJoint)]
     assert len(pivots) == sum(castor.steering != "fixed" for castor in robot.castors)
     for _ in range(60):
         wheels = random.uniform(-1, 1, len(robot.driven_wheels)) * robot.max_wheel_speed

@@ -134,7 +134,7 @@ def test_contact_forces_stay_in_the_friction_circle(name, seed, slippery, drive)
         twist=random.uniform(-1, 1, 3),
         substeps=1,
     )
-    bodies = world._space.bodies
+    bodies = world._simulation.space.bodies
     most = robot.max_wheel_speed if drive == "servo" else 1.0
     wheel_command, steering_command = np.zeros(len(robot.driven_wheels)), np.zeros(len(robot.driven_castors))
     for k in range(300):

@@ -12,7 +12,7 @@ import pytest
 from castor_envs.controller import KinematicController
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.physics import World
-from castor_envs.physics.world import Drive
+from castor_envs.physics.simulation import Drive
 from castor_envs.presets import preset
 from castor_envs.robot import Contact
 
