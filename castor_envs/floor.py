@@ -11,6 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs import description
 from castor_envs.description import CONFIG, Positive, Vector
+from castor_envs.errors import InputError
 
 FORMAT = "castor-floor/1"
 
@@ -105,3 +106,11 @@ def cable_extra_roll(wheel_radius: float, diameter: float) -> float:
     radius = diameter / 2
     phi = math.acos((wheel_radius - radius) / (wheel_radius + radius))
     return 2.0 * (wheel_radius + radius) * (phi - math.sin(phi))
+
+
+def load_floor(floor: Floor | str | None) -> Floor:
+    """Return a floor given as one, as the path of a floor file, or None for an even one; raises InputError."""
+    floor = Floor.load(floor) if isinstance(floor, str) else Floor() if floor is None else floor
+    if not isinstance(floor, Floor):
+        raise InputError(f"floor must be a Floor or the path of a floor file, got {type(floor).__name__}")
+    return floor

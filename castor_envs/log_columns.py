@@ -1,16 +1,17 @@
-"""The columns of a robot's logs: their names, and whether a header has them."""
+"""The columns of a robot's or a train's logs: their names, and whether a header has them."""
 
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from castor_envs.robot import RobotDescription
 from castor_envs.tables import complaint
+from castor_envs.train import TrainDescription
+from castor_envs.vehicles import Vehicle
 
 
 class LogColumns(NamedTuple):
-    """The names of a robot's log columns, part by part, each in the order of the same part of a `Log`."""
+    """The names of a vehicle's log columns, part by part, each in the order of the same part of a `Log`."""
 
     t: tuple[str, ...]
     wheel: tuple[str, ...]
@@ -19,10 +20,15 @@ class LogColumns(NamedTuple):
     steering_command: tuple[str, ...]
     reference: tuple[str, ...]
     gyro: tuple[str, ...]
+    rps: tuple[str, ...]
+    rps_age: tuple[str, ...]
 
     @classmethod
-    def of(cls, robot: RobotDescription) -> "LogColumns":
-        """Return the column names of a robot's logs."""
+    def of(cls, vehicle: Vehicle) -> "LogColumns":
+        """Return the column names of a robot's or a train's logs."""
+        if isinstance(vehicle, TrainDescription):
+            return cls._of_train(vehicle)
+        robot = vehicle
         driven = [robot.wheel_names[k] for k in robot.driven_wheels]
         return cls(
             t=("t",),
@@ -32,6 +38,22 @@ class LogColumns(NamedTuple):
             steering_command=tuple(f"cmd_pivot_{i + 1}" for i in robot.driven_castors),
             reference=("ref_x", "ref_y", "ref_psi"),
             gyro=("gyro_z",),
+            rps=(),
+            rps_age=(),
+        )
+
+    @classmethod
+    def _of_train(cls, train: TrainDescription) -> "LogColumns":
+        return cls(
+            t=("t",),
+            wheel=tuple(f"wheel_{name}" for name in train.wheel_names),
+            pivot=(),
+            command=tuple(f"cmd_{name}" for name in train.wheel_names),
+            steering_command=(),
+            reference=tuple(f"ref_{i + 1}_{part}" for i in range(train.n_axles) for part in ("x", "y", "psi")),
+            gyro=(),
+            rps=tuple(f"rps_{frame}_{part}" for frame in train.frame_names for part in ("x", "y", "phi")),
+            rps_age=tuple(f"rps_age_{frame}" for frame in train.frame_names),
         )
 
     @property
@@ -65,4 +87,4 @@ class LogColumns(NamedTuple):
         near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
         if near:
             return f"did you mean {unknown[near[0]]!r}? rename it"
-        return f"the header has {', '.join(names)}; add the column, or give the robot that made the log"
+        return f"the header has {', '.join(names)}; add the column, or give the robot or train that made the log"

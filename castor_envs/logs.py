@@ -1,6 +1,6 @@
-"""Logs: what one run of a robot recorded, as one CSV file.
+"""Logs: what one run of a robot or a train recorded, as one CSV file.
 
-The header comes first, columns stand in any order, columns that the robot does not explain are kept aside:
+The header comes first, columns stand in any order, columns that the vehicle does not explain are kept aside. A robot:
 
     t                        s, strictly increasing
     wheel_1l ...             cumulative encoder counts of every driven wheel
@@ -9,6 +9,18 @@ The header comes first, columns stand in any order, columns that the robot does 
     cmd_pivot_1 ...          rad/s, optional: the same for the steering motors
     ref_x, ref_y, ref_psi    m, m, rad (unwrapped), optional: the body's true pose, blank where none was taken
     gyro_z                   rad/s, optional
+
+A train has no pivots and no gyro; its axles are numbered and its frames lettered from the front:
+
+    t                        s, strictly increasing
+    wheel_1l ... wheel_Nr    cumulative encoder counts, axle by axle
+    cmd_1l ...               rad/s, optional, as above
+    rps_A_x, rps_A_y, rps_A_phi, rps_B_x ...
+                             m, m, rad, optional: the front axle's pose in the rear axle's frame as the frame's relative
+                             posture sensor reports it; a frame's three are blank where there is no reading
+    rps_age_A ...            s, optional (0): how old that reading is
+    ref_1_x, ref_1_y, ref_1_psi, ref_2_x ...
+                             m, m, rad (unwrapped), optional: the axles' true poses, blank where none were taken
 
 Commands too may be blank in rows without any. Whatever `read_log` refuses, `write_log` refuses to write.
 """
@@ -24,24 +36,29 @@ from numpy.typing import NDArray
 
 from castor_envs.files import write_atomically
 from castor_envs.log_columns import LogColumns
-from castor_envs.robot import RobotDescription
 from castor_envs.tables import Line, check_width, complaint, number, read_lines
+from castor_envs.train import TrainDescription
+from castor_envs.vehicles import Vehicle
 
 Array = NDArray[Any]
 _REQUIRED = ("t", "wheel", "pivot")
-_OPTIONAL = ("command", "steering_command", "reference", "gyro")
-_MAY_BE_BLANK = ("command", "steering_command", "reference")
+_OPTIONAL = ("command", "steering_command", "reference", "gyro", "rps", "rps_age")
+_MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
 _FLAT = ("t", "gyro")
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One run of N samples.
+    """One run of K samples.
 
-    t (N,), s. wheel (N, driven wheels), cumulative counts. pivot (N, pivot encoders), counts as read, maybe
-    wrapped. command (N, driven wheels) and steering_command (N, driven castors), rad/s, or None. reference
-    (N, 3): true x, y, psi of the body, rows of NaN where none was taken, or None. gyro (N,), rad/s, or None.
-    extra: the columns that the robot does not explain, as text. Arrays of any real numbers are held as float64.
+    t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe
+    wrapped. command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference
+    (K, 3): true x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None.
+    extra: the columns that the vehicle does not explain, as text. Arrays of any real numbers are held as float64.
+
+    Of a train of N axles and F frames: wheel and command (K, 2N), pivot (K, 0), reference (K, 3N), axle by axle. rps
+    (K, 3F): x, y, phi of every frame's front axle in its rear axle's frame, NaN where a frame has no reading. rps_age
+    (K, F), s: how old each frame's reading is; zeros where it is left out. Both are None for robots alone.
     """
 
     t: Array
@@ -51,6 +68,8 @@ class Log:
     steering_command: Array | None = None
     reference: Array | None = None
     gyro: Array | None = None
+    rps: Array | None = None
+    rps_age: Array | None = None
     extra: dict[str, list[str]] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -60,6 +79,10 @@ class Log:
                 if len(values) != len(self.t):
                     raise ValueError(f"{part} has {len(values)} rows, t has {len(self.t)}")
                 object.__setattr__(self, part, values)
+        if self.rps is not None and self.rps_age is None:
+            object.__setattr__(self, "rps_age", np.zeros((len(self.t), self.rps.shape[1] // 3)))
+        if self.rps is None and self.rps_age is not None:
+            raise ValueError("rps_age without rps: the age of what?")
 
     def __len__(self) -> int:
         return len(self.t)
@@ -68,22 +91,23 @@ class Log:
         """Yield what an estimator sees, sample by sample: increments, never the reference.
 
         Keys: "wheel" (driven wheels,), counts since the sample before (0 in the first); "pivot" (pivot
-        encoders,), counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one.
+        encoders,), counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one. Of logs with rps: "wheel" and
+        "time" as above, "rps" (3F,), NaN where there is no reading, and "rps_age" (F,), s.
         """
         increments = np.diff(self.wheel, axis=0, prepend=self.wheel[:1])
         for k in range(len(self)):
-            observation = {
-                "wheel": increments[k].copy(),
-                "pivot": self.pivot[k].copy(),
-                "time": self.t[k : k + 1].copy(),
-            }
+            observation = {"wheel": increments[k].copy(), "time": self.t[k : k + 1].copy()}
+            if self.rps is not None and self.rps_age is not None:
+                observation |= {"rps": self.rps[k].copy(), "rps_age": self.rps_age[k].copy()}
+            else:
+                observation["pivot"] = self.pivot[k].copy()
             if self.gyro is not None:
                 observation["gyro"] = self.gyro[k : k + 1].copy()
             yield observation
 
 
-def read_log(path: str | os.PathLike[str], robot: RobotDescription) -> Log:
-    """Read and check a log of a robot.
+def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
+    """Read and check a log of a robot or a train; a train's log without rps columns has rps of NaN.
 
     Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns,
     lines of the wrong width, cells that are not finite numbers, half-blank poses, fewer than two rows, times
@@ -92,7 +116,7 @@ def read_log(path: str | os.PathLike[str], robot: RobotDescription) -> Log:
     path = Path(path)
     header, *rows = read_lines(path)
     names = [name.strip() for name in header.cells]
-    columns = LogColumns.of(robot)
+    columns = LogColumns.of(vehicle)
     columns.check_header(path, header.number, names)
     for row in rows:
         check_width(path, row, len(names))
@@ -103,23 +127,25 @@ def read_log(path: str | os.PathLike[str], robot: RobotDescription) -> Log:
         if part in _REQUIRED or own:
             values = np.full((len(rows), len(own)), np.nan)
             for k, row in enumerate(rows):
-                if part in _MAY_BE_BLANK and _blank(path, row, own):
-                    continue
-                for j, (name, at) in enumerate(own):
-                    values[k, j] = number(path, row.number, name, row.cells[at])
+                for group in _groups(part, len(own)):
+                    if part in _MAY_BE_BLANK and _blank(path, row, own[group]):
+                        continue
+                    values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in own[group]]
             parts[part] = values[:, 0] if part in _FLAT else values
+    if isinstance(vehicle, TrainDescription) and "rps" not in parts:
+        parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
     extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in columns.known}
     log = Log(**parts, extra=extra)
-    _check_values(path, [row.number for row in rows], log, robot)
+    _check_values(path, [row.number for row in rows], log, vehicle)
     return log
 
 
-def write_log(path: str | os.PathLike[str], log: Log, robot: RobotDescription) -> None:
-    """Write a log of a robot, whole or not at all; `read_log` gives back the same numbers, bit for bit.
+def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle) -> None:
+    """Write a log of a robot or a train, whole or not at all; `read_log` gives back the same numbers, bit for bit.
 
-    Raises InputError for what `read_log` would refuse, ValueError for shapes that do not fit the robot.
+    Raises InputError for what `read_log` would refuse, ValueError for shapes that do not fit the vehicle.
     """
-    path, columns = Path(path), LogColumns.of(robot)
+    path, columns = Path(path), LogColumns.of(vehicle)
     names: list[str] = []
     cells: list[list[str]] = []
     for part in (*_REQUIRED, *_OPTIONAL):
@@ -128,7 +154,7 @@ def write_log(path: str | os.PathLike[str], log: Log, robot: RobotDescription) -
             continue
         own = getattr(columns, part)
         if values.shape != ((len(log),) if part in _FLAT else (len(log), len(own))):
-            raise ValueError(f"{part} has shape {values.shape}, robot {robot.name!r} has columns {own}")
+            raise ValueError(f"{part} has shape {values.shape}, {vehicle.name!r} has columns {own}")
         text = _count if part in ("wheel", "pivot") else _blank_or_number
         for name, column in zip(own, values.reshape(len(log), len(own)).T, strict=True):
             names.append(name)
@@ -139,7 +165,7 @@ def write_log(path: str | os.PathLike[str], log: Log, robot: RobotDescription) -
         names.append(name)
         cells.append(column)
     columns.check_header(path, 1, names)
-    _check_values(path, range(2, len(log) + 2), log, robot)
+    _check_values(path, range(2, len(log) + 2), log, vehicle)
     rows = [names, *zip(*cells, strict=True)]
     write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
 
@@ -196,6 +222,12 @@ def _blank_or_number(value: float) -> str:
     return "" if np.isnan(value) else repr(value)
 
 
+def _groups(part: str, width: int) -> list[slice]:
+    """Return which of a part's columns may be blank together: a frame's three of rps, of other parts all."""
+    size = 3 if part == "rps" else max(width, 1)
+    return [slice(k, k + size) for k in range(0, width, size)]
+
+
 def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
     """Return whether all of a row's cells in some columns are blank; some but not all is an error."""
     blank = [name for name, at in columns if not row.cells[at].strip()]
@@ -205,9 +237,9 @@ def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
     return bool(blank)
 
 
-def _check_values(path: Path, lines: Sequence[int], log: Log, robot: RobotDescription) -> None:
+def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) -> None:
     """Raise InputError for what single cells do not show: too few rows, unsorted times, jumps."""
-    columns = LogColumns.of(robot)
+    columns = LogColumns.of(vehicle)
     if len(log) < 2:
         raise complaint(path, None, None, f"has {len(log)} rows of numbers; a log needs at least 2")
     for part in (*_REQUIRED, *_OPTIONAL):
@@ -220,8 +252,9 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, robot: RobotDescri
         before, now = float(log.t[k - 1]), float(log.t[k])
         what = f"repeats {now!r}" if now == before else f"goes back from {before!r} to {now!r}"
         raise complaint(path, lines[k], "t", f"{what}; sort the rows and keep one for each time")
-    for j, i in enumerate(robot.pivot_encoders):
-        turn = robot.castors[i].pivot_counts_per_rev or np.nan
+    pivots = [] if isinstance(vehicle, TrainDescription) else [vehicle.castors[i] for i in vehicle.pivot_encoders]
+    for j, castor in enumerate(pivots):
+        turn = castor.pivot_counts_per_rev or np.nan
         for k in pivot_jumps(log.pivot[:, j], turn)[:1]:
             before, now = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
             raise complaint(
@@ -232,13 +265,14 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, robot: RobotDescri
                 "over one turn and so does not wrap; mend the count, or sample faster",
             )
     if log.reference is not None:
-        for k in np.flatnonzero(np.abs(np.diff(log.reference[:, 2])) > np.pi)[:1] + 1:
-            raise complaint(path, lines[k], "ref_psi", "steps by over half a turn; unwrap the heading (rad)")
+        for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
+            name = columns.reference[3 * axle + 2]
+            raise complaint(path, lines[k + 1], name, "steps by over half a turn; unwrap the heading (rad)")
 
 
 def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:
     bad = ~np.isfinite(values)
-    if part in _MAY_BE_BLANK:
-        bad &= ~np.isnan(values).all(axis=1, keepdims=True)
+    for group in _groups(part, len(names)) if part in _MAY_BE_BLANK else ():
+        bad[:, group] &= ~np.isnan(values[:, group]).all(axis=1, keepdims=True)
     for k, j in np.argwhere(bad)[:1]:
         raise complaint(path, lines[k], names[j], f"{values[k, j]} is not finite; give a finite number")

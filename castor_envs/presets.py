@@ -232,4 +232,6 @@ def load_robot(robot: RobotDescription | str) -> RobotDescription:
     """Return a robot given as a description, a preset's name, or the path of a robot file (ending in .json)."""
     if isinstance(robot, RobotDescription):
         return robot
-    return RobotDescription.load(robot) if str(robot).endswith(".json") else preset(str(robot))
+    if not isinstance(robot, str):
+        raise InputError(f"robot must be a RobotDescription, a preset's name or a file, got {type(robot).__name__}")
+    return RobotDescription.load(robot) if robot.endswith(".json") else preset(robot)

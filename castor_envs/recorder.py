@@ -8,30 +8,30 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.envs.robot_env import RobotEnv
 from castor_envs.logs import Log, write_log
+from castor_envs.robot import RobotDescription
+from castor_envs.train import TrainDescription
+from castor_envs.vehicles import Vehicle, file_name
 
 Array = NDArray[np.float64]
 
 
 class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
-    """Records every sample of an episode: counts, pivots, commands and, as the reference, the truth.
+    """Records every sample of an episode: counts, pivots or relative poses, commands and, as the reference, the truth.
 
-    env: one of castor_envs' environments, wrapped or not. folder: where each finished episode goes as
-    ``episode-0000.csv``, with the robot's description beside it as ``robot.json``; None keeps the newest episode in
-    memory only (`log`).
+    env: one of castor_envs' environments, of robots or of trains, wrapped or not. folder: where each finished episode
+    goes as ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None
+    keeps the newest episode in memory only (`log`).
     """
 
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:
         super().__init__(env)
-        if not isinstance(env.unwrapped, RobotEnv):
-            raise TypeError(f"RecordLog records environments of castor_envs, not {type(env.unwrapped).__name__}")
-        self._robot = env.unwrapped.robot
+        self._vehicle = _vehicle_of(env)
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
         self._rows: list[dict[str, Array]] = []
         if self._folder is not None:
-            self._robot.save(self._folder / "robot.json")
+            self._vehicle.save(self._folder / file_name(self._vehicle))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -46,10 +46,10 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
         observation, reward, terminated, truncated, info = self.env.step(action)
         # The last action of an estimation task comes after the last sample: it brings no new one.
         if observation["time"][0] > self._rows[-1]["t"]:
-            self._rows[-1] |= {"command": info["command"], "steering": info["steering_command"]}
+            self._rows[-1] |= _commands(info)
             self._rows.append(self._row(observation, info))
         if (terminated or truncated) and self._folder is not None:
-            write_log(self._folder / f"episode-{self._episodes:04d}.csv", self.log(), self._robot)
+            write_log(self._folder / f"episode-{self._episodes:04d}.csv", self.log(), self._vehicle)
             self._episodes += 1
         return observation, reward, terminated, truncated, info
 
@@ -61,18 +61,33 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
             wheel=np.cumsum(columns["wheel"], axis=0),
             pivot=columns["pivot"],
             command=columns["command"],
-            steering_command=columns["steering"] if columns["steering"].shape[1] else None,
+            steering_command=columns["steering_command"] if columns["steering_command"].shape[1] else None,
             reference=columns["reference"],
             gyro=columns.get("gyro"),
+            rps=columns.get("rps"),
+            rps_age=columns.get("rps_age"),
         )
 
     def _row(self, observation: dict[str, Array], info: dict[str, Any]) -> dict[str, Array]:
         row = {
             "t": observation["time"][0],
             "wheel": observation["wheel"],
-            "pivot": observation["pivot"],
-            "command": np.zeros_like(info["command"]),
-            "steering": np.zeros_like(info["steering_command"]),
-            "reference": info["pose"],
+            "pivot": observation.get("pivot", np.empty(0)),
+            "reference": np.ravel(info["pose"]),
         }
+        row |= {key: np.zeros_like(command) for key, command in _commands(info).items()}
+        row |= {key: observation[key] for key in ("rps", "rps_age") if key in observation}
         return row | ({"gyro": observation["gyro"][0]} if "gyro" in observation else {})
+
+
+def _vehicle_of(env: gym.Env[Any, Any]) -> Vehicle:
+    """Return the train or the robot that an environment of this package simulates; raises TypeError for others."""
+    for name, kind in (("train", TrainDescription), ("robot", RobotDescription)):
+        vehicle = getattr(env.unwrapped, name, None)
+        if isinstance(vehicle, kind):
+            return vehicle
+    raise TypeError(f"RecordLog records environments of castor_envs, not {type(env.unwrapped).__name__}")
+
+
+def _commands(info: dict[str, Any]) -> dict[str, Array]:
+    return {key: info.get(key, np.empty(0)) for key in ("command", "steering_command")}

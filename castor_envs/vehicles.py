@@ -19,10 +19,13 @@ def vehicle_from_dict(data: Any, source: str = "vehicle") -> Vehicle:
     if isinstance(data, dict) and data.get("format") == train.FORMAT:
         return TrainDescription.from_dict(data, source)
     if isinstance(data, dict) and data.get("format") not in (robot.FORMAT, None):
-        raise InputError(
-            f"{source}: 'format' must be {robot.FORMAT!r} or {train.FORMAT!r}, got {data.get('format')!r}"
-        )
+        raise InputError(f"{source}: 'format' must be {robot.FORMAT!r} or {train.FORMAT!r}, got {data.get('format')!r}")
     return RobotDescription.from_dict(data, source)
+
+
+def file_name(vehicle: Vehicle) -> str:
+    """Return what the file of a vehicle's description is called beside its logs: ``robot.json`` or ``train.json``."""
+    return "train.json" if isinstance(vehicle, TrainDescription) else "robot.json"
 
 
 def load_vehicle(spec: Vehicle | str) -> Vehicle:

@@ -6,6 +6,11 @@ import gymnasium as gym
 ENVIRONMENTS = {
     "castor/ASOC-v0": ("castor_envs.envs.asoc:ASOCEnv", "castor_envs.envs.vector:asoc"),
     "castor/UMBmark-v0": ("castor_envs.envs.umbmark:UMBmarkEnv", "castor_envs.envs.vector:umbmark"),
+    "castor/CFMMR-v0": ("castor_envs.envs.cfmmr:CFMMREnv", "castor_envs.envs.vector:cfmmr"),
+    "castor/Configuration-v0": (
+        "castor_envs.envs.configuration:ConfigurationEnv",
+        "castor_envs.envs.vector:configuration",
+    ),
 }
 
 

@@ -7,7 +7,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from castor_envs.controller import Commands
-from castor_envs.envs.robot_env import RobotEnv, finite
+from castor_envs.envs.actions import finite
+from castor_envs.envs.robot_env import RobotEnv
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor

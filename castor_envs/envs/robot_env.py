@@ -2,14 +2,14 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.controller import Commands, trailing_angles
+from castor_envs.envs.drawn_env import DrawnEnv
 from castor_envs.envs.sensed_robot import Observation, SensedRobot
 from castor_envs.errors import InputError
-from castor_envs.floor import Floor
+from castor_envs.floor import Floor, load_floor
 from castor_envs.kinematics import Geometry
 from castor_envs.presets import load_robot
 from castor_envs.rendering import Renderer
@@ -19,10 +19,8 @@ from castor_envs.trajectories import Trajectory
 Array = NDArray[np.float64]
 
 
-class RobotEnv(gym.Env[Observation, NDArray[Any]]):
+class RobotEnv(DrawnEnv):
     """A sensed robot, a trajectory that starts at the origin, and rendering; subclasses say what the agent does."""
-
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
 
     def __init__(
         self,
@@ -31,9 +29,7 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
         floor: Floor | str | None,
         render_mode: str | None,
     ) -> None:
-        floor = Floor.load(floor) if isinstance(floor, str) else Floor() if floor is None else floor
-        if not isinstance(floor, Floor):
-            raise InputError(f"floor must be a Floor or the path of a floor file, got {type(floor).__name__}")
+        floor = load_floor(floor)
         if not isinstance(trajectory, Trajectory):
             raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
         self._sensed = SensedRobot(load_robot(robot), floor)
@@ -43,17 +39,12 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
         check_drivable(self.robot, trajectory)
         self.observation_space = self._sensed.observation_space(trajectory.duration)
 
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.robot.sample_period))}
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
-        self.render_mode = render_mode
-        self._renderer: Renderer | None = None
+        fps = self._set_render_mode(render_mode, self.robot.sample_period)
         if render_mode is not None:
             path = self._path = trajectory.at(np.linspace(0.0, trajectory.duration, 400))[0]
             low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
             margin = 0.6 + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
             arena = (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
-            fps = self.metadata["render_fps"]
             self._renderer = Renderer(self.robot, floor, render_mode, fps, arena=arena)  # pyright: ignore[reportArgumentType]
 
     def _start(self, seed: int | None) -> Observation:
@@ -62,8 +53,7 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
         first = self.trajectory.runs[0].legs[0].motion
         self._sensed.reset(self.np_random, trailing_angles(Geometry.of(self.robot), first))
         self._sample = 0
-        if self._renderer is not None:
-            self._renderer.reset()
+        self._forget_picture()
         return self._sensed.observation
 
     @property
@@ -73,15 +63,6 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
     def _reference(self) -> Array:
         """Return where the trajectory is now, (3,)."""
         return self.trajectory.at(self._sample * self.robot.sample_period)[0]
-
-    def render(self) -> Any:
-        """Return a picture of the robot, its path and what the agent makes of it, or None in human mode."""
-        return self._draw() if self.render_mode == "rgb_array" else None
-
-    def _show(self) -> None:
-        """In human mode, draw the newest state."""
-        if self.render_mode == "human":
-            self._draw()
 
     def _draw(self) -> Any:
         if self._renderer is None:
@@ -99,21 +80,6 @@ class RobotEnv(gym.Env[Observation, NDArray[Any]]):
     def _drawn_estimate(self) -> ArrayLike | None:
         """Return the estimate to draw, (3,), if the agent makes one."""
         return None
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-
-
-def finite(values: ArrayLike, shape: tuple[int, ...] | None, what: str) -> Array:
-    """Return an array of finite numbers; raises InputError for anything else or another shape."""
-    array = np.asarray(values, dtype=float)
-    if array.shape != shape:
-        raise InputError(f"{what} must have shape {shape}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise InputError(f"{what} must be finite, got {array}")
-    return array
 
 
 def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:

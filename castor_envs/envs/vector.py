@@ -9,6 +9,8 @@ from typing import Any
 from gymnasium.vector import SyncVectorEnv
 
 from castor_envs.envs.asoc import ASOCEnv
+from castor_envs.envs.cfmmr import CFMMREnv
+from castor_envs.envs.configuration import ConfigurationEnv
 from castor_envs.envs.umbmark import UMBmarkEnv
 
 
@@ -20,3 +22,13 @@ def asoc(num_envs: int, **arguments: Any) -> SyncVectorEnv:
 def umbmark(num_envs: int, **arguments: Any) -> SyncVectorEnv:
     """Return `num_envs` environments castor/UMBmark-v0 with the same arguments."""
     return SyncVectorEnv([lambda: UMBmarkEnv(**arguments)] * num_envs)
+
+
+def cfmmr(num_envs: int, **arguments: Any) -> SyncVectorEnv:
+    """Return `num_envs` environments castor/CFMMR-v0 with the same arguments."""
+    return SyncVectorEnv([lambda: CFMMREnv(**arguments)] * num_envs)
+
+
+def configuration(num_envs: int, **arguments: Any) -> SyncVectorEnv:
+    """Return `num_envs` environments castor/Configuration-v0 with the same arguments."""
+    return SyncVectorEnv([lambda: ConfigurationEnv(**arguments)] * num_envs)

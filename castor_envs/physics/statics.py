@@ -30,6 +30,11 @@ def chassis(robot: RobotDescription) -> tuple[float, float, Array]:
         if castor.steering == "fixed":
             center = np.array(castor.pivot) + turned(castor_center(robot, i), castor.angle)
             parts.append((castor.mass, castor.inertia, center))
+    return combined(parts)
+
+
+def combined(parts: list[tuple[float, float, Array]]) -> tuple[float, float, Array]:
+    """Return mass, inertia and centre of mass (2,) of parts fixed to each other, each given by the same three."""
     mass = sum(part[0] for part in parts)
     center = sum((part[0] * part[2] for part in parts), np.zeros(2)) / mass
     inertia = sum(part[1] + part[0] * float(np.sum((part[2] - center) ** 2)) for part in parts)

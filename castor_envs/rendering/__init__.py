@@ -1,8 +1,9 @@
-"""Pictures of a robot on its floor, seen from above.
+"""Pictures of a robot or a train on its floor, seen from above.
 
-Pygame is imported when the first `Renderer` is made, not before.
+Pygame is imported when the first renderer is made, not before.
 """
 
 from castor_envs.rendering.renderer import Renderer
+from castor_envs.rendering.train_renderer import TrainRenderer
 
-__all__ = ["Renderer"]
+__all__ = ["Renderer", "TrainRenderer"]

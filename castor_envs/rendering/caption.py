@@ -41,14 +41,23 @@ def draw_error(canvas: Canvas, view: View, pose: Array, estimate: Array) -> None
     """Write how far the estimate (3,) is from the true pose (3,)."""
     off = 1000 * math.dist(pose[:2], estimate[:2])
     turned = math.degrees(math.remainder(estimate[2] - pose[2], math.tau))
-    words = f"estimate off by {off:.1f} mm, {turned:+.2f}°"
-    canvas.text(words, (16 * view.unit, view.bottom - 18 * view.unit), 15 * view.unit, ESTIMATE)
+    _write_error(canvas, view, f"estimate off by {off:.1f} mm, {turned:+.2f}°")
+
+
+def draw_mean_error(canvas: Canvas, view: View, poses: Array, estimate: Array) -> None:
+    """Write how far the axles are from where the estimate (N, 3) has them, on average over the true poses (N, 3)."""
+    off = 1000 * float(np.mean(np.hypot(*(estimate - poses)[:, :2].T)))
+    _write_error(canvas, view, f"estimate off by {off:.1f} mm, mean of {len(poses)} axles")
 
 
 def round_length(most: float) -> float:
     """Return the largest of 1, 2 and 5 times a power of ten that is not above `most`."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(factor * power for factor in (1, 2, 5) if factor * power <= most)
+
+
+def _write_error(canvas: Canvas, view: View, words: str) -> None:
+    canvas.text(words, (16 * view.unit, view.bottom - 18 * view.unit), 15 * view.unit, ESTIMATE)
 
 
 def _draw_symbol(canvas: Canvas, name: str, x: float, y: float, u: float) -> None:

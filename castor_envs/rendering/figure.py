@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 
 
 class Figure:
-    """Draws one robot at any pose."""
+    """Draws one robot at any pose; `compact`, with a chassis that only just covers the wheels of its fixed castors."""
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, compact: bool = False) -> None:
         self._robot = robot
-        self._chassis, self._nose = chassis_outline(robot), nose(robot)
+        self._chassis, self._nose = chassis_outline(robot, compact), nose(robot, compact)
 
     def draw(
         self, canvas: Canvas, view: View, pose: Array, castor_angles: ArrayLike, sliding: ArrayLike | None

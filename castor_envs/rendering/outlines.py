@@ -1,7 +1,8 @@
 """The robot in plan: outlines of chassis, castors and wheels, from its description, as polygons (k, 2) in B, m.
 
 A description does not say what the chassis looks like or how wide tyres are. The chassis is drawn as the smooth hull
-of the discs that its castors sweep, tyres 0.6 of their radius wide; nothing but pictures uses either.
+of the discs that its castors sweep, tyres 0.6 of their radius wide; nothing but pictures uses either. Modules of a
+train, whose castors are fixed and whose neighbours are near, have a compact chassis: their wheels' hull and a rim.
 """
 
 import math
@@ -16,6 +17,7 @@ from castor_envs.robot import Castor, RobotDescription
 Array = NDArray[np.float64]
 
 TYRE_WIDTH = 0.6  # of the wheel's radius
+COMPACT_RIM = 0.12  # how far a compact chassis reaches beyond its wheels, of their smallest radius
 PIVOT_RADIUS = 0.32  # of the castor's largest wheel radius
 
 
@@ -68,18 +70,18 @@ def swept_radius(castor: Castor) -> float:
     )
 
 
-def chassis_outline(robot: RobotDescription) -> Array:
+def chassis_outline(robot: RobotDescription, compact: bool = False) -> Array:
     """Return the chassis (k, 2)."""
-    return hull_of_discs([castor.pivot for castor in robot.castors], [swept_radius(c) for c in robot.castors])
+    return hull_of_discs(*_covered(robot, compact))
 
 
-def nose(robot: RobotDescription) -> Array:
+def nose(robot: RobotDescription, compact: bool = False) -> Array:
     """Return the triangle (3, 2) at the chassis' front that shows which way x points."""
-    pivots = np.array([castor.pivot for castor in robot.castors])
-    reach = pivots[:, 0] + [swept_radius(castor) for castor in robot.castors]
+    centers, radii = _covered(robot, compact)
+    reach = centers[:, 0] + radii
     front = float(np.max(reach))
-    y = float(np.mean(pivots[reach > front - 1e-9, 1]))
-    size = 0.25 * math.sqrt(_area(chassis_outline(robot)) / math.pi)
+    y = float(np.mean(centers[reach > front - 1e-9, 1]))
+    size = 0.25 * math.sqrt(_area(chassis_outline(robot, compact)) / math.pi)
     return np.array(
         [(front + 0.5 * size, y), (front - 0.5 * size, y + 0.6 * size), (front - 0.5 * size, y - 0.6 * size)]
     )
@@ -104,6 +106,15 @@ def placed(points: Array, pose: ArrayLike) -> Array:
     x, y, psi = (float(value) for value in np.asarray(pose, dtype=float))
     c, s = math.cos(psi), math.sin(psi)
     return points @ np.array([(c, s), (-s, c)]) + (x, y)
+
+
+def _covered(robot: RobotDescription, compact: bool) -> tuple[Array, Array]:
+    """Return the discs, centers (n, 2) and radii (n,), that the chassis covers."""
+    if not compact:
+        return np.array([c.pivot for c in robot.castors]), np.array([swept_radius(c) for c in robot.castors])
+    outlines = castor_outlines(robot, np.zeros(len(robot.castors)))
+    corners = np.concatenate([shape for outline in outlines for shape in outline.tyres])
+    return corners, np.full(len(corners), COMPACT_RIM * min(wheel.radius for wheel in robot.wheels))
 
 
 def _castor(castor: Castor, angle: float) -> CastorOutline:

@@ -9,12 +9,14 @@ SLIDING: Color = (240, 228, 66)  # yellow
 SLIPPERY: Color = (86, 180, 233)  # sky blue
 ROUGH: Color = (230, 159, 0)  # orange
 
+FAINT_PATH: Color = (186, 214, 235)  # lighter again: where the last axle of a train went
 REFERENCE: Color = (105, 108, 114)
 CABLE: Color = (84, 74, 68)
 DECK: Color = (178, 207, 228)
 TYRE: Color = (38, 41, 46)
 IDLE_TYRE: Color = (118, 122, 128)
 METAL: Color = (160, 166, 174)
+BEAM: Color = (0, 158, 115)  # Okabe and Ito's green
 
 ARENA: Color = (250, 249, 247)
 OUTSIDE: Color = (239, 238, 233)

@@ -15,6 +15,7 @@ from castor_envs.errors import InputError
 from castor_envs.log_columns import LogColumns
 from castor_envs.logs import Log, export_kitti, export_tum, pivot_jumps, read_log, write_log
 from castor_envs.presets import preset
+from castor_envs.train_presets import cfmmr
 
 HEADER = "t,wheel_1l,wheel_1r,ref_x,ref_y,ref_psi"
 DIFFERENTIAL = preset("differential")
@@ -75,6 +76,130 @@ def test_a_log_that_was_written_is_read_back_bit_for_bit(robot_and_log):
     for part in ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro"):
         assert same(getattr(again, part), getattr(log, part)), part
     assert again.extra == log.extra
+
+
+@st.composite
+def trains_and_logs(draw):
+    """Any log of a train: frames without a reading, rows without truth or commands, any ages."""
+    train = cfmmr(draw(st.integers(2, 4)))
+    n, axles, frames = draw(st.integers(2, 4)), train.n_axles, train.n_axles - 1
+
+    def rows(width, values):
+        return np.array(draw(st.lists(st.lists(values, min_size=width, max_size=width), min_size=n, max_size=n)))
+
+    blank = np.array(draw(st.lists(st.booleans(), min_size=n, max_size=n)))
+    reference, command, rps = rows(3 * axles, st.floats(-1.5, 1.5)), rows(2 * axles, finite), rows(3 * frames, finite)
+    reference[blank], command[~blank] = np.nan, np.nan
+    rps.reshape(n, frames, 3)[rows(frames, st.booleans())] = np.nan
+    return train, Log(
+        t=np.cumsum(rows(1, st.floats(0.01, 10))[:, 0]),
+        wheel=rows(2 * axles, st.integers(-(2**60), 2**60).map(float) | small),
+        pivot=np.empty((n, 0)),
+        command=command if draw(st.booleans()) else None,
+        reference=reference if draw(st.booleans()) else None,
+        rps=rps,
+        rps_age=rows(frames, finite) if draw(st.booleans()) else None,
+    )
+
+
+@given(trains_and_logs())
+@settings(max_examples=100, deadline=None)
+def test_a_trains_log_is_read_back_bit_for_bit(train_and_log):
+    train, log = train_and_log
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.csv"
+        write_log(path, log, train)
+        again = read_log(path, train)
+    for part in ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age"):
+        assert same(getattr(again, part), getattr(log, part)), part
+    for seen, expected in zip(again.observations(), log.observations(), strict=True):
+        assert sorted(seen) == ["rps", "rps_age", "time", "wheel"]
+        assert all(same(seen[key], expected[key]) for key in seen)
+
+
+TRAIN = cfmmr(3)
+TRAIN_HEADER = ",".join(["t", *(f"wheel_{name}" for name in ("1l", "1r", "2l", "2r", "3l", "3r"))])
+RPS_HEADER = ",".join(f"rps_{frame}_{part}" for frame in "AB" for part in ("x", "y", "phi"))
+TRUTH_HEADER = ",".join(f"ref_{axle}_{part}" for axle in (1, 2, 3) for part in ("x", "y", "psi"))
+STILL = ",0" * 6
+
+
+def test_a_trains_columns_are_named_by_axle_and_frame(tmp_path):
+    n = 2
+    log = Log(
+        t=np.array([0.0, 0.05]),
+        wheel=np.zeros((n, 6)),
+        pivot=np.empty((n, 0)),
+        command=np.zeros((n, 6)),
+        reference=np.zeros((n, 9)),
+        rps=np.array([[0.35, 0, 0, 0.3, 0.1, 0.5], [np.nan] * 3 + [0.3, 0.1, 0.5]]),
+    )
+    write_log(tmp_path / "log.csv", log, TRAIN)
+    header, first, second = (tmp_path / "log.csv").read_text().splitlines()
+    commands = ",".join(f"cmd_{name}" for name in TRAIN.wheel_names)
+    assert header == f"{TRAIN_HEADER},{commands},{TRUTH_HEADER},{RPS_HEADER},rps_age_A,rps_age_B"
+    assert first.endswith(",0.35,0.0,0.0,0.3,0.1,0.5,0.0,0.0")
+    assert second.endswith(",,,,0.3,0.1,0.5,0.0,0.0")
+
+
+def test_a_trains_log_may_lack_readings_ages_and_truth(tmp_path):
+    (tmp_path / "bare.csv").write_text(f"{TRAIN_HEADER}\n0{STILL}\n1{STILL}\n")
+    bare = read_log(tmp_path / "bare.csv", TRAIN)
+    assert bare.reference is None
+    for seen in bare.observations():
+        np.testing.assert_array_equal(seen["rps"], np.full(6, np.nan))
+        np.testing.assert_array_equal(seen["rps_age"], np.zeros(2))
+    (tmp_path / "ageless.csv").write_text(f"{TRAIN_HEADER},{RPS_HEADER}\n0{STILL},1,2,3,,,\n1{STILL},1,2,3,4,5,6\n")
+    first, second = read_log(tmp_path / "ageless.csv", TRAIN).observations()
+    np.testing.assert_array_equal(first["rps"], [1, 2, 3, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(second["rps"], [1, 2, 3, 4, 5, 6])
+    np.testing.assert_array_equal(second["rps_age"], np.zeros(2))
+
+
+TRAIN_MISTAKES = [
+    ("t,wheel_1l\n0,0\n", r"log.csv:1: column 'wheel_1r': is missing; .* or give the robot or train that made"),
+    (f"{TRAIN_HEADER},rps_A_x,rps_A_y,rps_A_phi\n", r"log.csv:1: column 'rps_B_x': is missing"),
+    (f"{TRAIN_HEADER},{RPS_HEADER},rps_age_A\n", r"log.csv:1: column 'rps_age_B': is missing"),
+    (f"{TRAIN_HEADER},rps_age_A,rps_age_B\n0{STILL},0,0\n1{STILL},0,inf\n", r"log.csv:3: column 'rps_age_B': 'inf'"),
+    (f"{TRAIN_HEADER},ref_1_x,ref_1_y,ref_1_psi\n", r"log.csv:1: column 'ref_2_x': is missing"),
+    (
+        f"{TRAIN_HEADER},{RPS_HEADER}\n0{STILL},1,1,1,1,,1\n1{STILL},1,1,1,1,1,1\n",
+        r"log.csv:2: column 'rps_B_y': is blank, but not all of rps_B_x, rps_B_y, rps_B_phi; give all or none",
+    ),
+    (
+        f"{TRAIN_HEADER},{RPS_HEADER}\n0{STILL},1,1,1,1,1,1\n1{STILL},1,inf,1,,,\n",
+        r"log.csv:3: column 'rps_A_y': 'inf' is not finite",
+    ),
+    (
+        f"{TRAIN_HEADER},{TRUTH_HEADER}\n0{STILL},0,0,0,,,,0,0,0\n1{STILL},0,0,0,0,0,0,0,0,0\n",
+        r"log.csv:2: column 'ref_2_x': is blank, but not all of ref_1_x",
+    ),
+    (
+        f"{TRAIN_HEADER},{TRUTH_HEADER}\n0{STILL},0,0,3,0,0,3,0,0,3\n1{STILL},0,0,3.1,0,0,-3.1,0,0,3.1\n",
+        r"log.csv:3: column 'ref_2_psi': steps by over half a turn; unwrap",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), TRAIN_MISTAKES)
+def test_a_mistake_in_a_trains_log_is_named(tmp_path, text, message):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_log(tmp_path / "log.csv", TRAIN)
+
+
+def test_a_train_log_that_could_not_be_read_is_not_written(tmp_path):
+    good = Log(np.arange(2.0), np.zeros((2, 6)), np.empty((2, 0)), rps=np.zeros((2, 6)))
+    for k, value in ((4, np.nan), (2, np.inf)):
+        rps = np.zeros((2, 6))
+        rps[1, k] = value
+        with pytest.raises(InputError, match=r"log.csv:3: column 'rps_[AB]_(y|phi)': (nan|inf) is not finite"):
+            write_log(tmp_path / "log.csv", Log(good.t, good.wheel, good.pivot, rps=rps), TRAIN)
+    with pytest.raises(ValueError, match="has columns"):
+        write_log(tmp_path / "log.csv", good, cfmmr(4))
+    with pytest.raises(ValueError, match="age of what"):
+        Log(good.t, good.wheel, good.pivot, rps_age=np.zeros((2, 2)))
+    assert not list(tmp_path.iterdir())
 
 
 def some_log(n=6):

@@ -14,10 +14,11 @@ from gymnasium.error import DependencyNotInstalled
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.presets import differential, preset, preset_names
-from castor_envs.rendering import Renderer
+from castor_envs.rendering import Renderer, TrainRenderer
 from castor_envs.rendering.outlines import castor_outlines, chassis_outline, swept_radius
 from castor_envs.rendering.palette import SLIDING, TRUE_PATH
 from castor_envs.robot import Castor, RobotDescription, Wheel
+from castor_envs.train_presets import cfmmr
 
 ROOT = FilePath(__file__).parents[2]
 ARENA = (-1.0, 1.0, -1.0, 1.0)
@@ -109,6 +110,18 @@ renderer = Renderer(preset("asoc-prototype"), Floor(), "rgb_array", 20, size=(32
 frame = renderer.draw((0.2, 0.1, 0.5), (0.1, 0.2, 0.3), estimate=(0.2, 0.12, 0.45), time=1.5)
 """
 
+DRAW_TRAIN = """
+import sys
+import numpy as np
+from castor_envs.train_presets import cfmmr
+from castor_envs.floor import Floor
+from castor_envs.rendering import TrainRenderer
+assert "pygame" not in sys.modules
+renderer = TrainRenderer(cfmmr(2), Floor(), "rgb_array", 20, size=(320, 300), arena=(-1, 1, -1, 1))
+poses = np.array([(0.35, 0.0, 0.0), (0.0, 0.0, 0.0)])
+frame = renderer.draw(poses, [poses[::-1, :2]], estimate=poses + 0.1, time=1.5)
+"""
+
 
 @pytest.mark.parametrize("name", preset_names())
 def test_pictures_are_height_by_width_by_color(new_renderer, name):
@@ -144,6 +157,16 @@ def test_same_pixels_in_another_process_without_a_display(new_renderer, tmp_path
     code = DRAW + "import hashlib, pygame\nassert not pygame.display.get_init()\n"
     code += "print(hashlib.sha256(frame.tobytes()).hexdigest())"
     frame = new_renderer().draw((0.2, 0.1, 0.5), (0.1, 0.2, 0.3), estimate=(0.2, 0.12, 0.45), time=1.5)
+    assert run_python(code, tmp_path).strip() == hashlib.sha256(frame.tobytes()).hexdigest()
+
+
+def test_trains_are_the_same_in_another_process_without_a_display(tmp_path):
+    poses = np.array([(0.35, 0.0, 0.0), (0.0, 0.0, 0.0)])
+    renderer = TrainRenderer(cfmmr(2), Floor(), "rgb_array", 20, size=SIZE, arena=ARENA)
+    frame = renderer.draw(poses, [poses[::-1, :2]], estimate=poses + 0.1, time=1.5)
+    assert frame is not None
+    code = DRAW_TRAIN + "import hashlib, pygame\nassert not pygame.display.get_init()\n"
+    code += "print(hashlib.sha256(frame.tobytes()).hexdigest())"
     assert run_python(code, tmp_path).strip() == hashlib.sha256(frame.tobytes()).hexdigest()
 
 

@@ -1,0 +1,18 @@
+"""What comes from an agent: checked before it is used."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def finite(values: ArrayLike, shape: tuple[int, ...] | None, what: str) -> Array:
+    """Return an array of finite numbers; raises InputError for anything else or another shape."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape:
+        raise InputError(f"{what} must have shape {shape}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{what} must be finite, got {array}")
+    return array

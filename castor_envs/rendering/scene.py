@@ -1,0 +1,132 @@
+"""What the pictures of robots and of trains share: floor, paths, caption, and where they are shown."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.rendering.canvas import Canvas
+from castor_envs.rendering.caption import draw_caption
+from castor_envs.rendering.ground import draw_floor
+from castor_envs.rendering.palette import ESTIMATE, FADED, FAINT_PATH, OUTSIDE, REFERENCE, TRUE_PATH, TRUTH, WHITE
+from castor_envs.rendering.path import Path, evenly
+from castor_envs.rendering.view import View
+from castor_envs.rendering.window import Window
+
+Array = NDArray[np.float64]
+Mode = Literal["human", "rgb_array"]
+
+
+class Scene:
+    """A floor with paths on it and a caption below, on which a vehicle is drawn: `lengthen`, `start`, draw, `finish`.
+
+    name: of the vehicle. friction: what holds outside the floor's patches. The rest is as in `Renderer`.
+
+    Raises InputError for a mode, size or arena that is none, and gymnasium.error.DependencyNotInstalled without pygame.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        floor: Floor,
+        friction: float,
+        mode: Mode,
+        fps: int,
+        size: tuple[int, int],
+        arena: tuple[float, float, float, float],
+    ) -> None:
+        if mode not in ("human", "rgb_array"):
+            raise InputError(f"render mode must be 'human' or 'rgb_array', got {mode!r}")
+        self._floor, self._mode = floor, mode
+        self.view = View(size, arena)
+        self.canvas = Canvas(size, OUTSIDE)
+        self._window = Window(f"castor-envs: {name}", size, fps)
+        draw_floor(self.canvas, self.view, floor, friction)
+        self.canvas.text(name, (16 * self.view.unit, 24 * self.view.unit), 15 * self.view.unit, FADED)
+        self.canvas.keep()
+        self.reset()
+
+    @property
+    def dismissed(self) -> bool:
+        """Whether the user closed the window: nothing more is to be drawn."""
+        return self._window.dismissed
+
+    def reset(self) -> None:
+        """Forget all paths, for a new episode."""
+        pixel = 1.0 / self.view.scale
+        self._truth, self._rear = Path(pixel), Path(pixel)
+        self._estimate, self._reference = Path(pixel), Path(pixel)
+
+    def lengthen(
+        self,
+        truth: ArrayLike,
+        estimate: ArrayLike | None,
+        reference: ArrayLike | None,
+        rear: ArrayLike | None = None,
+    ) -> None:
+        """Let the paths go on to places in N, (2,) or with more behind them that does not count.
+
+        rear: of a second true path, drawn fainter. reference: a place, or a whole path (k, 2) that replaces the last.
+        """
+        for path, place in ((self._truth, truth), (self._rear, rear), (self._estimate, estimate)):
+            if place is not None:
+                path.lengthen(np.asarray(place, dtype=float)[:2])
+        if reference is not None:
+            self._follow(np.asarray(reference, dtype=float))
+
+    def start(self) -> None:
+        """Start a picture: the floor and the paths so far."""
+        self.canvas.restart()
+        self._draw_paths()
+
+    def finish(self, time: float, sliding: bool) -> NDArray[np.uint8] | None:
+        """Write the caption and return the picture (height, width, 3); in mode "human" show it and return None.
+
+        time: s. sliding: whether the picture tells sliding wheels from others.
+        """
+        shown = {
+            "true path": True,
+            "estimate": len(self._estimate) > 0,
+            "reference": len(self._reference) > 0,
+            "sliding": sliding,
+            "cable": len(self._floor.cables) > 0,
+        }
+        draw_caption(self.canvas, self.view, time, {name for name, is_shown in shown.items() if is_shown})
+        if self._mode == "rgb_array":
+            return self.canvas.pixels()
+        self._window.show(self.canvas.finished())
+        return None
+
+    def close(self) -> None:
+        """Close the window, if one is open."""
+        self._window.close()
+
+    def _follow(self, reference: Array) -> None:
+        if reference.ndim == 2:
+            self._reference = Path(1.0 / self.view.scale)
+        for row in np.atleast_2d(reference):
+            if np.all(np.isfinite(row[:2])):
+                self._reference.lengthen(row[:2])
+
+    def _draw_paths(self) -> None:
+        canvas, view = self.canvas, self.view
+        u = view.unit
+        if len(self._reference) > 1:
+            for dot in evenly(view.pixel(self._reference.corners), 9 * u):
+                canvas.disc(dot, 1.7 * u, REFERENCE)
+        if len(self._rear):
+            canvas.line(view.pixel(self._rear.corners), FAINT_PATH, 4 * u)
+        truth = view.pixel(self._truth.corners)
+        canvas.line(truth, TRUE_PATH, 6 * u)
+        canvas.disc(truth[0], 6 * u, TRUTH)
+        canvas.disc(truth[0], 3.5 * u, WHITE)
+        if len(self._estimate):
+            canvas.line(view.pixel(self._estimate.corners), ESTIMATE, 2 * u)
+
+
+def finite_or_none(estimate: ArrayLike | None) -> Array | None:
+    """Return an estimate as an array, or None if there is none that could be drawn."""
+    believed = None if estimate is None else np.asarray(estimate, dtype=float)
+    return believed if believed is not None and np.all(np.isfinite(believed)) else None
