@@ -10,14 +10,30 @@ from benchmarks.evaluation import METRICS, Metric
 from benchmarks.leaderboard import Entry, TaskBoard
 from benchmarks.ranking import LEVEL
 
-_ORDER = ("nonsystematic_orientation_error", "end_point_position", "end_point_heading", "ate", "rpe_translation")
+_ORDER = (
+    "nonsystematic_orientation_error",
+    "mean_axle_position",
+    "final_axle_position",
+    "end_point_position",
+    "end_point_heading",
+    "share_within_5cm",
+    "sound_axle_chosen",
+    "contradiction",
+    "ate",
+    "rpe_translation",
+)
 _GOES_FIRST = (
     "nonsystematic_orientation_error",
+    "contradiction",
     "end_point_heading",
     "time",
     "rpe_translation",
     "end_point_position",
     "ate",
+    "final_axle_position",
+    "mean_axle_position",
+    "share_within_5cm",
+    "sound_axle_chosen",
     "interval",
 )
 """What is left out where a terminal is narrow, the least important first."""

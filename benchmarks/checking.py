@@ -6,17 +6,16 @@ from typing import Any
 
 from benchmarks.workers import Died, Done, Job, Raised, TimedOut, run_jobs
 from castor_envs.errors import InputError
-from castor_envs.presets import preset
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles import Vehicle, load_vehicle
 from estimators import conformance
 from estimators.conformance import Finding
 from estimators.registry import load_estimator
 
 
-def check_apart(spec: str, robot: RobotDescription | None, timeout: float, say: Callable[[str], None]) -> list[Finding]:
+def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[[str], None]) -> list[Finding]:
     """Check an estimator in a process of its own; returns what was found.
 
-    robot: to check on; None takes the first preset that the estimator serves. timeout: s, for each of loading the
+    robot: what to check on; None takes the first preset that the estimator serves. timeout: s, for each of loading the
     estimator, asking it whether it serves a robot, and the check. say: is told first what is checked, and on which
     robot.
 
@@ -36,17 +35,17 @@ def check_apart(spec: str, robot: RobotDescription | None, timeout: float, say: 
         declined: dict[str, list[str]] = {}
         for candidate in conformance.candidates():
             try:
-                reason = worker.call(_refusal, spec, preset(candidate))
+                reason = worker.call(_refusal, spec, load_vehicle(candidate))
             except _LostError as lost:
                 say(_header(name, candidate, declined))
                 return [lost.finding]
             if reason is None:
                 say(_header(name, candidate, declined))
-                return _findings(worker, spec, preset(candidate))
+                return _findings(worker, spec, load_vehicle(candidate))
             declined.setdefault(reason, []).append(candidate)
         first = conformance.candidates()[0]
         say(f"checking {name} on preset {first!r} (it declines every preset)")
-        return _findings(worker, spec, preset(first))
+        return _findings(worker, spec, load_vehicle(first))
     finally:
         worker.close()
 
@@ -103,7 +102,7 @@ class _Worker:
         self._outcomes.close()
 
 
-def _findings(worker: _Worker, spec: str, robot: RobotDescription) -> list[Finding]:
+def _findings(worker: _Worker, spec: str, robot: Vehicle) -> list[Finding]:
     try:
         return worker.call(_check, spec, robot)
     except _LostError as lost:
@@ -126,11 +125,11 @@ def _name(spec: str) -> str | InputError:
         return error
 
 
-def _refusal(spec: str, robot: RobotDescription) -> str | None:
+def _refusal(spec: str, robot: Vehicle) -> str | None:
     return conformance.refusal(load_estimator(spec), robot)
 
 
-def _check(spec: str, robot: RobotDescription) -> list[Finding] | InputError:
+def _check(spec: str, robot: Vehicle) -> list[Finding] | InputError:
     try:
         return conformance.check(load_estimator(spec), robot)
     except InputError as error:

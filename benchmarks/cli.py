@@ -18,15 +18,18 @@ from benchmarks.progress import TerminalProgress
 from benchmarks.results import check_results_folder, names_of
 from benchmarks.runner import Assignment
 from benchmarks.runner import run as run_plan
+from benchmarks.table_views import show_tables
 from benchmarks.task import Task
 from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.presets import load_robot, preset_names
+from castor_envs.train_presets import train_names
+from castor_envs.vehicles import load_train, load_vehicle
 from estimators.registry import EstimatorEntry, builtin_names, load_estimator
 
 app = typer.Typer(
-    help="Benchmark of odometry for robots on castors.",
+    help="Benchmark of odometry and localisation for robots on castors and trains.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -48,7 +51,7 @@ def main() -> None:
 
 @app.callback()
 def options(version: command_line.Version = False) -> None:
-    """Benchmark of odometry for robots on castors."""
+    """Benchmark of odometry and localisation for robots on castors and trains."""
 
 
 @app.command()
@@ -125,12 +128,14 @@ def leaderboard(
 @app.command()
 def check(
     estimator: Annotated[str, typer.Argument(help="A name, module:Class or file.py[:Class].")],
-    robot: Annotated[str | None, typer.Option(help="A preset or a robot file; default: one that it serves.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="A preset, or a robot's or train's file; default: one that it serves.")
+    ] = None,
     timeout: Annotated[float, typer.Option(help="Seconds that the check may take.")] = 60.0,
 ) -> None:
     """Check an estimator before a benchmark does; exit code 1 if anything is wrong with it."""
     _above_zero("--timeout", timeout)
-    findings = check_apart(estimator, None if robot is None else load_robot(robot), timeout, _print_now)
+    findings = check_apart(estimator, None if robot is None else load_vehicle(robot), timeout, _print_now)
     for finding in findings:
         print(f"ok     {finding.name}" if finding.passed else f"WRONG  {finding.name}: {finding.message}")
     if not all(finding.passed for finding in findings):
@@ -144,7 +149,7 @@ def export(
     out: Annotated[Path, typer.Option(help="The folder to write to; it must not exist yet.")] = Path("castor-episodes"),
     measured: MeasuredData = None,
 ) -> None:
-    """Write episodes as files: what estimators are given (robot.json, logs), with the truth as the logs' reference."""
+    """Write episodes as files: what estimators are given (robot.json or train.json, logs), with the true poses."""
     (chosen,) = select_tasks(_tasks(measured), [task])
     _at_least("--cases", cases, 1)
     if chosen.missing is not None:
@@ -156,9 +161,18 @@ def export(
     print(f"{out}: {len(chosen.cases(cases))} case(s) of {task}")
 
 
+@app.command()
+def tables(
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    figures: Annotated[Path | None, typer.Option(help="Write pictures (PNG) into this folder.")] = None,
+) -> None:
+    """Print the tables of papers beside ours, and where the papers' metrics fail."""
+    show_tables(_console(), as_json_text, figures)
+
+
 @app.command("list")
 def list_known() -> None:
-    """List tasks, estimators and robots."""
+    """List tasks, estimators, robots and trains."""
     print("tasks:")
     for task in official_tasks():
         print(f"  {task.name}  (version {task.version})  {task.title}")
@@ -169,6 +183,9 @@ def list_known() -> None:
     print("robots:")
     for name in preset_names():
         print(f"  {name}: {', '.join(builtin_names(load_robot(name))) or 'no built-in estimator applies'}")
+    print("trains:")
+    for name in train_names():
+        print(f"  {name}: {', '.join(builtin_names(load_train(name))) or 'no built-in estimator applies'}")
 
 
 def _tasks(measured: Path | None) -> tuple[Task, ...]:

@@ -1,5 +1,6 @@
 """Recorded episodes, kept so that every estimator is judged on the same ones and scores can be computed again."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,14 @@ from benchmarks.archives import CorruptFileError, read_archive, read_metadata, w
 from benchmarks.provenance import provenance, world_digest
 from benchmarks.task import Case, Episode, Run, Task
 from castor_envs.errors import InputError
+from castor_envs.files import write_atomically
 from castor_envs.logs import Log, write_log
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles import file_name as vehicle_file_name
+from castor_envs.vehicles import vehicle_from_dict
 
 FORMAT = "castor-episode/1"
-_PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro")
+BELIEFS_FORMAT = "castor-beliefs/1"
+_PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age")
 
 
 def file_name(case: Case) -> str:
@@ -57,10 +61,16 @@ class EpisodeStore:
         metadata, arrays = read_archive(path, FORMAT)
         try:
             runs = tuple(
-                Run(_log(arrays, k), direction=entry["direction"], baseline=entry["baseline"])
+                Run(
+                    _log(arrays, k),
+                    direction=entry["direction"],
+                    baseline=entry["baseline"],
+                    belief=arrays.get(f"{k}.belief"),
+                    sound=tuple(entry.get("sound", ())),
+                )
                 for k, entry in enumerate(metadata["runs"])
             )
-            episode = Episode(RobotDescription.from_dict(metadata["robot"], str(path)), runs)
+            episode = Episode(vehicle_from_dict(metadata["robot"], str(path)), runs)
         except (KeyError, TypeError, ValueError, InputError):
             raise CorruptFileError(path, "does not hold an episode") from None
         if episode.digest != metadata["digest"]:
@@ -68,7 +78,7 @@ class EpisodeStore:
         return episode
 
     def save(self, task: Task, case: Case, episode: Episode) -> None:
-        """Store an episode; columns that the robot does not explain are left out."""
+        """Store an episode; columns that the vehicle does not explain are left out."""
         metadata: dict[str, Any] = {
             "format": FORMAT,
             "task": task.name,
@@ -76,7 +86,9 @@ class EpisodeStore:
             "case": case,
             "digest": episode.digest,
             "robot": episode.robot.to_dict(),
-            "runs": [{"direction": run.direction, "baseline": run.baseline} for run in episode.runs],
+            "runs": [
+                {"direction": run.direction, "baseline": run.baseline, "sound": list(run.sound)} for run in episode.runs
+            ],
             "origin": provenance(),
         }
         arrays = {
@@ -85,18 +97,25 @@ class EpisodeStore:
             for part in _PARTS
             if getattr(run.log, part) is not None
         }
+        arrays |= {f"{k}.belief": run.belief for k, run in enumerate(episode.runs) if run.belief is not None}
         write_archive(self.path(task.name, task.version, case), metadata, arrays)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
-    """Write an episode for people and other programs: robot.json and a log a run, such as run-01-cw.csv.
+    """Write an episode for people and other programs: robot.json or train.json and a log a run, such as run-01-cw.csv.
 
-    A run on the clean floor that only gives the systematic error ends in -baseline.
+    A run on the clean floor that only gives the systematic error ends in -baseline. Where runs start from a belief
+    instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name.
     """
-    episode.robot.save(folder / "robot.json")
+    episode.robot.save(folder / vehicle_file_name(episode.robot))
+    beliefs: dict[str, Any] = {}
     for k, run in enumerate(episode.runs, start=1):
-        name = "-".join(filter(None, [f"run-{k:02d}", run.direction, "baseline" if run.baseline else None]))
-        write_log(folder / f"{name}.csv", run.log, episode.robot)
+        name = "-".join(filter(None, [f"run-{k:02d}", run.direction, "baseline" if run.baseline else None])) + ".csv"
+        write_log(folder / name, run.log, episode.robot)
+        if run.belief is not None:
+            beliefs[name] = run.belief.tolist()
+    if beliefs:
+        write_atomically(folder / "beliefs.json", json.dumps({"format": BELIEFS_FORMAT, **beliefs}, indent=2) + "\n")
 
 
 def _log(arrays: dict[str, Any], run: int) -> Log:

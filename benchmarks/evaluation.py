@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import metrics
+from benchmarks import metrics, train_metrics
 from benchmarks.task import Episode, Run
+from castor_envs.train import TrainDescription
 
 Array = NDArray[np.float64]
 
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 class Metric:
     """A metric: its name, its SI unit (also as part of a JSON key), and how people are shown it.
 
-    title: its heading; short: the one in a terminal.
+    title: its heading; short: the one in a terminal. ranks: whether a task may rank by it, lower being better.
     """
 
     name: str
@@ -27,14 +28,22 @@ class Metric:
     shown_unit: str
     factor: float
     description: str
+    ranks: bool = True
 
     def shown(self, value: float | None) -> str:
-        """Return a value in SI as text in the unit for people."""
-        return "–" if value is None else f"{value * self.factor:#.4g}".rstrip(".")
+        """Return a value in SI as text in the unit for people; what only rounding leaves is 0."""
+        if value is None:
+            return "–"
+        shown = value * self.factor
+        return f"{shown if abs(shown) > 1e-6 else 0.0:#.4g}".rstrip(".")
 
 
 _MM = {"unit": "m", "shown_unit": "mm", "factor": 1e3}
 _DEG = {"unit": "rad", "shown_unit": "deg", "factor": 180.0 / np.pi}
+_SHARE = {"unit": "1", "shown_unit": "%", "factor": 100.0, "ranks": False}
+
+NEAR = 0.05
+"""m: a train is near where it truly is if its axles are by less on average."""
 
 STANDING_STILL = "ate_standing_still"
 """The ATE of an estimator that stays at the start: stored beside the metrics, to tell whom a closed path flatters."""
@@ -89,7 +98,7 @@ METRICS: dict[str, Metric] = {
             key="ate_m",
             title="ATE",
             short="ATE",
-            description="rms position error along the path, no alignment, mean over the runs",
+            description="rms position error along the path, no alignment, mean over runs and a train's axles",
             **_MM,
         ),
         Metric(
@@ -112,6 +121,54 @@ METRICS: dict[str, Metric] = {
             factor=180.0 / np.pi,
             description="heading error over 1 m of true path, mean",
         ),
+        Metric(
+            "mean_axle_position",
+            key="mean_axle_position_m",
+            title="axle position",
+            short="axles",
+            description="train: position error, mean over the axles, the scored samples and the runs",
+            **_MM,
+        ),
+        Metric(
+            "final_axle_position",
+            key="final_axle_position_m",
+            title="final axle position",
+            short="end",
+            description="train: position error at the last sample, mean over the axles and the runs",
+            **_MM,
+        ),
+        Metric(
+            "final_axle_heading",
+            key="final_axle_heading_rad",
+            title="final axle heading",
+            short="end",
+            description="train: heading error at the last sample, mean over the axles and the runs",
+            **_DEG,
+        ),
+        Metric(
+            "share_within_5cm",
+            key="share_within_5cm",
+            title="within 5 cm",
+            short="< 5 cm",
+            description="train: share of the scored samples at which the axles are off by less than 5 cm on average",
+            **_SHARE,
+        ),
+        Metric(
+            "sound_axle_chosen",
+            key="sound_axle_chosen",
+            title="sound axle chosen",
+            short="sound",
+            description="snapshots: of the runs in which exactly one axle's pose is kept, the share where it was right",
+            **_SHARE,
+        ),
+        Metric(
+            "contradiction",
+            key="contradiction_m",
+            title="contradiction",
+            short="contrad.",
+            description="train: distance between where a frame's front axle is in the estimate and by its sensor, mean",
+            **_MM,
+        ),
     )
 }
 
@@ -119,9 +176,9 @@ METRICS: dict[str, Metric] = {
 def score(episode: Episode, estimates: Sequence[Array]) -> dict[str, float]:
     """Return the scores of an estimator in an episode, in SI, by the names of `METRICS`.
 
-    estimates: for each run, the estimated poses (M, 3) at `Run.samples`. UMBmark's numbers need runs in both
-    directions, the extended benchmark's also baseline runs in both; what a task's runs do not give is left out.
-    Relative pose errors are NaN where a path is too short for them.
+    estimates: for each run, the estimated poses (M, 3) at `Run.samples`, of a train (N, M, 3). UMBmark's numbers need
+    runs in both directions, the extended benchmark's also baseline runs in both; what a task's runs do not give is left
+    out. Relative pose errors are NaN where a path is too short for them.
     """
     paths = []
     for run, estimate in zip(episode.runs, estimates, strict=True):
@@ -129,6 +186,8 @@ def score(episode: Episode, estimates: Sequence[Array]) -> dict[str, float]:
         if estimate.shape != true.shape:
             raise ValueError(f"estimates of shape {estimate.shape} for {true.shape} evaluated poses")
         paths.append((run, true, estimate))
+    if isinstance(episode.robot, TrainDescription):
+        return _train_scores([path for path in paths if not path[0].baseline])
     return {**_square_scores(paths), **_path_scores([path for path in paths if not path[0].baseline])}
 
 
@@ -172,3 +231,42 @@ def _path_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
         "rpe_rotation": np.mean([error.rotation for error in relative]),
     }
     return {name: float(value) for name, value in scores.items()}
+
+
+def _train_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
+    position = [train_metrics.axle_position_errors(true, estimate) for _, true, estimate in paths]
+    heading = [train_metrics.axle_heading_errors(true, estimate) for _, true, estimate in paths]
+    scores = {
+        "mean_axle_position": np.mean([np.mean(error) for error in position]),
+        "final_axle_position": np.mean([np.mean(error[:, -1]) for error in position]),
+        "final_axle_heading": np.mean([np.mean(error[:, -1]) for error in heading]),
+        "share_within_5cm": np.mean([np.mean(np.mean(error, axis=0) < NEAR) for error in position]),
+    }
+    drives = [(true, estimate) for run, true, estimate in paths if run.belief is None]
+    if drives:
+        scores["ate"] = np.mean([metrics.absolute_trajectory_error(true, estimate) for true, estimate in drives])
+        scores[STANDING_STILL] = np.mean([metrics.absolute_trajectory_error(true, true[:, :1]) for true, _ in drives])
+    return {name: float(value) for name, value in (scores | _choices(paths) | _contradiction(paths)).items()}
+
+
+def _choices(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
+    """Return how often a sound axle is kept in snapshots; empty where never exactly one axle is."""
+    sound = [
+        axle in run.sound
+        for run, _, estimate in paths
+        if run.belief is not None
+        and run.sound
+        and (axle := train_metrics.kept_axle(run.belief, estimate[:, -1])) is not None
+    ]
+    return {"sound_axle_chosen": float(np.mean(sound))} if sound else {}
+
+
+def _contradiction(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:
+    """Return the mean contradiction of the runs that have readings; empty where none has."""
+    errors = [
+        train_metrics.contradictions(estimate, run.log.rps[run.samples])
+        for run, _, estimate in paths
+        if run.log.rps is not None
+    ]
+    means = [float(np.nanmean(error)) for error in errors if np.isfinite(error).any()]
+    return {"contradiction": float(np.mean(means))} if means else {}

@@ -1,13 +1,15 @@
 """What happens in a worker process: an estimator follows observations. The truth is not in this process.
 
-An estimator gets the robot as the episode describes it, the pose at the start, and one observation after another. The
+An estimator gets the vehicle as the episode describes it, where it starts, and one observation after another. The
 parent gets back its poses at the evaluation samples and scores them.
 """
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
@@ -19,31 +21,39 @@ from castor_envs.errors import InputError
 from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
+from castor_envs.vehicles import Vehicle
 from estimators.registry import EstimatorEntry, load_estimator
+from estimators.relative_poses import RelativePoseWarning
 
 Array = NDArray[np.float64]
+
+FEWEST_TIMED = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
     """All observations of one run, or of several along leading axes: the same numbers as `Log.observations` yields.
 
-    wheel (..., N, driven wheels), pivot (..., N, pivot encoders), time (..., N), gyro (..., N) or None.
+    wheel (..., K, driven wheels), pivot (..., K, pivot encoders), time (..., K), gyro (..., K) or None; of a train rps
+    (K, 3F) and rps_age (K, F), for robots None.
     """
 
     wheel: Array
     pivot: Array
     time: Array
     gyro: Array | None
+    rps: Array | None = None
+    rps_age: Array | None = None
 
     @classmethod
     def of(cls, log: Log) -> "Observations":
         """Return the observations of a log, without its reference."""
-        return cls(np.diff(log.wheel, axis=0, prepend=log.wheel[:1]), log.pivot, log.t, log.gyro)
+        increments = np.diff(log.wheel, axis=0, prepend=log.wheel[:1])
+        return cls(increments, log.pivot, log.t, log.gyro, log.rps, log.rps_age)
 
     @classmethod
     def stack(cls, members: Sequence["Observations"]) -> "Observations":
-        """Return observations of equal length along one new leading axis."""
+        """Return observations of robots, of equal length, along one new leading axis."""
         gyro = [member.gyro for member in members if member.gyro is not None]
         return cls(
             np.stack([member.wheel for member in members]),
@@ -57,11 +67,11 @@ class Observations:
 
     def at(self, k: int) -> dict[str, Array]:
         """Return observation k, in arrays of its own."""
-        observation = {
-            "wheel": self.wheel[..., k, :].copy(),
-            "pivot": self.pivot[..., k, :].copy(),
-            "time": self.time[..., k, None].copy(),
-        }
+        observation = {"wheel": self.wheel[..., k, :].copy(), "time": self.time[..., k, None].copy()}
+        if self.rps is not None and self.rps_age is not None:
+            observation |= {"rps": self.rps[..., k, :].copy(), "rps_age": self.rps_age[..., k, :].copy()}
+        else:
+            observation["pivot"] = self.pivot[..., k, :].copy()
         if self.gyro is not None:
             observation["gyro"] = self.gyro[..., k, None].copy()
         return observation
@@ -69,9 +79,12 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class ObservedRun:
-    """What a worker gets of a run: the robot, the pose at the start (3,), the observations, which poses to return."""
+    """What a worker gets of a run: the vehicle, where it starts, the observations, which poses to return.
 
-    robot: RobotDescription
+    start: (3,), of a train (N, 3).
+    """
+
+    robot: Vehicle
     start: Array
     observations: Observations
     samples: NDArray[np.intp]
@@ -79,9 +92,7 @@ class ObservedRun:
 
 def observed_runs(episode: Episode) -> list[ObservedRun]:
     """Return what estimators may see of an episode."""
-    return [
-        ObservedRun(episode.robot, run.truth[0].copy(), Observations.of(run.log), run.samples) for run in episode.runs
-    ]
+    return [ObservedRun(episode.robot, run.start.copy(), Observations.of(run.log), run.samples) for run in episode.runs]
 
 
 @dataclass(frozen=True)
@@ -96,24 +107,24 @@ class _FailedError(Exception):
 
 
 def estimate_singly(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> list[Array] | Failure:
-    """Return the estimated poses (M, 3) of each run, or how the first failing run failed."""
+    """Return the estimated poses of each run, (M, 3) or (N, M, 3) of a train, or how the first failing run failed."""
     estimates = []
     for number, run in enumerate(runs, start=1):
         try:
             poses = _follow(_load(spec, source_hash), run.robot, run.start, run.observations)
         except _FailedError as failure:
             return Failure(f"{failure} of run {number}" if "at sample" in str(failure) else str(failure))
-        bad = np.flatnonzero(~np.isfinite(poses).all(axis=-1))
+        bad = np.argwhere(~np.isfinite(poses).all(axis=-1))[:, -1]
         if bad.size:
-            return Failure(f"returned NaN or infinity at sample {bad[0]} of run {number}")
-        estimates.append(poses[run.samples])
+            return Failure(f"returned NaN or infinity at sample {bad.min()} of run {number}")
+        estimates.append(poses[..., run.samples, :])
     return estimates
 
 
 def estimate_stacked(
     spec: str, source_hash: str, episodes: Sequence[Sequence[ObservedRun]]
 ) -> list[list[Array] | Failure] | Failure:
-    """Return the estimated poses of each run of each episode, computed on stacks of runs alike in layout and length.
+    """Return the estimated poses of each run of robots' episodes, on stacks of runs alike in layout and length.
 
     A pose that is not finite fails its own episode; anything else that goes wrong fails the whole, and the parent then
     tries the episodes one by one.
@@ -125,7 +136,7 @@ def estimate_stacked(
     estimates: list[list[Any]] = [[None] * len(episode) for episode in episodes]
     failures: dict[int, tuple[int, Failure]] = {}
     for members in groups.values():
-        geometry = Geometry.of([run.robot for _, _, run in members])
+        geometry = Geometry.of([_robot_of(run) for _, _, run in members])
         start = np.stack([run.start for _, _, run in members])
         observations = Observations.stack([run.observations for _, _, run in members])
         try:
@@ -141,18 +152,27 @@ def estimate_stacked(
     return [failures[e][1] if e in failures else estimates[e] for e in range(len(episodes))]
 
 
-def time_updates(spec: str, source_hash: str, run: ObservedRun) -> float | Failure:
-    """Return the median CPU time of an update of a single robot, microseconds, over a run."""
+def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> float | Failure:
+    """Return the median CPU time of an update of a single vehicle, microseconds.
+
+    Over the first run, or over more, again and again, where it is short: at least FEWEST_TIMED updates. The first
+    observation of a run, which is of the start itself, does not count.
+    """
     spent: list[int] = []
     try:
-        _follow(_load(spec, source_hash), run.robot, run.start, run.observations, spent)
+        for run in islice(cycle(runs), FEWEST_TIMED):
+            own: list[int] = []
+            _follow(_load(spec, source_hash), run.robot, run.start, run.observations, own)
+            spent += own[1:] or own
+            if len(spent) >= FEWEST_TIMED:
+                break
     except _FailedError as failure:
         return Failure(str(failure))
     return float(np.median(spent)) / 1e3
 
 
 def _stack_key(run: ObservedRun) -> tuple:
-    geometry = Geometry.of(run.robot)
+    geometry = Geometry.of(_robot_of(run))
     layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
     return (
         *(getattr(geometry, name).tobytes() for name in layout),
@@ -160,6 +180,12 @@ def _stack_key(run: ObservedRun) -> tuple:
         len(run.observations),
         run.observations.gyro is None,
     )
+
+
+def _robot_of(run: ObservedRun) -> RobotDescription:
+    if not isinstance(run.robot, RobotDescription):
+        raise TypeError(f"only robots are stacked, and {run.robot.name!r} is a train")
+    return run.robot
 
 
 @lru_cache(maxsize=8)
@@ -175,31 +201,37 @@ def _load(spec: str, source_hash: str) -> EstimatorEntry:
 
 def _follow(
     entry: EstimatorEntry,
-    robot: RobotDescription | Geometry,
+    robot: Vehicle | Geometry,
     start: Array,
     observations: Observations,
     spent: list[int] | None = None,
 ) -> Array:
-    """Return the poses (..., N, 3) of a new estimator; append the CPU time of each update, ns, to `spent`."""
+    """Return the poses (..., K, 3) of a new estimator; append the CPU time of each update, ns, to `spent`.
+
+    robot: a single vehicle, or the geometry of a stack of robots. start (..., 3): the leading axes are those of the
+    stack, or a train's axles. What estimators say of relative poses that they cannot use is not shown.
+    """
     poses = np.empty((*start.shape[:-1], len(observations), 3))
     where = "when constructed"
     try:
-        estimator = entry.factory()
-        where = "in reset"
-        estimator.reset(robot, start.copy())
-        for k in range(len(observations)):
-            where = f"in update at sample {k}"
-            observation = observations.at(k)
-            began = time.process_time_ns()
-            answer = estimator.update(observation)
-            if spent is not None:
-                spent.append(time.process_time_ns() - began)
-            poses[..., k, :] = _pose(answer, start.shape, where)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RelativePoseWarning)
+            estimator = entry.factory()
+            where = "in reset"
+            estimator.reset(robot, start.copy())
+            for k in range(len(observations)):
+                where = f"in update at sample {k}"
+                observation = observations.at(k)
+                began = time.process_time_ns()
+                answer = estimator.update(observation)
+                if spent is not None:
+                    spent.append(time.process_time_ns() - began)
+                poses[..., k, :] = _pose(answer, start.shape, where)
     except _FailedError:
         raise
     except BaseException as error:
         # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
-        declines = isinstance(error, InputError) or (isinstance(error, ValueError) and start.ndim == 1)
+        declines = isinstance(error, InputError) or (isinstance(error, ValueError) and not isinstance(robot, Geometry))
         if declines and where == "in reset":
             raise _FailedError(NOT_SERVED + (_text(error) or type(error).__name__)) from None
         raise _FailedError(f"raised {_one_line(error)} {where}") from None

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import benchmarks.static_tests
 import benchmarks.tasks
 import castor_envs
 
@@ -32,13 +33,14 @@ def _fixed() -> dict[str, Any]:
 
 @cache
 def world_digest() -> str:
-    """Return a hash of the source that records episodes: the world (but for its pictures) and the official tasks."""
+    """Return a hash of the source that records episodes: the world (but for its pictures), the tasks, their data."""
     seen = hashlib.sha256()
     for package in (castor_envs, benchmarks.tasks):
         folder = Path(package.__path__[0])
         for path in sorted(folder.rglob("*.py")):
             if "rendering" not in path.parts:
                 seen.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    seen.update(Path(benchmarks.static_tests.__file__).read_bytes())
     return seen.hexdigest()[:16]
 
 

@@ -19,6 +19,7 @@ from benchmarks.recording import record_missing
 from benchmarks.results import ResultsStore, check_results_folder, remove_leftovers
 from benchmarks.task import Case, Episode, Task
 from benchmarks.workers import Done, Job, run_jobs
+from castor_envs.robot import RobotDescription
 from estimators.registry import EstimatorEntry
 
 STACK = 50
@@ -63,6 +64,8 @@ class _Run:
         for assignment in plan:
             if assignment.task.metric not in METRICS:
                 raise ValueError(f"task {assignment.task.name}: unknown metric {assignment.task.metric!r}")
+            if not METRICS[assignment.task.metric].ranks:
+                raise ValueError(f"task {assignment.task.name}: {assignment.task.metric!r} is larger for who is better")
         missing = {a.task.name: a.task.missing for a in plan if a.task.missing is not None}
         plan = [assignment for assignment in plan if assignment.task.name not in missing]
         needed = [(a.task, case) for a in plan for case in a.cases if self._to_record(a, case)]
@@ -123,12 +126,15 @@ class _Run:
             episodes = {case: self._load(task, case) for case in some}
             for entry in dict.fromkeys(entry for case in some for entry in lacking[case]):
                 own = {case: episodes[case] for case in some if entry in lacking[case]}
-                if entry.batched and entry.builtin:
+                # A train is one vehicle of several poses, which a stack could not be told from.
+                robots = all(isinstance(episode.robot, RobotDescription) for episode in own.values())
+                stacked = entry.batched and robots
+                if stacked and entry.builtin:
                     yield Work(task, entry, own, stacked=True)
                 else:
                     # Robots of different cases stay apart: their mean would be nearer to the truth than any of them.
                     for case in own:
-                        yield Work(task, entry, {case: own[case]}, stacked=entry.batched)
+                        yield Work(task, entry, {case: own[case]}, stacked=stacked)
 
     def _load(self, task: Task, case: Case) -> Episode:
         try:
@@ -158,8 +164,7 @@ class _Run:
         for case in assignment.cases:
             row = self.rows.load(task.name, task.version, entry.name, entry.source_hash, case)
             if row is not None and row.failure is None and self.episodes.path(task.name, task.version, case).exists():
-                first = observed_runs(self._load(task, case))[0]
-                arguments = (entry.spec, entry.source_hash, first)
+                arguments = (entry.spec, entry.source_hash, observed_runs(self._load(task, case)))
                 return Job(time_updates, arguments, (task, entry), self.timeout, owner_of(entry))
         return None
 

@@ -1,4 +1,4 @@
-"""What a task is: a robot drives, and a log of what its encoders said is what the estimators get."""
+"""What a task is: a robot or a train drives, and a log of what its sensors said is what the estimators get."""
 
 import hashlib
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles import Vehicle
 
 Case = int | str
 
@@ -25,24 +25,47 @@ class Run:
     log: with the truth as its reference, which has a pose at least in its first row; the runner hands estimators the
     observations alone. direction: round a UMBmark square, None for other paths. baseline: the drive only gives the
     systematic error that the extended UMBmark takes off (the same square on the clean floor); it is not scored itself.
+
+    belief: of a snapshot, the axles' poses (N, 3) that a train's estimator starts from instead of the true ones; the
+    run is then scored at its last sample alone. sound: the axles, from 1 at the front, whose belief is right, where the
+    task knows.
     """
 
     log: Log
     direction: Literal["cw", "ccw"] | None = None
     baseline: bool = False
+    belief: NDArray[np.float64] | None = None
+    sound: tuple[int, ...] = ()
 
     def __post_init__(self):
         if self.log.reference is None or not np.isfinite(self.log.reference[0]).all():
             raise ValueError("the log of a run needs a reference pose in its first row")
+        if self.belief is not None:
+            belief = np.array(self.belief, dtype=float)
+            if self.axles is None or belief.shape != (self.axles, 3) or not np.isfinite(belief).all():
+                raise ValueError(f"a belief holds a finite pose for each axle of a train, got {belief.shape}")
+            object.__setattr__(self, "belief", belief)
+        if any(not 1 <= axle <= (self.axles or 0) for axle in self.sound):
+            raise ValueError(f"sound names axles from 1 to {self.axles}, got {self.sound}")
+
+    @property
+    def axles(self) -> int | None:
+        """How many axles the train has that was driven; None for a robot."""
+        assert self.log.reference is not None
+        width = self.log.reference.shape[1]
+        return None if width == 3 else width // 3
 
     @cached_property
     def samples(self) -> NDArray[np.intp]:
         """The samples (M,) that are stored and scored.
 
-        Of those with a reference pose the ones nearest to the times t_0, t_0 + EVALUATION_PERIOD, ..., and the last.
+        Of those with a reference pose the ones nearest to the times t_0, t_0 + EVALUATION_PERIOD, ..., and the last; of
+        a snapshot the last alone.
         """
         assert self.log.reference is not None
         known = np.flatnonzero(np.isfinite(self.log.reference).all(axis=1))
+        if self.belief is not None:
+            return known[-1:]
         t = self.log.t[known]
         wanted = np.arange(t[0], t[-1], EVALUATION_PERIOD)
         after = np.searchsorted(t, wanted)
@@ -52,16 +75,26 @@ class Run:
 
     @cached_property
     def truth(self) -> NDArray[np.float64]:
-        """The true poses (M, 3) at `samples`."""
+        """The true poses at `samples`: (M, 3) of a robot, (N, M, 3) of a train's axles."""
         assert self.log.reference is not None
-        return self.log.reference[self.samples]
+        return self._poses(self.log.reference[self.samples])
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Where estimators start: the belief or the true pose at the first sample, (3,), of a train (N, 3)."""
+        assert self.log.reference is not None
+        return self._poses(self.log.reference[:1])[..., 0, :] if self.belief is None else self.belief
+
+    def _poses(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return rows of a reference as poses, a train's with its axles first."""
+        return rows if self.axles is None else rows.reshape(len(rows), self.axles, 3).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """What one case of a task recorded: the robot as the estimators are told it is, and the runs it drove."""
+    """What one case of a task recorded: the vehicle as the estimators are told it is, and the runs it drove."""
 
-    robot: RobotDescription
+    robot: Vehicle
     runs: tuple[Run, ...]
 
     def __post_init__(self):
@@ -77,6 +110,12 @@ class Episode:
             for array in (run.log.t, run.log.wheel, run.log.pivot, run.log.gyro, run.log.reference):
                 data = b"" if array is None else np.ascontiguousarray(array, dtype=float).tobytes()
                 seen.update(len(data).to_bytes(8, "little") + data)
+            for name, array in (("rps", run.log.rps), ("rps_age", run.log.rps_age), ("belief", run.belief)):
+                if array is not None:
+                    data = np.ascontiguousarray(array, dtype=float).tobytes()
+                    seen.update(name.encode() + len(data).to_bytes(8, "little") + data)
+            if run.sound:
+                seen.update(f"sound {run.sound}".encode())
         return seen.hexdigest()[:16]
 
 
@@ -104,7 +143,7 @@ class Task(Protocol):
 
     @property
     def description(self) -> str:
-        """What is driven, what is wrong with the robot's description, and what the task shows."""
+        """What is driven, what is wrong with what the estimators are told, and what the task shows."""
         ...
 
     @property
@@ -113,8 +152,8 @@ class Task(Protocol):
         ...
 
     @property
-    def robot(self) -> RobotDescription:
-        """A robot of the layout that the estimators will be given."""
+    def robot(self) -> Vehicle:
+        """A robot or a train of the layout that the estimators will be given."""
         ...
 
     @property

@@ -41,13 +41,13 @@ class Frame:
     """
 
     length: Positive
-    bending_stiffness: Positive = 1.0
+    bending_stiffness: Positive = 0.5
     linear_density: Positive = 0.5
     damping: NotNegative = 0.001
     links: Annotated[int, Field(ge=3, le=24)] = 6
     gauges: Annotated[tuple[float, ...], Field(min_length=1)] | None = None
     gauge_noise: NotNegative = 0.1
-    gauge_offset: NotNegative = 0.5
+    gauge_offset: NotNegative = 0.4
     gauge_gains: tuple[float, ...] = ()
     gauge_drift: float = 0.0
     dead_gauges: tuple[Annotated[int, Field(ge=1)], ...] = ()

@@ -20,14 +20,17 @@ class TrainDriver:
 
     The front axle is driven by the path (open loop in the pose, as `KinematicController`). Every other axle is driven
     by the path as well, and corrects its place behind the axle ahead by the sensor between them: the posture tracking
-    law of Kanayama et al. (1990), whose reference is where the axle should stand as seen from where it is. A reading
-    that is missing or older than a sample period is not followed.
+    law of Kanayama et al. (1990), whose reference is where the axle should stand as seen from where it is. The train
+    starts straight, so what the sensors read first is taken for their zero: an offset of 4 degrees, followed, would set
+    the axles against each other. A reading that is missing or older than a sample period is not followed.
     """
 
     def __init__(self, train: TrainDescription, path: TrainPath) -> None:
         self._train, self._path = train, path
         self._behind = axles_behind([frame.length for frame in train.frames])
         self._geometry = [Geometry.of(module) for module in train.modules]
+        self._straight = np.array([[frame.length, 0.0, 0.0] for frame in train.frames])
+        self._zero = np.full_like(self._straight, np.nan)
 
     def twists(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:
         """Return the axles' twists (N, 3) wanted in the sample period that begins at `time` (s).
@@ -44,7 +47,9 @@ class TrainDriver:
         wanted = relative_pose(place[1:], place[:-1])
         measured = np.reshape(np.asarray(rps, dtype=float), (-1, 3))
         sound = np.isfinite(measured).all(axis=-1) & (np.asarray(age) <= 1.5 * period)
-        error = np.where(sound[:, None], compose(measured, inverse(wanted)), 0.0)
+        first = sound & np.isnan(self._zero[:, 0])
+        self._zero[first] = (measured - self._straight)[first]
+        error = np.where(sound[:, None], compose(measured - self._zero, inverse(wanted)), 0.0)
         v[1:] += ALONG * error[:, 0] * (speed > 0)
         turning[1:] += speed * (ACROSS * error[:, 1] + TURN * np.sin(error[:, 2]))
         return np.stack([v, np.zeros_like(v), turning], axis=-1)

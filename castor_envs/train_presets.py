@@ -4,8 +4,8 @@ Vogt and Minor print the distance between axles, 0.35 m (Figs. 7 to 10), and no 
 
 - Module: wheels of 75 mm radius on a track of 320 mm, 5 kg: what a frame of that length can carry and turn against.
   Encoders and contact as those of the differential robot (`castor_envs.presets`).
-- Frame: E I = 1 N m2, so that a bend of 60 deg takes 3 N m, half of what the wheels of a module can hold against at
-  friction 0.8; 0.5 kg/m, a spring-steel strip with brackets. Damping: a decay within a few swings.
+- Frame: E I = 0.5 N m2, so that a bend of 60 deg takes 1.5 N m, a quarter of what the wheels of a module can hold
+  against at friction 0.8; 0.5 kg/m, a spring-steel strip with brackets. Damping: a decay within a few swings.
 - Gauges: four, evenly. Noise and offsets such that a bent frame's pose is wrong by 1 to 3 cm, as the text says.
 """
 
@@ -17,11 +17,12 @@ from castor_envs.robot import RobotDescription
 from castor_envs.train import Frame, TrainDescription
 
 FRAME_LENGTH = 0.35
+HALF_TRACK = 0.16
 
 
-def axle_module() -> RobotDescription:
+def axle_module(half_track: float = HALF_TRACK) -> RobotDescription:
     """Return one differential axle module."""
-    robot = differential(track=0.32)
+    robot = differential(track=2 * half_track)
     return dataclasses.replace(
         robot,
         name="axle module",

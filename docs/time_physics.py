@@ -9,8 +9,9 @@ import time
 import numpy as np
 
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.physics import World
+from castor_envs.physics import TrainWorld, World
 from castor_envs.presets import preset
+from castor_envs.vehicles import load_train
 
 ROUNDS, PERIODS = 15, 40
 ROUGH = Floor(
@@ -33,17 +34,27 @@ def bare(space, dt, substeps):
         space.step(dt)
 
 
+def world_of(name, floor):
+    """Return the world of a robot or a train, and how many commands it takes."""
+    if name.startswith("cfmmr"):
+        train = load_train(name)
+        return TrainWorld(train, floor), 2 * train.n_axles
+    robot = preset(name)
+    return World(robot, floor), len(robot.driven_wheels)
+
+
 def main():
-    """Print a row for each robot and floor."""
+    """Print a row for each robot or train and floor."""
     print(f"{'robot':16} {'floor':6} {'us a substep':>12} {'us bare':>8} {'ratio':>6}")
-    for name in ("differential", "asoc-prototype", "powered-caster", "6-castor"):
+    for name in ("differential", "asoc-prototype", "powered-caster", "6-castor", "cfmmr-3", "cfmmr-5", "cfmmr-10"):
         for floor, title in ((Floor(), "clean"), (ROUGH, "rough")):
-            world, other = World(preset(name), floor), World(preset(name), floor)
-            command = np.full(len(world.robot.driven_wheels), 3.0)
+            (world, motors), (other, _) = world_of(name, floor), world_of(name, floor)
+            command = np.full(motors, 3.0)
+            space, dt = other._simulation.space, other._simulation.dt
             ours, theirs = [], []
             for _ in range(ROUNDS):
                 ours.append(spent(world.advance, command))
-                theirs.append(spent(bare, other._space, other.dt, other.substeps))
+                theirs.append(spent(bare, space, dt, other.substeps))
             steps = PERIODS * world.substeps
             ratio = statistics.median(a / b for a, b in zip(ours[1:], theirs[1:], strict=True))
             each = [1e6 * statistics.median(times[1:]) / steps for times in (ours, theirs)]

@@ -17,7 +17,10 @@ Observations = list[dict[str, Array]]
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """N samples of a robot: true pose (N, 3) from (0, 0, 0), psi unwrapped, and what an estimator sees."""
+    """K samples: true poses, psi unwrapped, and what an estimator sees.
+
+    pose: (K, 3) of a robot, (K, N, 3) of the axles of a train. The robot, or axle 1, starts at (0, 0, 0).
+    """
 
     pose: Array
     observations: Observations

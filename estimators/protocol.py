@@ -1,10 +1,9 @@
 """What an estimator is: anything with `reset` and `update` as below. No base class is needed."""
 
 from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-from castor_envs.kinematics import Array, Geometry
-from castor_envs.robot import RobotDescription
+from castor_envs.kinematics import Array
 
 Observation = Mapping[str, Array]
 """What an estimator sees of one sample.
@@ -15,28 +14,41 @@ Observation = Mapping[str, Array]
 - ``time`` (..., 1): s
 - ``gyro`` (..., 1): yaw rate, rad/s, where the robot has one
 
+Of a train of N axles and F = N - 1 frames, front first, it sees
+
+- ``wheel`` (2N,): encoder counts since the sample before, axle by axle, left then right
+- ``time`` (1,): s
+- ``rps`` (3F,): each frame's relative pose, x (m), y (m), phi (rad) of its front axle in its rear axle's frame; NaN
+  where there is no reading
+- ``rps_age`` (F,): s since each of these was taken
+
 Only estimators with ``batched = True`` are given leading axes.
 """
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Follows a robot's pose by what its sensors report.
+    """Follows a robot's pose, or the poses of all axles of a train, by what its sensors report.
 
     An estimator class is constructed without arguments. With the class attribute ``batched = True`` it says that
     its arithmetic broadcasts: `reset` may then get a `Geometry` with leading axes, and pose and observations
-    leading axes too. Without the attribute it is only given single robots and 1-D arrays.
+    leading axes too. Without the attribute, and on a train, it is only given single vehicles and 1-D observations.
+
+    A correcting estimator of trains may have an attribute `status`: None, or a text that says why it cannot use
+    relative poses now.
     """
 
-    def reset(self, robot: RobotDescription | Geometry, pose: Array) -> None:
-        """Start anew with this robot at `pose` (..., 3) = x, y (m) and psi (rad) of the body in N.
+    def reset(self, robot: Any, pose: Array, /) -> None:
+        """Start anew.
 
-        Raises ValueError (InputError is one) where the estimator cannot serve this robot.
+        With a robot (`RobotDescription` or `Geometry`) at `pose` (..., 3) = x, y (m) and psi (rad) of the body in N;
+        with a train (`TrainDescription`) at `pose` (N, 3), those of its axles, front first. Raises ValueError
+        (InputError is one) where the estimator cannot serve this robot or train.
         """
         ...
 
-    def update(self, observation: Observation) -> Array:
-        """Take one sample and return the pose (..., 3) at its time: x, y (m), psi (rad, unwrapped), float64.
+    def update(self, observation: Observation, /) -> Array:
+        """Take one sample, return the pose (..., 3) or (N, 3) at its time: x, y (m), psi (rad, unwrapped), float64.
 
         The first sample after `reset` is that of the start itself, with wheel increments 0.
         """

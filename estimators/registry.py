@@ -5,6 +5,7 @@ A spec is one of
 - ``NAME`` or ``NAME-N``: an entry point in the group ``castor.estimators``, its class constructed without argument or
   with the number N. For the estimators of this package N is a castor, counted from 1: the one used
   (``dead-reckoning-2``) or the one left out (``ipec-3``, ``cast-1``, ``cast-arc-1``; 0 leaves none out: ``cast-0``).
+  For those of trains it is the interval between corrections, in samples (``grpec-xy-1``).
 - ``module:Class``, where the module is installed or lies in the current folder
 - ``path/to/file.py`` or ``path/to/file.py:Class``
 """
@@ -25,11 +26,22 @@ from types import ModuleType
 import numpy as np
 
 from castor_envs.errors import InputError, did_you_mean
-from castor_envs.robot import RobotDescription
+from castor_envs.train import TrainDescription
+from castor_envs.vehicles import Vehicle
 from estimators.protocol import Estimator
 from estimators.source_files import source_files, source_hash
 
 GROUP = "castor.estimators"
+TRAIN_ESTIMATORS = (
+    "train-odometry",
+    "two-truck-ipec",
+    "rmspec",
+    "train-least-squares",
+    "grpec-phi",
+    "grpec-dev",
+    "grpec-xy",
+    "inlier-least-squares",
+)
 _FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbours
 
 
@@ -62,15 +74,15 @@ class EstimatorEntry:
         """Make a new estimator."""
         return self.kind() if self.argument is None else self.kind(self.argument)
 
-    def applicable(self, robot: RobotDescription) -> str | None:
-        """Return None if the estimator serves this robot, else the reason why not.
+    def applicable(self, vehicle: Vehicle) -> str | None:
+        """Return None if the estimator serves this robot or train, else the reason why not.
 
         Asks built-in estimators alone: a plug-in's code is never run here, lest it hangs. Its `reset` says so later,
         with a ValueError.
         """
         if self.builtin:
             try:
-                self.factory().reset(robot, np.zeros(3))
+                reset_at_origin(self.factory(), vehicle)
             except ValueError as error:
                 return str(error)
         return None
@@ -89,16 +101,25 @@ def load_estimator(spec: str) -> EstimatorEntry:
     return _from_entry_point(spec)
 
 
-def builtin_names(robot: RobotDescription) -> list[str]:
-    """Return the names of this package's estimators that serve `robot`, from simple to complete.
+def reset_at_origin(estimator: Estimator, vehicle: Vehicle) -> None:
+    """Reset an estimator on a robot or a train, all poses 0: raises what its `reset` does where it declines."""
+    shape = (vehicle.n_axles, 3) if isinstance(vehicle, TrainDescription) else (3,)
+    estimator.reset(vehicle, np.zeros(shape))
 
-    Dead reckoning by the first castor that allows it, IPEC and CAST without each castor in turn, CAST with all.
+
+def builtin_names(vehicle: Vehicle) -> list[str]:
+    """Return the names of this package's estimators that serve a robot or a train, from simple to complete.
+
+    Of a robot: dead reckoning by the first castor that allows it, IPEC and CAST without each castor in turn, CAST with
+    all. Of a train: `TRAIN_ESTIMATORS` at their own intervals.
     """
-    numbers = range(1, len(robot.castors) + 1)
+    if isinstance(vehicle, TrainDescription):
+        return [name for name in TRAIN_ESTIMATORS if load_estimator(name).applicable(vehicle) is None]
+    numbers = range(1, len(vehicle.castors) + 1)
 
     def serving(name: str, arguments: "range | list[int]") -> list[str]:
         specs = [f"{name}-{argument}" for argument in arguments]
-        return [spec for spec in specs if load_estimator(spec).applicable(robot) is None]
+        return [spec for spec in specs if load_estimator(spec).applicable(vehicle) is None]
 
     return [
         *serving("dead-reckoning", numbers)[:1],

@@ -67,13 +67,14 @@ def chain(frame: Frame, rear: Clamp, front: Clamp, dt: float, bend: float = 0.0)
 
 
 def _chipmunk_damping(frame: Frame, a: pymunk.Body, b: pymunk.Body, dt: float) -> float:
-    """Return the coefficient with which Chipmunk's damper gives the impulse c * rate * dt in its first iteration.
+    """Return the coefficient with which Chipmunk's damper gives the impulse c * rate * dt, rate that after the substep.
 
-    Chipmunk damps a relative rate by the share 1 - exp(-coefficient * dt * (1 / I_a + 1 / I_b)), as if both bodies were
-    free; for light links on pivots that is far less than the coefficient says.
+    Chipmunk damps a relative rate by the share a = 1 - exp(-coefficient * dt * (1 / I_a + 1 / I_b)), as if both bodies
+    were free, and in every iteration what the other joints have put back since the last one. So all its impulses add
+    up to a / (1 - a) / (1 / I_a + 1 / I_b) times the rate that is left in the end.
     """
     yielding = dt * (1.0 / a.moment + 1.0 / b.moment)
-    return -math.log1p(-frame.damping / (frame.length / frame.links) * yielding) / yielding
+    return math.log1p(frame.damping / (frame.length / frame.links) * yielding) / yielding
 
 
 def link_inertia(frame: Frame) -> tuple[float, float]:

@@ -47,6 +47,8 @@ def test_a_trains_episode_is_recorded_and_read_back(tmp_path):
     train = TrainDescription.load(tmp_path / "train.json")
     assert train == cfmmr(3)
     log = read_log(tmp_path / "episode-0000.csv", train)
+    assert log.command is not None
+    assert log.rps is not None
     np.testing.assert_array_equal(log.t, 0.05 * np.arange(4))
     np.testing.assert_array_equal(log.wheel, np.outer(np.arange(4), np.arange(6)))
     np.testing.assert_array_equal(log.command[:, 0], [10 * 0.1, 10 * 0.2, 10 * (0.1 * 3), 0])

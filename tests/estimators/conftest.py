@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from castor_envs.robot import Castor, RobotDescription, Wheel
+from castor_envs.train_presets import cfmmr
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,100 @@ def noise(robot, seed=0, steps=30, counts=15):
     wheel[0] = 0.0
     pivot = random.integers(0, 1000, (steps, pivots)).astype(float)
     return [{"wheel": wheel[k], "pivot": pivot[k], "time": np.array([0.05 * k])} for k in range(steps)]
+
+
+def circling(n=3, speed=0.4, curvature=0.8, seconds=2.0):
+    """A train whose axles all follow one circle (a line, at curvature 0), exact counts and frames bent along it.
+
+    Returns the train, the true poses (K, N, 3) and the observations.
+    """
+    train = cfmmr(n)
+    wheel = train.modules[0].castors[0].wheels[0]
+    t = np.arange(round(seconds / train.sample_period) + 1) * train.sample_period
+    length = train.frames[0].length
+    along = speed * t[:, None] - length * np.arange(n)
+    if curvature == 0.0:
+        truth = np.stack([along, 0 * along, 0 * along], axis=-1)
+        bent = [length, 0.0, 0.0]
+    else:
+        at = curvature * along
+        truth = np.stack([np.sin(at) / curvature, (1 - np.cos(at)) / curvature, at], axis=-1)
+        angle = curvature * length
+        bent = [np.sin(angle) / curvature, (1 - np.cos(angle)) / curvature, angle]
+    roll = speed * train.sample_period * (1 - curvature * wheel.lateral * np.array([1.0, -1.0]))
+    counts = np.tile(roll / (2 * np.pi * wheel.radius) * wheel.counts_per_rev, n)
+    observations = [
+        {
+            "wheel": counts * (k > 0),
+            "time": t[k : k + 1],
+            "rps": np.tile(bent, n - 1),
+            "rps_age": np.zeros(n - 1),
+        }
+        for k in range(len(t))
+    ]
+    return train, truth, observations
+
+
+def standing(n, relative, times=(0.0, 10.0)):
+    """Observations of a train that stands still while its frames say the same."""
+    return [
+        {
+            "wheel": np.zeros(2 * n),
+            "time": np.array([time]),
+            "rps": np.array(relative, dtype=float).ravel(),
+            "rps_age": np.zeros(n - 1),
+        }
+        for time in times
+    ]
+
+
+def snapshots(count, n, deviant, seed=0):
+    """Random configurations: truth and OD poses (count, N, 3), relative poses (count, N - 1, 3).
+
+    Odometry is off by 1 cm and 1 deg, relative poses by 2 cm and 2 deg; deviant axles by 10 to 30 cm and 10 to 60 deg.
+    """
+    random = np.random.default_rng(seed)
+    angle = random.uniform(-1.0, 1.0, (count, n - 1))
+    chord = 0.35 * np.sinc(angle / (2 * np.pi))
+    relative = np.stack([chord * np.cos(angle / 2), chord * np.sin(angle / 2), angle], axis=-1)
+    truth = np.zeros((count, n, 3))
+    truth[:, -1] = random.uniform([-1, -1, -3], [1, 1, 3], (count, 3))
+    for i in range(n - 2, -1, -1):
+        rear, seen = truth[:, i + 1], relative[:, i]
+        place = (rear[:, 0] + 1j * rear[:, 1]) + np.exp(1j * rear[:, 2]) * (seen[:, 0] + 1j * seen[:, 1])
+        truth[:, i] = np.stack([place.real, place.imag, rear[:, 2] + seen[:, 2]], axis=-1)
+    od = truth + random.normal(size=truth.shape) * [0.01, 0.01, np.radians(1.0)]
+    for k in range(count):
+        for i in random.choice(n, deviant, replace=False):
+            bearing, distance = random.uniform(-np.pi, np.pi), random.uniform(0.1, 0.3)
+            turn = random.choice([-1, 1]) * np.radians(random.uniform(10.0, 60.0))
+            od[k, i] += [distance * np.cos(bearing), distance * np.sin(bearing), turn]
+    return truth, od, relative + random.normal(size=relative.shape) * [0.02, 0.02, np.radians(2.0)]
+
+
+def mean_error(poses, truth):
+    """Return the mean distance (...) between poses and truth (..., N, 3), m."""
+    return np.hypot(poses[..., 0] - truth[..., 0], poses[..., 1] - truth[..., 1]).mean(axis=-1)
+
+
+@pytest.fixture(scope="session", name="circling")
+def _circling():
+    return circling
+
+
+@pytest.fixture(scope="session", name="standing")
+def _standing():
+    return standing
+
+
+@pytest.fixture(scope="session", name="snapshots")
+def _snapshots():
+    return snapshots
+
+
+@pytest.fixture(scope="session", name="mean_error")
+def _mean_error():
+    return mean_error
 
 
 @pytest.fixture(scope="session", name="exact_motion")
