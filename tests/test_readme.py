@@ -50,6 +50,15 @@ def test_the_plug_in_is_checked_and_judged(tmp_path):
     assert set(errors) == {"mean_castor:MeanCastor", "dead-reckoning"}
 
 
+def test_the_train_blocks_run(tmp_path):
+    done = call(sys.executable, "-c", block("castor/Configuration-v0"), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert 0 < float(done.stdout.split(" mm")[0]) < 200
+    done = call(sys.executable, "-c", block("from estimators.grpec import"), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("3 ")  # the paper's test 1, rounded: axle 3
+
+
 def test_robots_floors_logs_and_videos(tmp_path):
     pytest.importorskip("moviepy")
     short = block("RecordLog").replace("render_mode=", "side=0.1, render_mode=")

@@ -115,6 +115,7 @@ def circling(n=3, speed=0.4, curvature=0.8, seconds=2.0):
     """
     train = cfmmr(n)
     wheel = train.modules[0].castors[0].wheels[0]
+    assert wheel.counts_per_rev is not None
     t = np.arange(round(seconds / train.sample_period) + 1) * train.sample_period
     length = train.frames[0].length
     along = speed * t[:, None] - length * np.arange(n)
