@@ -13,9 +13,12 @@ from estimators.relative_poses import MAX_AGE, RelativePoses, RelativePoseWarnin
 __all__ = ["MAX_AGE", "Configuration", "RelativePoseWarning", "checked_interval", "next_to"]
 
 DEFAULT_INTERVAL = 100
-"""Sample periods between corrections, 5 s at 20 Hz. What a correction takes over of the relative poses' errors stays in
-the poses, so rarely is better than often: of 1, 20, 50, 100 and 200 this was best or near it for all estimators here, on
-cases 1000 to 1007 of the tasks of driven trains, which no leaderboard uses."""
+"""Sample periods between corrections, 5 s at 20 Hz.
+
+What a correction takes over of the relative poses' errors stays in the poses, so rarely is better than often: of 1, 20,
+50, 100 and 200 this was best or near it for all estimators here, on cases 1000 to 1007 of the tasks of driven trains,
+which no leaderboard uses.
+"""
 
 _SLACK = 1e-9  # s, by which a sample may come early
 

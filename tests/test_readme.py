@@ -56,7 +56,7 @@ def test_the_train_blocks_run(tmp_path):
     assert 0 < float(done.stdout.split(" mm")[0]) < 200
     done = call(sys.executable, "-c", block("from estimators.grpec import"), folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("3 ")  # the paper's test 1, rounded: axle 3
+    assert done.stdout.startswith("axle 3, CON1 0.622, CON2 0.022;")  # as Table 1 prints
 
 
 def test_robots_floors_logs_and_videos(tmp_path):
