@@ -1,5 +1,6 @@
 """Descriptions (robots, floors) as JSON: validated, with a format name, and with errors that name the offending key."""
 
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -37,6 +38,12 @@ def from_data(adapter: TypeAdapter[T], data: Any, name: str, source: str) -> T:
         return adapter.validate_json(json.dumps(body), strict=True)
     except ValidationError as error:
         raise InputError(f"{source}: {explain(error)}") from None
+
+
+def fingerprint(data: dict[str, Any]) -> str:
+    """Return a hash of plain data but for its name, to know a description again."""
+    body = {key: value for key, value in data.items() if key != "name"}
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def save(path: str | os.PathLike[str], data: dict[str, Any]) -> None:

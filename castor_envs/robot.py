@@ -6,8 +6,6 @@ radians throughout.
 """
 
 import dataclasses
-import hashlib
-import json
 import math
 import os
 from typing import Annotated, Any, Literal, Self
@@ -192,9 +190,7 @@ class RobotDescription:
 
     def hash(self) -> str:
         """Return a hash of all parameters (the name does not count), to know a robot again."""
-        data = self.to_dict()
-        del data["name"]
-        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+        return description.fingerprint(self.to_dict())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the description as JSON; the file is complete or not there."""

@@ -8,8 +8,6 @@ Source: Vogt and Minor, "Localization for Multi-Axle Train Configured CFMMRs".
 """
 
 import dataclasses
-import hashlib
-import json
 import os
 import string
 from typing import Annotated, Any, Self
@@ -140,9 +138,7 @@ class TrainDescription:
 
     def hash(self) -> str:
         """Return a hash of all parameters (the train's name does not count), to know a train again."""
-        data = self.to_dict()
-        del data["name"]
-        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+        return description.fingerprint(self.to_dict())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the description as JSON; the file is complete or not there."""

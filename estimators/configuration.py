@@ -61,6 +61,8 @@ class Configuration:
         """
         n = len(self._axles)
         wheel = entry(observation, "wheel", 2 * n, f"left and right of {n} axles").reshape(n, 2)
+        if not np.isfinite(wheel).all():
+            raise InputError(f"the observation's 'wheel' is not finite: {wheel.ravel()}; odometry needs every count")
         steps = [axle.advance({"wheel": wheel[i]}) for i, axle in enumerate(self._axles)]
         x, y, turn = np.array([(step.x[0], step.y[0], step.turn[0]) for step in steps]).T
         self.poses = displaced(self.poses, x, y, turn)

@@ -201,3 +201,11 @@ def test_headings_stay_unwrapped_over_many_turns(name, circling):
     poses = np.array([estimator.update(seen) for seen in observations])
     assert truth[-1, 0, 2] > 6 * np.pi
     np.testing.assert_allclose(poses[:, :, 2], truth[:, :, 2], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", TRAIN_ESTIMATORS)
+def test_a_count_that_is_no_number_is_refused_and_not_integrated(name, standing):
+    estimator, _ = made(name)
+    (seen,) = rows(standing, name, [0.0])
+    with pytest.raises(InputError, match="'wheel' is not finite"):
+        estimator.update({**seen, "wheel": np.full_like(seen["wheel"], np.nan)})
