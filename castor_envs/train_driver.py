@@ -21,35 +21,34 @@ class TrainDriver:
     The front axle is driven by the path (open loop in the pose, as `KinematicController`). Every other axle is driven
     by the path as well, and corrects its place behind the axle ahead by the sensor between them: the posture tracking
     law of Kanayama et al. (1990), whose reference is where the axle should stand as seen from where it is. The train
-    starts straight, so what the sensors read first is taken for their zero: an offset of 4 degrees, followed, would set
-    the axles against each other. A reading that is missing or older than a sample period is not followed.
+    starts on its path, so what a sensor reads first tells its zero: an offset of 4 degrees, followed, would set the
+    axles against each other. A reading that is missing or older than a sample period is not followed.
     """
 
     def __init__(self, train: TrainDescription, path: TrainPath) -> None:
         self._train, self._path = train, path
         self._behind = axles_behind([frame.length for frame in train.frames])
         self._geometry = [Geometry.of(module) for module in train.modules]
-        self._straight = np.array([[frame.length, 0.0, 0.0] for frame in train.frames])
-        self._zero = np.full_like(self._straight, np.nan)
+        self._zero = np.full((len(train.frames), 3), np.nan)
 
     def twists(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:
         """Return the axles' twists (N, 3) wanted in the sample period that begins at `time` (s).
 
         rps (F, 3) or (3F,): relative poses as measured now; age (F,): s.
         """
-        period = self._train.sample_period
-        covered, speed = self._path.run.progress(np.array(time + 0.5 * period))
-        _, curvature = self._path.at(covered - self._behind)
-        v, turning = np.full(len(self._behind), float(speed)), speed * curvature
-
-        now, _ = self._path.run.progress(np.array(time))
-        place, _ = self._path.at(now - self._behind)
+        period, run, path = self._train.sample_period, self._path.run, self._path
+        covered, _ = run.progress(np.array([time, time + period]))
+        place, after = (path.at(length - self._behind)[0] for length in covered)
+        v = np.full(len(place), (covered[1] - covered[0]) / period)
+        turning = (after[:, 2] - place[:, 2]) / period
         wanted = relative_pose(place[1:], place[:-1])
         measured = np.reshape(np.asarray(rps, dtype=float), (-1, 3))
         sound = np.isfinite(measured).all(axis=-1) & (np.asarray(age) <= 1.5 * period)
         first = sound & np.isnan(self._zero[:, 0])
-        self._zero[first] = (measured - self._straight)[first]
-        error = np.where(sound[:, None], compose(measured - self._zero, inverse(wanted)), 0.0)
+        self._zero[first] = (measured - wanted)[first]
+        seen = np.where(sound[:, None], measured - self._zero, wanted)
+        error = np.where(sound[:, None], compose(seen, inverse(wanted)), 0.0)
+        speed = v[1:].copy()
         v[1:] += ALONG * error[:, 0] * (speed > 0)
         turning[1:] += speed * (ACROSS * error[:, 1] + TURN * np.sin(error[:, 2]))
         return np.stack([v, np.zeros_like(v), turning], axis=-1)
