@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
+from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
 from estimators.castor_odometry import CastorOdometry, displaced, wrap
 from estimators.protocol import Observation
@@ -34,8 +35,13 @@ class Configuration:
     """
 
     def __init__(self, train: object, poses: ArrayLike, interval: int | None) -> None:
+        if isinstance(train, RobotDescription | Geometry):
+            name = f" {train.name!r}" if isinstance(train, RobotDescription) else ""
+            raise InputError(
+                f"serves trains, and this is a robot{name}; for robots there are others, as dead-reckoning"
+            )
         if not isinstance(train, TrainDescription):
-            raise InputError("serves trains, and this is a robot; robots have others, as dead-reckoning")
+            raise InputError(f"serves trains: give it a TrainDescription, not {type(train).__name__}")
         self.poses = np.array(poses, dtype=float)
         if self.poses.shape != (train.n_axles, 3):
             raise InputError(
@@ -69,12 +75,17 @@ class Configuration:
         if self._wait is None:
             return None
         relative = self._sensors.read(observation)
-        self._time = float(entry(observation, "time", 1, "s")[0])
+        self._take_time(float(entry(observation, "time", 1, "s")[0]))
         if self._corrected is None:
             self._corrected = self._time
             return None
         due = self._time - self._corrected >= self._wait - _SLACK
         return relative if due else None
+
+    def _take_time(self, time: float) -> None:
+        if not np.isfinite(time) or time < self._time:
+            raise InputError(f"the observation's 'time' is {time!r} s after {self._time!r} s; times must not go back")
+        self._time = time
 
     def correct(self, poses: ArrayLike) -> None:
         """Replace the OD poses by corrected ones; odometry goes on from these."""
@@ -91,6 +102,6 @@ def next_to(headings: ArrayLike, poses: ArrayLike) -> Array:
 
 def checked_interval(interval: int) -> int:
     """Return the interval between corrections, in sample periods; raises InputError if it is none."""
-    if interval != int(interval) or interval < 1:
-        raise InputError(f"the interval between corrections is a number of samples, at least 1; got {interval}")
+    if not isinstance(interval, int | np.integer) or interval < 1:
+        raise InputError(f"the interval between corrections is a number of samples, at least 1; got {interval!r}")
     return int(interval)

@@ -21,7 +21,8 @@ from estimators.protocol import Observation
 Metric = Literal["xy", "phi", "dev"]
 
 TIE = 1e-12
-"""m and rad: errors closer than this are equal. theta_phi of two axles is always equal for even N."""
+"""m and rad: errors closer than this are equal, and lengths and errors up to this are none: rounding must not decide.
+theta_phi of two axles is always equal for even N."""
 
 
 class Errors(NamedTuple):
@@ -49,41 +50,67 @@ def attached(od: ArrayLike, relative: ArrayLike) -> Array:
     """Return the poses (..., N, N, 3) of the relative poses made global: [j, i] is axle i, attached to axle j (eq. 2).
 
     od: OD poses (..., N, 3) in N (eq. 1). relative: (..., N - 1, 3), the front axle in the rear axle's frame, from
-    the front. [j, j] is the OD pose of axle j.
+    the front. [j, j] is the OD pose of axle j. Raises InputError for other shapes.
     """
-    od, shape = np.asarray(od, dtype=float), chain(relative)
+    od, relative = _checked(od, relative)
+    shape = chain(relative)
     seen = se2.relative_pose(shape[..., :, None, :], shape[..., None, :, :])
     return se2.compose(od[..., :, None, :], seen)
 
 
 def errors(od: ArrayLike, relative: ArrayLike) -> Errors:
-    """Return the errors (..., N) of every attachment, for OD poses (..., N, 3) and relative poses (..., N - 1, 3)."""
-    od = np.asarray(od, dtype=float)
-    difference = od[..., None, :, :] - (poses := attached(od, relative))
-    distance = np.hypot(difference[..., 0], difference[..., 1])  # eq. 3
-    turn = np.abs(wrap(difference[..., 2]))  # eq. 4
-    deviation = _angle_between((od[..., 0, :2] - od[..., -1, :2])[..., None, :], poses[..., 0, :2] - poses[..., -1, :2])
+    """Return the errors (..., N) of every attachment, for OD poses (..., N, 3) and relative poses (..., N - 1, 3).
+
+    Of each attachment j, OD pose i less attached pose i is formed from what both have in common: turned by the OD
+    heading of j less its heading in the chain, the chain leads from j to i. So neither far places nor whole turns of a
+    heading cost digits, and errors that tie do so exactly. Raises InputError for other shapes.
+    """
+    od, relative = _checked(od, relative)
+    shape = chain(relative)
+    turned = wrap(od[..., 2] - shape[..., 2])
+    cos, sin = np.cos(turned)[..., None], np.sin(turned)[..., None]
+
+    def attached_arm(arm: Array) -> tuple[Array, Array]:
+        return cos * arm[..., 0] - sin * arm[..., 1], sin * arm[..., 0] + cos * arm[..., 1]
+
+    def arms(poses: Array) -> Array:
+        return poses[..., None, :, :2] - poses[..., :, None, :2]
+
+    x, y = attached_arm(arms(shape))
+    between = arms(od)
+    distance = np.hypot(between[..., 0] - x, between[..., 1] - y)  # eq. 3
+    turn = np.abs(wrap(turned[..., None, :] - turned[..., :, None]))  # eq. 4
+    whole = attached_arm((shape[..., 0, :2] - shape[..., -1, :2])[..., None, None, :])
+    dev_od = (od[..., 0, :2] - od[..., -1, :2])[..., None, :]
+    deviation = _angle_between(dev_od, np.stack(whole, axis=-1)[..., 0, :])  # eqs. 6, 7
     return Errors(distance.sum(axis=-1), turn.sum(axis=-1), deviation)  # eq. 5
 
 
 def select(errors: ArrayLike, theta_xy: ArrayLike) -> NDArray[np.intp]:
     """Return the most trustworthy axle, (...) from 0: that of the smallest of `errors` (..., N).
 
-    Ties within `TIE` go to the lower `theta_xy` (..., N); if that ties too, to the lower number.
+    Ties within `TIE` go to the lower `theta_xy` (..., N); if that ties too, to the lower number. Raises InputError
+    where the shapes differ or an error is not a number.
     """
-    errors, theta_xy = np.broadcast_arrays(np.asarray(errors, dtype=float), np.asarray(theta_xy, dtype=float))
+    errors, theta_xy = np.asarray(errors, dtype=float), np.asarray(theta_xy, dtype=float)
+    if errors.shape != theta_xy.shape:
+        raise InputError(f"errors have shape {errors.shape}, theta_xy has {theta_xy.shape}; give one for each axle")
+    if np.isnan(errors).any() or np.isnan(theta_xy).any():
+        raise InputError("an error is not a number, so no axle can be selected; check odometry and relative poses")
     tied = errors <= errors.min(axis=-1, keepdims=True) + TIE
     distance = np.where(tied, theta_xy, np.inf)
     return np.argmax(distance <= distance.min(axis=-1, keepdims=True) + TIE, axis=-1)
 
 
 def confidence(errors: ArrayLike) -> tuple[Array, Array]:
-    """Return CON1 (eq. 8) and CON2 (eq. 9), each (...), of errors (..., N); 0 where all are 0.
+    """Return CON1 (eq. 8) and CON2 (eq. 9), each (...), of errors (..., N), N at least 2.
 
     CON2 compares the smallest with the second smallest error ("the next most trustworthy axle"), which for N = 3 is
-    the median that eq. 9 prints.
+    the median that eq. 9 prints. Where what the smallest is compared with is 0 (at most `TIE`), so is the confidence.
     """
     ordered = np.sort(np.asarray(errors, dtype=float), axis=-1)
+    if ordered.ndim == 0 or ordered.shape[-1] < 2:
+        raise InputError(f"confidence compares two axles or more, got errors of shape {ordered.shape}")
     least = ordered[..., 0]
     return _shortfall(least, ordered[..., -1]), _shortfall(least, ordered[..., 1])
 
@@ -102,12 +129,13 @@ class GRPEC:
             raise InputError(f"unknown metric {metric!r}; known: xy, phi, dev")
         self.metric: Metric = metric
         self.interval = checked_interval(interval)
+        self.selected: int | None = None
+        self.confidence: tuple[float, float] | None = None
 
     def reset(self, train: TrainDescription, poses: ArrayLike) -> None:
         """Start at `poses` (N, 3); raises InputError for anything but a train, and for poses of another shape."""
         self._configuration = Configuration(train, poses, self.interval)
-        self.selected: int | None = None
-        self.confidence: tuple[float, float] | None = None
+        self.selected = self.confidence = None
 
     @property
     def status(self) -> str | None:
@@ -149,17 +177,29 @@ class GRPECDev(GRPEC):
         super().__init__("dev", interval)
 
 
+def _checked(od: ArrayLike, relative: ArrayLike) -> tuple[Array, Array]:
+    """Return both as arrays; raises InputError unless their shapes are (..., N, 3) and (..., N - 1, 3), N >= 2."""
+    od, relative = np.asarray(od, dtype=float), np.asarray(relative, dtype=float)
+    fits = od.ndim >= 2 and relative.ndim >= 2 and od.shape[-1] == relative.shape[-1] == 3
+    if not fits or od.shape[-2] < 2 or relative.shape[-2] != od.shape[-2] - 1:
+        raise InputError(
+            f"odometry needs shape (..., N, 3) and relative poses (..., N - 1, 3) for a train of N >= 2 axles, "
+            f"got {od.shape} and {relative.shape}"
+        )
+    return od, relative
+
+
 def _angle_between(a: Array, b: Array) -> Array:
-    """Return the angle between plane vectors (..., 2); 0 where either has no length.
+    """Return the angle between plane vectors (..., 2); 0 where either has no length (at most `TIE`).
 
     By atan2: the arccos of eq. 7 loses half of the digits near 0.
     """
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     dot = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
-    some = (np.hypot(a[..., 0], a[..., 1]) > TIE) & (np.hypot(b[..., 0], b[..., 1]) > TIE)
-    return np.where(some, np.arctan2(np.abs(cross), dot), 0.0)
+    none = (np.hypot(a[..., 0], a[..., 1]) <= TIE) | (np.hypot(b[..., 0], b[..., 1]) <= TIE)
+    return np.where(none, 0.0, np.arctan2(np.abs(cross), dot))
 
 
 def _shortfall(least: Array, other: Array) -> Array:
     """Return (other - least) / other, 0 for 0 / 0: errors that are equal to 0 as ties are."""
-    return np.where(other > TIE, (other - least) / np.maximum(other, TIE), 0.0)
+    return np.where(other <= TIE, 0.0, (other - least) / np.maximum(other, TIE))

@@ -37,12 +37,14 @@ class RelativePoses:
         n = len(self._names)
         relative = entry(observation, "rps", 3 * n, f"3 for each of {n} frames").reshape(n, 3)
         age = entry(observation, "rps_age", n, "one for each frame")
+        if np.any(age < 0):
+            raise InputError(f"the observation's 'rps_age' is {age}; a reading is of now or earlier, never below 0 s")
         bad = np.logical_not(np.isfinite(relative).all(axis=-1))
         old = np.logical_not(age <= MAX_AGE)
         self.status = None
         for frame in np.flatnonzero(bad | old).tolist():
             cause = "no reading" if bad[frame] else "an old reading"
-            how_old = "" if bad[frame] else f", of {age[frame]:.3g} s ago (at most {MAX_AGE:g} s are used)"
+            how_old = "" if bad[frame] else f", of {age[frame]:.6g} s ago (at most {MAX_AGE:g} s are used)"
             text = f"frame {self._names[frame]} has {cause}{how_old}"
             self.status = self.status or f"{text}; odometry alone until it is back"
             if (frame, cause) not in self._said:

@@ -1,5 +1,8 @@
 """The environments of trains: what is theirs alone. What all environments share is in test_envs.py."""
 
+# pyright: reportPossiblyUnboundVariable=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportCallIssue=false
+
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -140,7 +140,8 @@ def test_every_frame_and_cause_warns_once_a_reset(standing):
         estimator.reset(cfmmr(3), STRAIGHT)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            for row in [*seen, *seen[1:]]:
+            again = [{**row, "time": row["time"] + 3.0} for row in seen[1:]]
+            for row in [*seen, *again]:
                 estimator.update(row)
         assert [str(warning.message).split(";")[0][:25] for warning in caught] == [
             "frame A has no reading",
@@ -209,3 +210,40 @@ def test_a_count_that_is_no_number_is_refused_and_not_integrated(name, standing)
     (seen,) = rows(standing, name, [0.0])
     with pytest.raises(InputError, match="'wheel' is not finite"):
         estimator.update({**seen, "wheel": np.full_like(seen["wheel"], np.nan)})
+
+
+@pytest.mark.parametrize("name", CORRECTING)
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [("time", np.nan, "'time' is nan"), ("time", np.inf, "'time' is inf"), ("rps_age", -1.0, "never below 0 s")],
+)
+def test_times_and_ages_that_are_none_are_refused(name, key, value, said, standing):
+    estimator, _ = made(name)
+    (seen,) = rows(standing, name, [0.0])
+    with pytest.raises(InputError, match=said):
+        estimator.update({**seen, key: np.full_like(seen[key], value)})
+
+
+@pytest.mark.parametrize("name", CORRECTING)
+def test_time_must_not_go_back(name, standing):
+    estimator, _ = made(name)
+    late, early = rows(standing, name, [5.0, 4.0])
+    estimator.update(late)
+    with pytest.raises(InputError, match=r"4\.0 s after 5\.0 s; times must not go back"):
+        estimator.update(early)
+
+
+@pytest.mark.parametrize("name", TRAIN_ESTIMATORS)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_poses_to_start_at_that_are_no_numbers_are_refused(name, bad):
+    n = 2 if name == "two-truck-ipec" else 3
+    poses = STRAIGHT[-n:].copy()
+    poses[0, 0] = bad
+    with pytest.raises(InputError, match="poses to start at are not finite"):
+        load_estimator(name).factory().reset(cfmmr(n), poses)
+
+
+@pytest.mark.parametrize("given", [None, "cfmmr-4", {}])
+def test_what_is_no_train_is_named(given):
+    with pytest.raises(InputError, match=f"give it a TrainDescription, not {type(given).__name__}"):
+        load_estimator("grpec-xy").factory().reset(given, STRAIGHT)

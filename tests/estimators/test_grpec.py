@@ -220,3 +220,42 @@ def test_before_a_correction_nothing_is_selected():
 def test_unknown_metric_is_refused():
     with pytest.raises(InputError, match="'psi'; known: xy, phi, dev"):
         GRPEC("psi")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("od", "relative"),
+    [((3, 3), (1, 3)), ((1, 3), (0, 3)), ((3, 3), (2, 2)), ((3, 2), (2, 3)), ((3,), (2, 3)), ((4, 3, 3), (3, 3))],
+)
+@pytest.mark.parametrize("function", [attached, errors])
+def test_poses_of_other_shapes_are_refused(function, od, relative):
+    with pytest.raises(InputError, match=r"shape \(\.\.\., N, 3\) and relative poses"):
+        function(np.zeros(od), np.zeros(relative))
+
+
+def test_what_is_not_a_number_is_never_the_smallest_error():
+    od, relative = np.zeros((3, 3)), np.array([[0.35, 0.0, 0.0], [np.nan, 0.0, 0.0]])
+    found = errors(od, relative)
+    assert np.isnan(found.theta_dev).all()
+    for theta in found[:1] + found[2:]:
+        with pytest.raises(InputError, match="not a number"):
+            select(theta, found.theta_xy)
+    with pytest.raises(InputError, match="two axles or more"):
+        confidence([1.0])
+    with pytest.raises(InputError, match="one for each axle"):
+        select([1.0, 2.0, 3.0], [5.0])
+
+
+def test_far_places_and_whole_turns_cost_no_tie():
+    """Headings of an even number of axles always tie; so do the attachments of a symmetric train, wherever it is."""
+    random = np.random.default_rng(3)
+    for n in (2, 4, 6, 8, 10):
+        od = random.uniform(-1, 1, (50, n, 3)) + 2 * np.pi * random.integers(-1000, 1000, (50, n, 1)) * [0, 0, 1]
+        phi = errors(od, random.uniform(-0.4, 0.4, (50, n - 1, 3))).theta_phi
+        ordered = np.sort(phi, axis=-1)
+        assert np.max(ordered[:, 1] - ordered[:, 0]) < 1e-12
+    relative = np.array([[0.3, 0.1, 0.4], [0.3, 0.1, 0.4]])
+    straight = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [-0.3, 0.0, 0.0]])
+    near = errors(straight, relative)
+    far = errors(straight + np.array([1024.0, -2048.0, 0.0]), relative)
+    for one, other in zip(near, far, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
