@@ -48,6 +48,10 @@ class Configuration:
                 f"a train of {train.n_axles} axles starts at poses of shape ({train.n_axles}, 3), "
                 f"got {self.poses.shape}"
             )
+        if not np.isfinite(self.poses).all():
+            raise InputError(
+                f"the poses to start at are not finite: {self.poses.tolist()}; give x, y, psi of each axle"
+            )
         self._axles = [CastorOdometry(Geometry.of(module), [0]) for module in train.modules]
         self._sensors = RelativePoses(train)
         self._wait = None if interval is None else interval * train.sample_period

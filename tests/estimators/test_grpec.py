@@ -233,10 +233,10 @@ def test_poses_of_other_shapes_are_refused(function, od, relative):
 
 
 def test_what_is_not_a_number_is_never_the_smallest_error():
-    od, relative = np.zeros((3, 3)), np.array([[0.35, 0.0, 0.0], [np.nan, 0.0, 0.0]])
+    od, relative = np.eye(3), np.array([[0.35, 0.0, 0.0], [np.nan, 0.0, 0.0]])
     found = errors(od, relative)
     assert np.isnan(found.theta_dev).all()
-    for theta in found[:1] + found[2:]:
+    for theta in (found.theta_xy, found.theta_dev):
         with pytest.raises(InputError, match="not a number"):
             select(theta, found.theta_xy)
     with pytest.raises(InputError, match="two axles or more"):
