@@ -50,7 +50,7 @@ class Configuration:
             )
         if not np.isfinite(self.poses).all():
             raise InputError(
-                f"the poses to start at are not finite: {self.poses.tolist()}; give x, y, psi of each axle"
+                f"the poses to start at are not finite: {self.poses.tolist()}; give numbers for all axles"
             )
         self._axles = [CastorOdometry(Geometry.of(module), [0]) for module in train.modules]
         self._sensors = RelativePoses(train)
