@@ -16,6 +16,11 @@ def fake_tasks():
 
 
 @pytest.fixture(scope="session")
+def fake_trains():
+    return importlib.import_module("fake_trains")
+
+
+@pytest.fixture(scope="session")
 def plugin():
     """Return the spec of a fake plug-in, given as file:Class."""
 

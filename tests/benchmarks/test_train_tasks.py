@@ -226,45 +226,8 @@ def test_workers_see_a_trains_observations_and_the_belief():
     assert not np.isin(one.truth, [*held, *seen.start.ravel()]).any()
 
 
-def moving_train(samples=41):
-    """Return the exact log of a straight train that drives ahead at 0.4 m/s, its frames seen as they are."""
-    train, t = cfmmr(3), 0.05 * np.arange(samples)
-    reference = np.zeros((samples, 3, 3))
-    reference[:, :, 0] = 0.4 * t[:, None] + [0.7, 0.35, 0]
-    wheel = train.modules[0].wheels[0]
-    assert wheel.counts_per_rev is not None
-    counts = 0.4 * t / wheel.radius * wheel.counts_per_rev / (2 * np.pi)
-    log = Log(
-        t,
-        np.tile(counts[:, None], 6),
-        np.empty((samples, 0)),
-        reference=reference.reshape(samples, 9),
-        rps=np.tile([0.35, 0, 0], (samples, 2)),
-    )
-    return Episode(train, (Run(log),))
-
-
-@dataclasses.dataclass(frozen=True)
-class Ahead:
-    """A task of a train that drives straight ahead."""
-
-    name: str = "ahead"
-    version: int = 1
-    title: str = "Ahead"
-    description: str = "Straight ahead."
-    metric: str = "mean_axle_position"
-    missing: str | None = None
-    robot = cfmmr(3)
-
-    def cases(self, n=None):
-        return range(1 if n is None else n)
-
-    def record(self, case):
-        return moving_train()
-
-
-def test_a_driving_train_starts_from_the_truth_and_is_followed():
-    episode = moving_train()
+def test_a_driving_train_starts_from_the_truth_and_is_followed(fake_trains):
+    episode = fake_trains.moving_train()
     (one,) = observed_runs(episode)
     np.testing.assert_array_equal(one.start, [[0.7, 0, 0], [0.35, 0, 0], [0, 0, 0]])
     assert episode.runs[0].truth.shape == (3, 5, 3)
@@ -491,16 +454,16 @@ def test_an_exported_snapshot_reads_back(castor_bench):
         np.testing.assert_array_equal(beliefs[f"run-{k:02d}.csv"], one.belief)
 
 
-def test_a_metric_of_which_more_is_better_ranks_nothing(tmp_path):
+def test_a_metric_of_which_more_is_better_ranks_nothing(tmp_path, fake_trains):
     for name in ("share_within_5cm", "sound_axle_chosen"):
         with pytest.raises(ValueError, match="larger"):
-            run([Assignment(Ahead(metric=name), (0,), ())], tmp_path)
+            run([Assignment(fake_trains.Ahead(metric=name), (0,), ())], tmp_path)
     assert [name for name, metric in METRICS.items() if not metric.ranks] == ["share_within_5cm", "sound_axle_chosen"]
 
 
-def test_a_driving_train_passes_a_whole_run(tmp_path):
+def test_a_driving_train_passes_a_whole_run(tmp_path, fake_trains):
     (tmp_path / "mine.py").write_text("from estimators.grpec import GRPECXY\nclass Mine(GRPECXY):\n    pass\n")
-    run([Assignment(Ahead(), (0,), (load_estimator(str(tmp_path / "mine.py")),))], tmp_path / "results")
+    run([Assignment(fake_trains.Ahead(), (0,), (load_estimator(str(tmp_path / "mine.py")),))], tmp_path / "results")
     (row,) = ResultsStore(tmp_path / "results").rows("ahead", 1)
     assert row.failure is None
     assert row.scores["mean_axle_position"] < 1e-12
