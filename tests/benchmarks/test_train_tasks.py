@@ -247,8 +247,8 @@ def test_a_driving_train_starts_from_the_truth_and_is_followed(fake_trains):
     assert time > 0
 
 
-def test_without_any_reading_odometry_goes_on_and_nothing_is_said():
-    (drive,) = moving_train().runs
+def test_without_any_reading_odometry_goes_on_and_nothing_is_said(fake_trains):
+    (drive,) = fake_trains.moving_train().runs
     blind = Run(dataclasses.replace(drive.log, rps=np.full((len(drive.log), 6), np.nan)))
     entry = load_estimator("estimators.grpec:GRPECXY")
     answer = estimate_singly(entry.spec, entry.source_hash, observed_runs(Episode(cfmmr(3), (blind,))))
