@@ -49,9 +49,7 @@ class Configuration:
                 f"got {self.poses.shape}"
             )
         if not np.isfinite(self.poses).all():
-            raise InputError(
-                f"the poses to start at are not finite: {self.poses.tolist()}; give numbers for all axles"
-            )
+            raise InputError(f"the poses to start at are not finite: {self.poses.tolist()}; give numbers for all axles")
         self._axles = [CastorOdometry(Geometry.of(module), [0]) for module in train.modules]
         self._sensors = RelativePoses(train)
         self._wait = None if interval is None else interval * train.sample_period
