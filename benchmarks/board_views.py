@@ -79,6 +79,8 @@ def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
     """Print the leaderboard in a terminal, a table for each task with its main metrics, as many as the width holds."""
     narrow = False
     for board in leaderboard.boards:
+        if not (board.entries or board.not_served or board.missing):
+            continue
         console.print(f"\n{board.title}", style="bold", markup=False, highlight=False)
         if board.missing is not None:
             _say(console, f"not run: {board.missing}")

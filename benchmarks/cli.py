@@ -3,6 +3,7 @@
 import importlib.metadata
 import json
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -156,8 +157,15 @@ def export(
         raise InputError(f"task {task}: {chosen.missing}")
     if out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
-    for case in chosen.cases(cases):
-        write_episode(out / f"case-{case}", chosen.record(case))
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        for case in chosen.cases(cases):
+            write_episode(partial / f"case-{case}", chosen.record(case))
+        partial.rename(out)
+    except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
     print(f"{out}: {len(chosen.cases(cases))} case(s) of {task}")
 
 

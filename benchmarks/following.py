@@ -22,7 +22,7 @@ from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from castor_envs.vehicles import Vehicle
-from estimators.registry import EstimatorEntry, load_estimator
+from estimators.registry import EstimatorEntry, declines, load_estimator
 from estimators.relative_poses import RelativePoseWarning
 
 Array = NDArray[np.float64]
@@ -231,9 +231,9 @@ def _follow(
         raise
     except BaseException as error:
         # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
-        declines = isinstance(error, InputError) or (isinstance(error, ValueError) and not isinstance(robot, Geometry))
-        if declines and where == "in reset":
-            raise _FailedError(NOT_SERVED + (_text(error) or type(error).__name__)) from None
+        certain = isinstance(error, InputError) or not isinstance(robot, Geometry)
+        if certain and where == "in reset" and (reason := _declined(error, robot)) is not None:
+            raise _FailedError(NOT_SERVED + reason) from None
         raise _FailedError(f"raised {_one_line(error)} {where}") from None
     return poses
 
@@ -246,6 +246,13 @@ def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
     if pose.shape != shape:
         raise _FailedError(f"returned shape {pose.shape} instead of {shape} {where}")
     return pose
+
+
+def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:
+    """Return why an estimator's `reset` declines, as one printable line; None if what it raised says otherwise."""
+    if isinstance(error, ValueError):
+        return _text(error) or type(error).__name__
+    return declines(error, robot)
 
 
 def _one_line(error: BaseException) -> str:

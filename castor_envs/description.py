@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -54,6 +54,24 @@ def save(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
 def load(adapter: TypeAdapter[T], path: str | os.PathLike[str], name: str) -> T:
     """Read a description from a JSON file; raises InputError that names file and key."""
     return from_data(adapter, read_json(Path(path)), name, source=str(path))
+
+
+class _Built(Protocol):
+    def as_built(self) -> Any: ...
+
+
+D = TypeVar("D", bound=_Built)
+
+
+def with_possible_effects(described: D, source: str) -> D:
+    """Return a robot or train read from `source`; raises InputError for an effect on what it does not have."""
+    try:
+        described.as_built()
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    except ValidationError as error:
+        raise InputError(f"{source}: its effects together are too large: {explain(error)}") from None
+    return described
 
 
 def explain(error: ValidationError) -> str:

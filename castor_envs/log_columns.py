@@ -1,6 +1,7 @@
 """The columns of a robot's or a train's logs: their names, and whether a header has them."""
 
 import difflib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -76,11 +77,24 @@ class LogColumns(NamedTuple):
                 raise complaint(path, line, name, message)
         if len(names) == 1:
             raise complaint(path, line, None, "the header has a single column; separate columns by commas")
+        for name in filter(self._foreign, names):
+            message = "belongs to a train of other axles than given; give the robot or train that made the log"
+            raise complaint(path, line, name, message)
+        ages = [name for name in self.rps_age if name in names]
+        if ages and not any(name in names for name in self.rps):
+            raise complaint(path, line, ages[0], f"is the age of {self.rps[0]!r} and the others, which are missing")
         for part, own in self._asdict().items():
             required = part in ("t", "wheel", "pivot") or any(name in names for name in own)
             for name in own if required else ():
                 if name not in names:
                     raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
+
+    def _foreign(self, name: str) -> bool:
+        """Return whether a column is one that this vehicle would have if it were, or were longer, a train."""
+        if name in self.known:
+            return False
+        train = re.fullmatch(r"rps_(age_)?[A-J](_x|_y|_phi)?|ref_\d+_(x|y|psi)", name) is not None
+        return train or (bool(self.rps) and re.fullmatch(r"wheel_\d+[lr]", name) is not None)
 
     def _hint(self, missing: str, names: Sequence[str]) -> str:
         unknown = {name.lower(): name for name in names if name not in self.known}

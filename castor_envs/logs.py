@@ -264,6 +264,9 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
                 f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans "
                 "over one turn and so does not wrap; mend the count, or sample faster",
             )
+    if log.rps_age is not None:
+        for k, f in np.argwhere(log.rps_age < 0)[:1]:
+            raise complaint(path, lines[k], columns.rps_age[f], f"is {log.rps_age[k, f]} s; an age is never below 0")
     if log.reference is not None:
         for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
             name = columns.reference[3 * axle + 2]

@@ -199,12 +199,12 @@ class RobotDescription:
     @classmethod
     def from_dict(cls, data: Any, source: str = "robot") -> "RobotDescription":
         """Read a description from plain data; raises InputError that names `source` and the offending keys."""
-        return description.from_data(_ADAPTER, data, FORMAT, source)
+        return description.with_possible_effects(description.from_data(_ADAPTER, data, FORMAT, source), source)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "RobotDescription":
         """Read a description from a JSON file; raises InputError that names file and key."""
-        return description.load(_ADAPTER, path, FORMAT)
+        return description.with_possible_effects(description.load(_ADAPTER, path, FORMAT), str(path))
 
 
 _ADAPTER = TypeAdapter(RobotDescription)

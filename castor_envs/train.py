@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter, model_validator
 from pydantic.dataclasses import dataclass
 
 from castor_envs import description
-from castor_envs.description import CONFIG, NotNegative, Positive
+from castor_envs.description import CONFIG, NotNegative
 from castor_envs.robot import RobotDescription
 from castor_envs.train_effects import TrainEffect, apply_train_effects
 
@@ -38,16 +38,16 @@ class Frame:
     time after which the sensor repeats its last reading, s.
     """
 
-    length: Positive
-    bending_stiffness: Positive = 0.5
-    linear_density: Positive = 0.5
-    damping: NotNegative = 0.001
-    links: Annotated[int, Field(ge=3, le=24)] = 6
+    length: Annotated[float, Field(ge=1e-3, le=1e3)]
+    bending_stiffness: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.5
+    linear_density: Annotated[float, Field(ge=1e-4, le=1e4)] = 0.5
+    damping: Annotated[float, Field(ge=0, le=1e3)] = 0.001
+    links: Annotated[int, Field(ge=3, le=12)] = 6
     gauges: Annotated[tuple[float, ...], Field(min_length=1)] | None = None
-    gauge_noise: NotNegative = 0.1
-    gauge_offset: NotNegative = 0.4
+    gauge_noise: Annotated[float, Field(ge=0, le=10)] = 0.1
+    gauge_offset: Annotated[float, Field(ge=0, le=10)] = 0.4
     gauge_gains: tuple[float, ...] = ()
-    gauge_drift: float = 0.0
+    gauge_drift: Annotated[float, Field(ge=-10, le=10)] = 0.0
     dead_gauges: tuple[Annotated[int, Field(ge=1)], ...] = ()
     rps_stops: NotNegative | None = None
 
@@ -147,12 +147,12 @@ class TrainDescription:
     @classmethod
     def from_dict(cls, data: Any, source: str = "train") -> "TrainDescription":
         """Read a description from plain data; raises InputError that names `source` and the offending keys."""
-        return description.from_data(_ADAPTER, data, FORMAT, source)
+        return description.with_possible_effects(description.from_data(_ADAPTER, data, FORMAT, source), source)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "TrainDescription":
         """Read a description from a JSON file; raises InputError that names file and key."""
-        return description.load(_ADAPTER, path, FORMAT)
+        return description.with_possible_effects(description.load(_ADAPTER, path, FORMAT), str(path))
 
 
 def _not_an_axle(module: RobotDescription) -> str | None:

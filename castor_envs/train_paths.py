@@ -35,6 +35,10 @@ class TrainPath:
     acceleration: float = ACCELERATION
 
     def __post_init__(self):
+        if not _pairs_of_numbers(self.legs):
+            raise InputError(
+                f"path {self.name!r}: legs are pairs of numbers (length, curvature), not {self.legs!r:.60}"
+            )
         for length, curvature in self.legs:
             if not (0 < length < np.inf and np.isfinite(curvature)):
                 raise InputError(
@@ -44,7 +48,8 @@ class TrainPath:
         if not self.legs:
             raise InputError(f"path {self.name!r} has no leg")
         for name in ("speed", "acceleration"):
-            if not 0 < getattr(self, name) < np.inf:
+            value = getattr(self, name)
+            if not (isinstance(value, int | float | np.number) and 0 < value < np.inf):
                 raise InputError(f"path {self.name!r}: {name} must be a finite number above 0")
 
     @cached_property
@@ -75,6 +80,13 @@ class TrainPath:
         curvature = curvatures[leg]
         ahead = (s - lengths[leg])[..., None]
         return moved(poses[leg], np.stack([np.ones_like(s), np.zeros_like(s), curvature], axis=-1) * ahead), curvature
+
+
+def _pairs_of_numbers(legs: object) -> bool:
+    if not isinstance(legs, tuple | list):
+        return False
+    pairs = [leg for leg in legs if isinstance(leg, tuple | list) and len(leg) == 2]
+    return len(pairs) == len(legs) and all(isinstance(x, int | float | np.number) for leg in pairs for x in leg)
 
 
 def straight(length: float = 3.0) -> TrainPath:

@@ -18,7 +18,9 @@ def vehicle_from_dict(data: Any, source: str = "vehicle") -> Vehicle:
     """Read a robot or a train from plain data, by its ``format``; raises InputError that names `source`."""
     if isinstance(data, dict) and data.get("format") == train.FORMAT:
         return TrainDescription.from_dict(data, source)
-    if isinstance(data, dict) and data.get("format") not in (robot.FORMAT, None):
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: expected an object with 'format': {robot.FORMAT!r} or {train.FORMAT!r}")
+    if data.get("format") != robot.FORMAT:
         raise InputError(f"{source}: 'format' must be {robot.FORMAT!r} or {train.FORMAT!r}, got {data.get('format')!r}")
     return RobotDescription.from_dict(data, source)
 
@@ -32,7 +34,9 @@ def load_vehicle(spec: Vehicle | str) -> Vehicle:
     """Return a vehicle given as a description, a preset's name, or the path of its file (ending in .json)."""
     if isinstance(spec, RobotDescription | TrainDescription):
         return spec
-    name = str(spec)
+    if not isinstance(spec, str):
+        raise InputError(f"expected a robot or train, a preset's name or a file, got {type(spec).__name__}")
+    name = spec
     if name.endswith(".json"):
         return vehicle_from_dict(read_json(Path(name)), name)
     if name in train_names():

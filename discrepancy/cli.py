@@ -11,13 +11,15 @@ from rich.table import Table
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs import read_log
-from castor_envs.presets import load_robot
 from castor_envs.robot import RobotDescription
+from castor_envs.train import TrainDescription
+from castor_envs.vehicles import load_vehicle
 from discrepancy.inspection import inspect_logs
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
-ROBOT_FILE = "robot.json"
+ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
+NO_TRAINS = "is a train; castor-diagnose serves single robots"
 
 
 @app.callback()
@@ -47,7 +49,7 @@ def inspect(
     add up: the verdict goes by these.
     """
     paths = _logs_of(logs)
-    description = load_robot(robot) if robot is not None else _robot_beside(paths)
+    description = _robot(robot) if robot is not None else _robot_beside(paths)
     found = inspect_logs(description, {str(path): read_log(path, description) for path in paths})
     if as_json:
         print(json.dumps(found, indent=2, allow_nan=False))
@@ -56,6 +58,14 @@ def inspect(
     console.print(f"robot {found['robot']['name']} ({found['robot']['hash']})")
     for entry in found["logs"]:
         _show(console, entry)
+
+
+def _robot(spec: str) -> RobotDescription:
+    """Return the robot that a spec names; raises InputError for a train."""
+    vehicle = load_vehicle(spec)
+    if isinstance(vehicle, TrainDescription):
+        raise InputError(f"--robot {spec}: {NO_TRAINS}")
+    return vehicle
 
 
 def _logs_of(given: list[Path]) -> list[Path]:
@@ -81,6 +91,8 @@ def _robot_beside(logs: list[Path]) -> RobotDescription:
         file = log.parent / ROBOT_FILE
         if not log.exists():
             raise InputError(f"{log}: cannot be read (No such file or directory)")
+        if not file.exists() and (train := log.parent / TRAIN_FILE).exists():
+            raise InputError(f"{train}: {NO_TRAINS}")
         if not file.exists():
             raise InputError(f"{log}: has no {ROBOT_FILE} beside it; name the robot with --robot")
         if file not in robots:

@@ -21,6 +21,9 @@ What a correction takes over of the relative poses' errors stays in the poses, s
 which no leaderboard uses.
 """
 
+MOST_INTERVAL = 1_000_000
+"""Sample periods, most of a day: whoever means more means no correction at all."""
+
 _SLACK = 1e-9  # s, by which a sample may come early
 
 
@@ -104,6 +107,8 @@ def next_to(headings: ArrayLike, poses: ArrayLike) -> Array:
 
 def checked_interval(interval: int) -> int:
     """Return the interval between corrections, in sample periods; raises InputError if it is none."""
-    if not isinstance(interval, int | np.integer) or interval < 1:
-        raise InputError(f"the interval between corrections is a number of samples, at least 1; got {interval!r}")
+    if not isinstance(interval, int | np.integer) or not 1 <= interval <= MOST_INTERVAL:
+        raise InputError(
+            f"the interval between corrections is a number of samples, 1 to {MOST_INTERVAL}; got {interval!r}"
+        )
     return int(interval)

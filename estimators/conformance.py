@@ -23,7 +23,7 @@ from estimators import check_drives, train_drives
 from estimators.castor_odometry import wrap
 from estimators.check_drives import Drive, Observations, with_pivot_counts_unwrapped
 from estimators.protocol import Estimator
-from estimators.registry import EstimatorEntry, reset_at_origin
+from estimators.registry import EstimatorEntry, declines, reset_at_origin
 
 TOLERANCE = 1e-9
 """m and rad: what a change of frame or of batch size may change."""
@@ -87,10 +87,8 @@ def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
         return None
     try:
         reset_at_origin(estimator, vehicle)
-    except ValueError as error:
-        return _reason(error)
-    except (Exception, SystemExit):
-        pass
+    except (Exception, SystemExit) as error:
+        return declines(error, vehicle)
     return None
 
 

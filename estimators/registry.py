@@ -19,13 +19,15 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from castor_envs.errors import InputError, did_you_mean
+from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
 from castor_envs.vehicles import Vehicle
 from estimators.protocol import Estimator
@@ -105,6 +107,23 @@ def reset_at_origin(estimator: Estimator, vehicle: Vehicle) -> None:
     """Reset an estimator on a robot or a train, all poses 0: raises what its `reset` does where it declines."""
     shape = (vehicle.n_axles, 3) if isinstance(vehicle, TrainDescription) else (3,)
     estimator.reset(vehicle, np.zeros(shape))
+
+
+def declines(error: BaseException, vehicle: Any) -> str | None:
+    """Return the reason if what a `reset` raised says that it does not serve a vehicle, else None.
+
+    A ValueError (InputError is one) does; so does asking a train for what only robots have, and the reverse: the
+    estimator was written for the other kind.
+    """
+    if isinstance(error, ValueError):
+        return " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, AttributeError) and error.obj is vehicle:
+        is_train = isinstance(vehicle, TrainDescription)
+        other = RobotDescription if is_train else TrainDescription
+        name = error.name or ""
+        if hasattr(other, name) or name in {field.name for field in fields(other)}:
+            return f"is written for {'robots' if is_train else 'trains'}: it asks for {name!r}"
+    return None
 
 
 def builtin_names(vehicle: Vehicle) -> list[str]:
@@ -243,4 +262,9 @@ def _entry(name: str, spec: str, kind: type, argument: int | None = None) -> Est
             inspect.signature(kind).bind(argument)
         except (TypeError, ValueError):
             raise InputError(f"estimator {spec!r}: {kind.__name__} takes no number; leave out '-{argument}'") from None
+        if kind.__module__.startswith("estimators."):
+            try:
+                kind(argument)
+            except InputError as error:
+                raise InputError(f"estimator {spec!r}: {error}") from None
     return EstimatorEntry(name, spec, source_hash(kind, argument), kind, argument)

@@ -409,7 +409,7 @@ def test_who_stays_put_in_a_snapshot_is_ranked_all_the_same(castor_bench):
     ("name", "said"),
     [
         ("OneAxle", "mine:OneAxle failed 1 of 1 cases (test-1): returned shape (3,) instead of (3, 3) in update"),
-        ("OfRobots", "mine:OfRobots failed 1 of 1 cases (test-1): raised AttributeError"),
+        ("OfRobots", "mine:OfRobots does not serve this robot: is written for robots: it asks for 'castors'"),
     ],
 )
 def test_a_plug_in_that_is_not_for_trains_is_told_apart(castor_bench, name, said):

@@ -98,7 +98,7 @@ def trains_and_logs(draw):
         command=command if draw(st.booleans()) else None,
         reference=reference if draw(st.booleans()) else None,
         rps=rps,
-        rps_age=rows(frames, finite) if draw(st.booleans()) else None,
+        rps_age=np.abs(rows(frames, finite)) if draw(st.booleans()) else None,
     )
 
 
@@ -160,7 +160,10 @@ TRAIN_MISTAKES = [
     ("t,wheel_1l\n0,0\n", r"log.csv:1: column 'wheel_1r': is missing; .* or give the robot or train that made"),
     (f"{TRAIN_HEADER},rps_A_x,rps_A_y,rps_A_phi\n", r"log.csv:1: column 'rps_B_x': is missing"),
     (f"{TRAIN_HEADER},{RPS_HEADER},rps_age_A\n", r"log.csv:1: column 'rps_age_B': is missing"),
-    (f"{TRAIN_HEADER},rps_age_A,rps_age_B\n0{STILL},0,0\n1{STILL},0,inf\n", r"log.csv:3: column 'rps_age_B': 'inf'"),
+    (
+        f"{TRAIN_HEADER},{RPS_HEADER},rps_age_A,rps_age_B\n0{STILL},,,,,,,0,0\n1{STILL},,,,,,,0,inf\n",
+        r"log.csv:3: column 'rps_age_B': 'inf'",
+    ),
     (f"{TRAIN_HEADER},ref_1_x,ref_1_y,ref_1_psi\n", r"log.csv:1: column 'ref_2_x': is missing"),
     (
         f"{TRAIN_HEADER},{RPS_HEADER}\n0{STILL},1,1,1,1,,1\n1{STILL},1,1,1,1,1,1\n",
@@ -384,3 +387,41 @@ def test_evo_reads_the_exports(tmp_path):
         )
         assert f"nr. of poses\t{rows}" in done.stdout
         assert "SE(3) conform\tyes" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("extra", "vehicle"),
+    [
+        ("rps_B_x", cfmmr(2)),
+        ("rps_age_C", cfmmr(3)),
+        ("ref_3_psi", cfmmr(2)),
+        ("wheel_4l", cfmmr(3)),
+        ("ref_1_x", preset("differential")),
+        ("rps_A_phi", preset("differential")),
+    ],
+)
+def test_columns_of_another_train_are_refused_and_not_kept_aside(tmp_path, extra, vehicle):
+    columns = LogColumns.of(vehicle)
+    names = [*columns.t, *columns.wheel, *columns.pivot, extra]
+    rows = [",".join(str(float(k + j)) for j in range(len(names))) for k in range(3)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([",".join(names), *rows]) + "\n")
+    with pytest.raises(InputError, match=f"{extra}.*belongs to a train of other axles"):
+        read_log(path, vehicle)
+
+
+def test_an_age_below_zero_is_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(
+        "t,wheel_1l,wheel_1r,wheel_2l,wheel_2r,rps_A_x,rps_A_y,rps_A_phi,rps_age_A\n"
+        "0,0,0,0,0,0.35,0,0,0\n0.05,0,0,0,0,0.35,0,0,-1\n"
+    )
+    with pytest.raises(InputError, match=r"log\.csv:3: column 'rps_age_A': is -1\.0 s; an age is never below 0"):
+        read_log(path, cfmmr(2))
+
+
+def test_ages_of_nothing_are_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,wheel_1l,wheel_1r,wheel_2l,wheel_2r,rps_age_A\n0,0,0,0,0,0\n1,0,0,0,0,0\n")
+    with pytest.raises(InputError, match="is the age of 'rps_A_x' and the others, which are missing"):
+        read_log(path, cfmmr(2))

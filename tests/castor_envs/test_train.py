@@ -110,7 +110,7 @@ IMPOSSIBLE = [
     ("frames", ..., ["frames", "required"]),
     ("frames", [], ["3 modules has 2 frames, got 0"]),
     ("frames.1.length", ..., ["frames.1.length", "required"]),
-    ("frames.1.length", 0.0, ["frames.1.length", "greater than 0"]),
+    ("frames.1.length", 0.0, ["frames.1.length", "greater than or equal to 0.001"]),
     ("frames.1.length", -0.35, ["frames.1.length", "-0.35"]),
     ("frames.1.length", math.nan, ["frames.1.length", "finite"]),
     ("frames.1.length", math.inf, ["frames.1.length", "finite"]),
@@ -360,3 +360,16 @@ def test_a_cable_too_thick_for_a_train_s_wheels_is_refused():
     floor = Floor(cables=(Cable(center=(1.0, 0.0), direction=1.5, length=1.0, diameter=0.08),))
     with pytest.raises(InputError, match="too thick"):
         TrainWorld(cfmmr(2), floor)
+
+
+def test_an_effect_on_what_is_not_there_is_refused_when_read(tmp_path):
+    data = cfmmr(3).to_dict()
+    data["effects"] = [{"name": "dead_gauge", "frame": 3, "gauge": 1}]
+    (tmp_path / "train.json").write_text(json.dumps(data))
+    for read in (TrainDescription.load, load_vehicle):
+        with pytest.raises(InputError, match=r"train\.json: effect dead_gauge: .* no frame 3"):
+            read(str(tmp_path / "train.json"))
+    data["effects"] = []
+    data["modules"][1]["effects"] = [{"name": "wheel_radius", "castor": 1, "wheel": 9, "value": 0.1}]
+    with pytest.raises(InputError, match="train: effect wheel_radius: castor 1 has no wheel 9"):
+        TrainDescription.from_dict(data)

@@ -156,3 +156,14 @@ def test_on_an_arc_axles_are_as_far_apart_as_a_frame_bent_like_the_arc():
     for front, rear in pairwise(poses):
         assert math.dist(front[:2], rear[:2]) == pytest.approx(2 * math.sin(0.175), abs=1e-12)
         assert front[2] - rear[2] == pytest.approx(0.35)
+
+
+@pytest.mark.parametrize("legs", [((1,),), ((1, 0, 0),), "ab", (("a", 0),), None, 3])
+def test_legs_that_are_no_pairs_are_refused(legs):
+    with pytest.raises(InputError, match="legs are pairs of numbers"):
+        TrainPath("odd", legs)
+
+
+def test_a_speed_that_is_no_number_is_refused():
+    with pytest.raises(InputError, match="speed must be a finite number"):
+        TrainPath("odd", ((1.0, 0.0),), speed="a")  # pyright: ignore[reportArgumentType]

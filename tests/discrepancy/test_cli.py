@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from castor_envs import command_line
 from castor_envs.logs import Log, write_log
 from castor_envs.presets import preset
+from castor_envs.train_presets import cfmmr
 from discrepancy import cli
 
 
@@ -92,7 +94,10 @@ def test_inspect_shows_the_residual_of_a_robot_with_redundancy(capsys, monkeypat
 MISTAKES = [
     (["inspect", "gone.csv", "--robot", "differential"], "gone.csv: cannot be read (No such file or directory)"),
     (["inspect", "log.csv", "gone.csv", "--robot", "differential"], "gone.csv: cannot be read"),
-    (["inspect", "log.csv", "--robot", "diferential"], "unknown robot 'diferential'; did you mean 'differential'?"),
+    (
+        ["inspect", "log.csv", "--robot", "diferential"],
+        "unknown robot or train 'diferential'; did you mean 'differential'?",
+    ),
     (["inspect", "log.csv", "--robot", "gone.json"], "gone.json: cannot be read"),
     (["inspect", "log.csv", "--robot", "asoc-prototype"], "log.csv:1: column 'wheel_2l': is missing"),
     (["inspect", "log.csv"], "log.csv: has no robot.json beside it; name the robot with --robot"),
@@ -196,3 +201,15 @@ def test_pivots_without_a_limit_show_a_dash(capsys, monkeypatch, tmp_path):
     (line,) = (line for line in out.splitlines() if line.startswith("pivot_1") or line.startswith(" pivot_1"))
     assert line.split()[-1] == "-"
     assert "verdict: consistent with rounding" in out
+
+
+def test_trains_are_refused_by_name(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    log.write_text("t,wheel_1l\n0,0\n1,1\n")
+    train = tmp_path / "train.json"
+    cfmmr(2).save(train)
+    for arguments in ([str(log), "--robot", str(train)], [str(log), "--robot", "cfmmr-3"], [str(log)]):
+        with pytest.raises(SystemExit) as ended:
+            command_line.run(cli.app, ["inspect", *arguments])
+        assert ended.value.code == 2
+        assert "is a train; castor-diagnose serves single robots" in capsys.readouterr().err

@@ -87,7 +87,7 @@ def test_a_longer_gap_than_the_interval_corrects_once_and_starts_anew(name, stan
 @pytest.mark.parametrize("interval", [0, -1, 2.5])
 def test_an_interval_that_is_none_is_refused(name, interval):
     kind = load_estimator(name).kind
-    with pytest.raises(InputError, match=f"at least 1; got {interval}"):
+    with pytest.raises(InputError, match=f"1 to 1000000; got {interval}"):
         kind(interval=interval)
 
 
@@ -247,3 +247,15 @@ def test_poses_to_start_at_that_are_no_numbers_are_refused(name, bad):
 def test_what_is_no_train_is_named(given):
     with pytest.raises(InputError, match=f"give it a TrainDescription, not {type(given).__name__}"):
         load_estimator("grpec-xy").factory().reset(given, STRAIGHT)
+
+
+@pytest.mark.parametrize("name", CORRECTING)
+@pytest.mark.parametrize("far", [50.0, 1e300])
+def test_a_reading_no_frame_can_reach_is_no_reading(name, far, standing):
+    estimator, n = made(name)
+    first, second = rows(standing, name, [0.0, 100.0])
+    estimator.update(first)
+    second["rps"][0] = far
+    with pytest.warns(RelativePoseWarning, match="frame A has an impossible reading"):
+        poses = estimator.update(second)
+    np.testing.assert_array_equal(poses, STRAIGHT[-n:])

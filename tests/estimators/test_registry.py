@@ -12,7 +12,9 @@ import pytest
 import estimators
 from castor_envs.errors import InputError
 from castor_envs.presets import preset, preset_names
+from castor_envs.train_presets import cfmmr
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, builtin_names, load_estimator
+from estimators.registry import declines
 from estimators.source_files import source_files
 
 MINE = """
@@ -295,3 +297,26 @@ def test_file_named_without_its_ending_is_suggested(tmp_path):
     (tmp_path / "mean_castor.py").write_text(MINE)
     with pytest.raises(InputError, match=r"unknown estimator 'mean_castor'; did you mean the file 'mean_castor.py'\?"):
         load_estimator("mean_castor")
+
+
+@pytest.mark.parametrize("spec", ["grpec-xy-0", "rmspec-99999999999", "two-truck-ipec-0"])
+def test_an_interval_that_is_none_is_the_commands_mistake(spec):
+    with pytest.raises(InputError, match=f"estimator '{spec}': the interval between corrections"):
+        load_estimator(spec)
+
+
+def test_what_only_the_other_kind_of_vehicle_has_declines_it():
+    robot, train = preset("differential"), cfmmr(3)
+
+    def reason(vehicle, name):
+        try:
+            getattr(vehicle, name)
+        except AttributeError as error:
+            return declines(error, vehicle)
+
+    assert reason(train, "castors") == "is written for robots: it asks for 'castors'"
+    assert reason(train, "driven_wheels") == "is written for robots: it asks for 'driven_wheels'"
+    assert reason(robot, "modules") == "is written for trains: it asks for 'modules'"
+    assert reason(robot, "no_such_thing") is None
+    assert declines(AttributeError("castors", name="castors", obj=object()), train) is None
+    assert declines(KeyError("castors"), train) is None
