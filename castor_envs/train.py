@@ -40,9 +40,9 @@ class Frame:
 
     length: Annotated[float, Field(ge=1e-3, le=1e3)]
     bending_stiffness: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.5
-    linear_density: Annotated[float, Field(ge=1e-4, le=1e4)] = 0.5
+    linear_density: Annotated[float, Field(ge=1e-6, le=1e4)] = 0.5
     damping: Annotated[float, Field(ge=0, le=1e3)] = 0.001
-    links: Annotated[int, Field(ge=3, le=12)] = 6
+    links: Annotated[int, Field(ge=3, le=24)] = 6
     gauges: Annotated[tuple[float, ...], Field(min_length=1)] | None = None
     gauge_noise: Annotated[float, Field(ge=0, le=10)] = 0.1
     gauge_offset: Annotated[float, Field(ge=0, le=10)] = 0.4
