@@ -62,6 +62,8 @@ class ASOCEnv(RobotEnv):
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`
     - `trajectory`: "figure-eight", "square", or a `Trajectory`
     - `control`: "speed" or "voltage"
+    - `held`: the number (from 1) of a castor whose wheels are blocked, whatever they are commanded, as for
+      calibration by pivoting about it (`castor_envs.trajectories.pivoting`)
     - `floor`: a `Floor` or the path of a floor file
 
     ## Version History
@@ -74,6 +76,7 @@ class ASOCEnv(RobotEnv):
         *,
         trajectory: Trajectory | str = "figure-eight",
         control: Literal["speed", "voltage"] = "speed",
+        held: int | None = None,
         floor: Floor | str | None = None,
         render_mode: str | None = None,
     ) -> None:
@@ -85,7 +88,7 @@ class ASOCEnv(RobotEnv):
             chosen = trajectory
         if control not in ("speed", "voltage"):
             raise InputError(f"control must be 'speed' or 'voltage', got {control!r}")
-        super().__init__(robot, chosen, floor, render_mode)
+        super().__init__(robot, chosen, floor, render_mode, held)
         self._control = control
         motors = len(self.robot.driven_wheels) + len(self.robot.driven_castors)
         self.action_space = spaces.Box(-1.0, 1.0, (motors,), dtype=np.float32)

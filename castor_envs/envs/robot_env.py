@@ -28,11 +28,12 @@ class RobotEnv(DrawnEnv):
         trajectory: Trajectory,
         floor: Floor | str | None,
         render_mode: str | None,
+        held: int | None = None,
     ) -> None:
         floor = load_floor(floor)
         if not isinstance(trajectory, Trajectory):
             raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
-        self._sensed = SensedRobot(load_robot(robot), floor)
+        self._sensed = SensedRobot(load_robot(robot), floor, held)
         self.robot = self._sensed.described
         self.trajectory = trajectory
         self._samples = int(np.ceil(trajectory.duration / self.robot.sample_period - 1e-9))

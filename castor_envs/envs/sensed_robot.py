@@ -22,11 +22,11 @@ Observation = dict[str, Array]
 class SensedRobot:
     """A robot in a world, seen through its encoders (and gyro).
 
-    robot: with its effects; `described` is what controllers and estimators may know. The state is made anew
-    by `reset`.
+    robot: with its effects; `described` is what controllers and estimators may know. held: the castor (from 1) whose
+    wheels are blocked. The state is made anew by `reset`.
     """
 
-    def __init__(self, robot: RobotDescription, floor: Floor) -> None:
+    def __init__(self, robot: RobotDescription, floor: Floor, held: int | None = None) -> None:
         blind = [
             castor for castor in robot.castors if castor.steering != "fixed" and castor.pivot_counts_per_rev is None
         ]
@@ -39,7 +39,8 @@ class SensedRobot:
             raise InputError(f"robot {robot.name!r} has no driven wheel; give one wheel counts_per_rev")
         self.robot, self.floor = robot, floor
         self.described = robot.as_described()
-        self.world = World(robot, floor)  # refuses what cannot stand or be computed; `reset` makes it anew
+        self._held = held
+        self.world = World(robot, floor, held=held)  # refuses what cannot stand or be computed; `reset` makes it anew
         self._built = Geometry.of(robot.as_built())
         self._believed = Geometry.of(self.described)
 
@@ -47,7 +48,7 @@ class SensedRobot:
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
         self._random = random
         self._encoders = Encoders(self._built, Encoders.random_phase(self._built, random))
-        self.world = World(self.robot, self.floor, castor_angles=theta)
+        self.world = World(self.robot, self.floor, castor_angles=theta, held=self._held)
         self._counts = self._encoders.wheel(self.world.wheel_angles)
         self._sense(self._counts)
 

@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from castor_envs.differential_axle import AxleCorrection, with_axle
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs import Log
 from castor_envs.presets import differential, tricycle
@@ -57,42 +58,12 @@ class Session:
     directions: tuple[Literal["cw", "ccw"], ...]
 
 
-@dataclass(frozen=True)
-class PublishedCorrection:
-    """What the authors' UMBmark calibration found for one session of squares with the differential robot.
-
-    wheel_base_factor: E_b, true over nominal wheel base. diameter_ratio: E_d, right over left wheel diameter, whose
-    mean stays as it was. (Borenstein, Feng 1996; the authors' src/diff/umbmark.) nominal_wheel_base and
-    nominal_diameter: what the session's metadata say, m.
-    """
-
-    nominal_wheel_base: float
-    nominal_diameter: float
-    wheel_base_factor: float
-    diameter_ratio: float
-
-    @property
-    def wheel_base(self) -> float:
-        """The corrected wheel base, m."""
-        return self.wheel_base_factor * self.nominal_wheel_base
-
-    @property
-    def diameters(self) -> tuple[float, float]:
-        """The corrected diameters of the right and of the left wheel, m."""
-        ratio = self.diameter_ratio
-        return 2 * self.nominal_diameter / (1 + 1 / ratio), 2 * self.nominal_diameter / (1 + ratio)
-
-    def apply(self, robot: RobotDescription) -> RobotDescription:
-        """Return a differential robot with the corrected wheel base and diameters."""
-        return _with_axle(robot, self.wheel_base, *self.diameters)
-
-
 # The printed corrections are 0.20146, 0.08395, 0.08405 m and 0.20130, 0.08398, 0.08402 m (wheel base, right and left
 # diameter). The last printed digit of a diameter moves the end points by 0.6 mm, so the factors are kept instead:
 # those of the first session as printed; of the second the printed procedure's, to as many digits.
 _PUBLISHED = {
-    "230620202042": PublishedCorrection(0.2, 0.084, wheel_base_factor=1.00729, diameter_ratio=0.99890),
-    "230620202144": PublishedCorrection(0.205, 0.084, wheel_base_factor=0.98197, diameter_ratio=0.99949),
+    "230620202042": AxleCorrection(0.2, 0.084, wheel_base_factor=1.00729, diameter_ratio=0.99890),
+    "230620202144": AxleCorrection(0.205, 0.084, wheel_base_factor=0.98197, diameter_ratio=0.99949),
 }
 
 
@@ -101,7 +72,7 @@ def published_sessions() -> tuple[str, ...]:
     return tuple(_PUBLISHED)
 
 
-def published_correction(session: str) -> PublishedCorrection:
+def published_correction(session: str) -> AxleCorrection:
     """Return the published correction of a session; raises InputError where none was published."""
     if session not in _PUBLISHED:
         raise InputError(f"no published correction of session {session!r}{did_you_mean(session, _PUBLISHED)}")
@@ -208,7 +179,7 @@ def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
     (base,) = metadata.numbers("Li", 1)
     if kind == "diff":
         robot = dataclasses.replace(differential(counts_per_rev=counts), name="OptiOdom differential drive")
-        return _with_axle(robot, base, *metadata.numbers("Di", 2))
+        return with_axle(robot, base, *metadata.numbers("Di", 2))
     offset = metadata.numbers("Thi", 1, positive=False)[0] if metadata.given("Thi") else 0.0
     (diameter,) = metadata.numbers("Di", 1)
     robot = tricycle()
@@ -222,16 +193,6 @@ def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
         pivot_zero=-offset,
     )
     return dataclasses.replace(robot, name="OptiOdom tricycle", castors=(front, rear))
-
-
-def _with_axle(robot: RobotDescription, base: float, right: float, left: float) -> RobotDescription:
-    """Return a differential robot with a wheel base and wheel diameters, m."""
-    (axle,) = robot.castors
-    wheels = (
-        dataclasses.replace(axle.wheels[0], radius=left / 2, lateral=base / 2),
-        dataclasses.replace(axle.wheels[1], radius=right / 2, lateral=-base / 2),
-    )
-    return dataclasses.replace(robot, castors=(dataclasses.replace(axle, wheels=wheels),))
 
 
 def _read_run(path: Path, kind: str) -> Log:

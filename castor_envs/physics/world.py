@@ -5,6 +5,7 @@ import pymunk
 from numpy.typing import ArrayLike, NDArray
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
+from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry, castor_rates, inverse
 from castor_envs.physics.simulation import Drive, Simulation, Stepper
@@ -27,7 +28,7 @@ class World:
     robot: effects are folded in. pose: of B in N. castor_angles (n,): theta at the start, those of fixed castors
     ignored. twist: (v_x, v_y, omega) in B at the start; castors and wheels start in rolling motion with it. stepper:
     "compiled" or "reference" (plain Python). substeps: a sample period; None takes as many as the robot's stiffest
-    contact needs.
+    contact needs. held: the castor (from 1) whose driven wheels are blocked, whatever they are commanded.
     """
 
     def __init__(
@@ -40,12 +41,17 @@ class World:
         twist: ArrayLike = (0.0, 0.0, 0.0),
         stepper: Stepper = "compiled",
         substeps: int | None = None,
+        held: int | None = None,
     ) -> None:
         self.robot = robot.as_built()
         self.floor = floor or Floor()
         self.geometry = Geometry.of(self.robot)
         self.wheels = wheel_records(self.robot, self.floor)
         self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
+        own = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
+        self._held_wheels = self._driven_wheels[own == held]
+        if held is not None and not self._held_wheels.size:
+            raise InputError(f"robot {self.robot.name!r} has no castor {held} with driven wheels to hold")
         self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
 
         angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
@@ -102,6 +108,7 @@ class World:
         robot = self.robot
         limit = robot.max_wheel_speed if drive == "servo" else 1.0
         self._simulation.command(self._driven_wheels, wheel_command, limit, drive)
+        self._simulation.command(self._held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
         rates = np.broadcast_to(np.asarray(steering_command, dtype=float), len(self._motors))
         for motor, rate in zip(self._motors, rates, strict=True):
             motor.rate = -float(np.clip(rate, -robot.max_steering_speed, robot.max_steering_speed))

@@ -1,0 +1,1 @@
+"""Calibration: what a robot's own runs tell of its parameters."""
