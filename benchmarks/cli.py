@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -13,13 +14,16 @@ from rich.console import Console
 
 from benchmarks import leaderboard as boards
 from benchmarks.board_views import as_json, as_markdown, print_leaderboard
+from benchmarks.calibrating import calibrate_logs
 from benchmarks.checking import check_apart, load_apart
+from benchmarks.comparison import Effort
 from benchmarks.episodes import write_episode
-from benchmarks.progress import TerminalProgress
+from benchmarks.progress import SilentProgress, TerminalProgress
 from benchmarks.results import check_results_folder, names_of
 from benchmarks.runner import Assignment
 from benchmarks.runner import run as run_plan
-from benchmarks.table_views import show_tables
+from benchmarks.table_views import draw, show_tables
+from benchmarks.tables import select_tables
 from benchmarks.task import Task
 from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs import command_line
@@ -171,11 +175,37 @@ def export(
 
 @app.command()
 def tables(
+    table: Annotated[
+        list[str] | None, typer.Option("--table", help="Only this table, such as vogt-1 (may be given several times).")
+    ] = None,
+    sets: Annotated[int, typer.Option(help="Parameter sets of simulated tables; fewer are quicker.")] = Effort.sets,
     as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    figures: Annotated[Path | None, typer.Option(help="Write pictures (PNG) into this folder.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Write pictures (PNG) of Vogt's tests into this folder.")] = None,
 ) -> None:
     """Print the tables of papers beside ours, and where the papers' metrics fail."""
-    show_tables(_console(), as_json_text, figures)
+    _at_least("--sets", sets, 2)
+    sources = select_tables(table or [])
+    pictures = [] if figures is None else draw(figures)
+    with TerminalProgress() if sys.stderr.isatty() else nullcontext(SilentProgress()) as progress:
+        computed = tuple(source.compute(Effort(sets, progress)) for source in sources)
+    show_tables(computed, pictures, _console(), as_json_text)
+
+
+@app.command()
+def calibrate(
+    logs: Annotated[list[Path], typer.Argument(help="CSV logs: turns about held castors, or squares, both ways.")],
+    robot: Annotated[str, typer.Option(help="The robot that made them: a file, or a preset's name.")],
+    out: Annotated[Path, typer.Option(help="The calibrated robot's file; it must not exist yet.")],
+    side: Annotated[float | None, typer.Option(help="Of the UMBmark squares that were driven, m.")] = None,
+    scatter: Annotated[Path | None, typer.Option(help="Draw the squares' end points, before and after (PNG).")] = None,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Calibrate a robot from its own logs.
+
+    A base on split castors turns about one castor whose wheels are blocked, both ways, for two castors or more. A
+    differential robot drives UMBmark squares both ways, with its true pose at start and end (--side).
+    """
+    calibrate_logs(logs, robot, out, side, scatter, as_json_text, _console())
 
 
 @app.command("list")

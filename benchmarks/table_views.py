@@ -20,26 +20,29 @@ from benchmarks.failure_modes import (
     ties,
     with_small_bends,
 )
-from benchmarks.tables import paper_tables
 from castor_envs.train_presets import FRAME_LENGTH
 
 FORMAT = "castor-tables/1"
+LEGEND = "printed | ours; = agrees to the printed rounding, != does not"
+SIMULATED = "printed | ours +- its standard error (ours over printed)"
 
 
-def show_tables(console: Console, json_text: bool, figures: Path | None) -> None:
-    """Print all tables, as JSON if so wished, and write figures to a folder if one is named."""
-    written: list[Path] = []
-    if figures is not None:
-        # Matplotlib is slow to import, and only pictures need it.
-        from benchmarks.table_figures import write_figures
+def draw(folder: Path) -> list[Path]:
+    """Write pictures of Vogt's tests to a folder and return their paths."""
+    # Matplotlib is slow to import, and only pictures need it.
+    from benchmarks.table_figures import write_figures
 
-        written = write_figures(figures)
+    return write_figures(folder)
+
+
+def show_tables(tables: tuple[PaperTable, ...], pictures: list[Path], console: Console, json_text: bool) -> None:
+    """Print tables, as JSON if so wished, else also which pictures were written."""
     if json_text:
-        print(json.dumps(as_json(paper_tables()), indent=2, allow_nan=False))
+        print(json.dumps(as_json(tables), indent=2, allow_nan=False))
         return
-    print_tables(paper_tables(), console)
-    if written:
-        _say(console, f"\npictures: {', '.join(map(str, written))}")
+    print_tables(tables, console)
+    if pictures:
+        _say(console, f"\npictures: {', '.join(map(str, pictures))}")
 
 
 def as_json(tables: tuple[PaperTable, ...]) -> dict[str, Any]:
@@ -59,23 +62,34 @@ def as_json(tables: tuple[PaperTable, ...]) -> dict[str, Any]:
             }
             for table in tables
         ],
-        "failure_modes": {
-            "frame_length_m": FRAME_LENGTH,
-            "ratios": list(RATIOS),
-            "sweeps": [_sweep_json(sweep) for sweep in SWEEPS],
-        },
+        **({"failure_modes": _failures_json()} if _of_metrics(tables) else {}),
+    }
+
+
+def _of_metrics(tables: tuple[PaperTable, ...]) -> bool:
+    """Return whether a table is about the metrics of Vogt and Minor, whose failures are then shown too."""
+    return any(dict(one.place).get("metric") in METRICS for table in tables for one in table.comparisons)
+
+
+def _failures_json() -> dict[str, Any]:
+    return {
+        "frame_length_m": FRAME_LENGTH,
+        "ratios": list(RATIOS),
+        "sweeps": [_sweep_json(sweep) for sweep in SWEEPS],
     }
 
 
 def _value_json(one: Comparison) -> dict[str, Any]:
     suffix = "" if one.unit is None else f"_{one.unit}"
-    return {
+    value = {
         **dict(one.place),
         "quantity": one.quantity,
         f"printed{suffix}": one.printed,
         f"ours{suffix}": one.ours,
-        "agrees": one.agrees,
     }
+    if one.standard_error is None:
+        return value | {"agrees": one.agrees}
+    return value | {f"standard_error{suffix}": one.standard_error, "ratio": one.ratio}
 
 
 def _sweep_json(sweep: Sweep) -> dict[str, Any]:
@@ -109,14 +123,18 @@ def _tie_json(tie: Tie) -> dict[str, Any]:
 
 
 def print_tables(tables: tuple[PaperTable, ...], console: Console) -> None:
-    """Print every table as printed | ours, what agrees, and where the metrics fail."""
+    """Print every table as printed | ours, what agrees, and where the metrics fail if these are about them."""
     for table in tables:
         console.print(f"\n{table.title}", style="bold", markup=False, highlight=False)
         console.print(_grid(table), highlight=False)
-        _say(console, "printed | ours; = agrees to the printed rounding, != does not")
+        judged = bool(agreement(table.comparisons))
+        _say(console, LEGEND if judged else SIMULATED)
         for note in table.notes:
             _say(console, note)
-        _say(console, summary(table))
+        if judged:
+            _say(console, summary(table))
+    if not _of_metrics(tables):
+        return
     console.print("\nWhere the metrics fail", style="bold", markup=False, highlight=False)
     for sweep in SWEEPS:
         for line in failure_lines(sweep):
@@ -163,14 +181,14 @@ def _range(one: Selection, true: int) -> str:
 
 
 def _grid(table: PaperTable) -> Table:
-    """Return a table with a row for each test and thing in it, a column for each metric."""
+    """Return a table of values by their rows and columns; what a row says before a colon groups it."""
     columns = list(dict.fromkeys(one.column for one in table.comparisons))
-    grid = Table("test")
+    grid = Table(table.rows)
     for column in columns:
         grid.add_column(column, justify="right", no_wrap=True)
     rows = dict.fromkeys(one.row for one in table.comparisons)
-    for _, same_test in groupby(rows, key=lambda row: row.partition(":")[0]):
-        for row in same_test:
+    for _, together in groupby(rows, key=lambda row: row.partition(":")[0]):
+        for row in together:
             cells = {one.column: one for one in table.comparisons if one.row == row}
             grid.add_row(row, *(_cell(cells.get(column)) for column in columns))
         grid.add_section()
@@ -182,6 +200,9 @@ def _cell(one: Comparison | None) -> str:
         return ""
     if not isinstance(one.printed, float) or not isinstance(one.ours, float):
         text = f"{one.printed} | {one.ours}"
+    elif one.standard_error is not None:
+        spread = f"{one.ours:.{one.digits}f} +- {one.standard_error:.{one.digits}f}"
+        return f"{one.printed:.{one.digits}f} | {spread} ({one.ratio:.2f})"
     else:
         text = f"{one.printed:.{one.digits}f} | {one.ours:.{one.digits + 1}f}"
     return f"{text} {'= ' if one.agrees else '[bold]!=[/bold]'}"

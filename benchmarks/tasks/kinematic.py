@@ -29,6 +29,12 @@ ROBOT = "asoc-prototype"
 SETS = 100
 RUNS = 5  # each way
 
+Corners = Literal["turn", "fixed"]
+Distribution = Literal["uniform", "normal"]
+
+#: Standard deviation of a normal number whose mean size is 1/2, that of a uniform one in [-1, 1).
+NORMAL = 0.5 * np.sqrt(np.pi / 2)
+
 
 @dataclass(frozen=True)
 class ParameterErrors:
@@ -44,14 +50,18 @@ class ParameterErrors:
         """Return the errors with these mean absolute values: a uniform error's half-width is twice its mean size."""
         return cls(2 * offset, 2 * radius, 2 * lateral, 2 * pivot_zero)
 
-    def applied(self, robot: RobotDescription, random: np.random.Generator) -> RobotDescription:
+    def applied(
+        self, robot: RobotDescription, random: np.random.Generator, distribution: Distribution = "uniform"
+    ) -> RobotDescription:
         """Return the robot as a user with such errors would describe it.
 
         Drawn castor by castor: r_c, beta, then for each wheel (left, right) r_w and d, each one uniform
-        number in [-1, 1).
+        number in [-1, 1), or a normal one of the same mean size.
         """
 
         def off(half_width: float) -> float:
+            if distribution == "normal":
+                return half_width * random.normal(0.0, NORMAL)
             return half_width * random.uniform(-1.0, 1.0)
 
         def wheel(w: Wheel) -> Wheel:
@@ -78,7 +88,7 @@ class KinematicUMBmark:
     title: str
     description: str
     errors: ParameterErrors
-    corners: Literal["turn", "fixed"] = "turn"
+    corners: Corners = "turn"
     version: int = 1
     metric: str = "E_max_syst"
     missing: None = None
@@ -86,7 +96,7 @@ class KinematicUMBmark:
     @property
     def robot(self) -> RobotDescription:
         """The robot that drives, described without errors."""
-        return preset(ROBOT)
+        return true_robot()
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the seeds of the first n parameter sets."""
@@ -94,15 +104,14 @@ class KinematicUMBmark:
 
     def described(self, case: Case) -> RobotDescription:
         """Return the robot file that the estimators get in a case: parameter set number `case`."""
-        return self.errors.applied(self.robot, np.random.default_rng([int(case), 0]))
+        return parameter_set(self.errors, int(case))
 
     def record(self, case: Case) -> Episode:
         """Return five runs each way, told apart by their encoders' phases alone."""
-        robot, random = self.robot, np.random.default_rng([int(case), 1])
-        geometry = Geometry.of(robot)
+        random, geometry = phase_source(int(case)), Geometry.of(self.robot)
         runs = []
         for direction in ("cw", "ccw"):
-            rolled = _rolled(direction, self.corners)
+            rolled = rolled_square(direction, self.corners)
             for _ in range(RUNS):
                 encoders = Encoders(geometry, Encoders.random_phase(geometry, random))
                 wheel, pivot = encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle)
@@ -111,9 +120,25 @@ class KinematicUMBmark:
         return Episode(self.described(case), tuple(runs))
 
 
+def true_robot() -> RobotDescription:
+    """Return the robot that drives, described without errors."""
+    return preset(ROBOT)
+
+
+def parameter_set(errors: ParameterErrors, case: int, distribution: Distribution = "uniform") -> RobotDescription:
+    """Return the robot file that the estimators get: parameter set number `case`."""
+    return errors.applied(true_robot(), np.random.default_rng([case, 0]), distribution)
+
+
+def phase_source(case: int) -> np.random.Generator:
+    """Return what draws the wheel encoders' phases of a case, run by run, the clockwise ones first."""
+    return np.random.default_rng([case, 1])
+
+
 @cache
-def _rolled(direction: Direction, corners: Literal["turn", "fixed"]) -> Rolled:
-    return roll(preset(ROBOT), umbmark(direction, corners))
+def rolled_square(direction: Direction, corners: Corners) -> Rolled:
+    """Return what the true robot's joints do on the square, once for all cases."""
+    return roll(true_robot(), umbmark(direction, corners))
 
 
 def tasks(measured: Path | None) -> tuple[Task, ...]:

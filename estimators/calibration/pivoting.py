@@ -81,7 +81,8 @@ class Turn:
 class PivotingCalibration:
     """Parameters of all castors (n,), the mean of `estimates` (e, n), one for each castor that was held; NaN for none.
 
-    errors: standard errors, from the rounding of the counts. robot: as it was described.
+    errors: standard errors: what the rounding of counts leaves, or what the estimates differ by if that is more. Slip
+    that is the same about every castor is not in them. robot: as it was described.
     """
 
     robot: RobotDescription
@@ -125,13 +126,28 @@ def calibrate(robot: RobotDescription, turns: Sequence[Turn]) -> PivotingCalibra
                 raise InputError(f"castor {castor} was held for turns in one direction only; record one {missing} too")
         estimates.append(_estimate(robot, castor, *(_mean(way) for way in ways)))
         errors.append(_rounding(robot, castor, *(_mean(way) for way in ways)))
-    stacked = _stacked(estimates)
+    stacked, rounding = _stacked(estimates), _stacked(errors)
+    parts = zip(stacked, rounding, strict=True)
     return PivotingCalibration(
         robot,
-        CastorParameters(*(_nanmean(part) for part in stacked)),
-        CastorParameters(*(_of_mean(part) for part in _stacked(errors))),
+        CastorParameters(*map(_mean_of_known, stacked)),
+        CastorParameters(*(np.fmax(_of_mean(error), _spread(part)) for part, error in parts)),
         stacked,
     )
+
+
+def held_castor(robot: RobotDescription, log: Log) -> int:
+    """Return the number (from 1) of the castor whose wheels stood in a log; raises InputError if not just one did."""
+    _check(robot)
+    per_wheel = np.array([wheel.counts_per_rev for wheel in robot.wheels], dtype=float)
+    turned = np.ptp(log.wheel, axis=0) * 2 * np.pi / per_wheel
+    still = np.flatnonzero(turned.reshape(-1, 2).max(axis=1) <= HELD) + 1
+    if len(still) != 1:
+        which = "none" if not len(still) else " and ".join(map(str, still))
+        raise InputError(
+            f"castors whose wheels stood: {which}; record turns in which the wheels of just one castor are blocked"
+        )
+    return int(still[0])
 
 
 class _Measured(NamedTuple):
@@ -242,7 +258,7 @@ def _stacked(each: list[CastorParameters]) -> CastorParameters:
     return CastorParameters(*(np.stack(parts) for parts in zip(*each, strict=True)))
 
 
-def _nanmean(values: Array) -> Array:
+def _mean_of_known(values: Array) -> Array:
     known = np.isfinite(values)
     count = known.sum(axis=0)
     return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
@@ -254,3 +270,11 @@ def _of_mean(errors: Array) -> Array:
     count = known.sum(axis=0)
     total = np.sqrt(np.where(known, errors**2, 0.0).sum(axis=0))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _spread(values: Array) -> Array:
+    """Return the standard error of the mean that the estimates (e, ...) show; NaN where there are fewer than two."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    squares = np.where(known, (values - _mean_of_known(values)) ** 2, 0.0).sum(axis=0)
+    return np.where(count > 1, np.sqrt(squares / np.maximum(count * (count - 1), 1)), np.nan)
