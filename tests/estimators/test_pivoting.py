@@ -111,7 +111,7 @@ def test_equations_4_to_7_hold_for_what_8_and_9_return():
     np.testing.assert_allclose(found.pivot_zero, 0.3)
 
 
-def test_rounded_encoders_leave_what_the_notes_say_and_standard_errors_cover_it(exact_motion):
+def test_rounded_encoders_leave_what_a_recomputation_says_and_standard_errors_cover_it(exact_motion):
     """With D exact and one full turn a recomputation gave mean sizes r_c .089, r_w .004, d .013 % and beta .008 deg."""
     sizes, standard = [], []
     for seed in range(12):
