@@ -19,6 +19,10 @@ _ORDER = (
     "share_within_5cm",
     "sound_axle_chosen",
     "contradiction",
+    "offset_error",
+    "radius_error",
+    "half_track_error",
+    "pivot_zero_error",
     "ate",
     "rpe_translation",
 )
@@ -30,6 +34,10 @@ _GOES_FIRST = (
     "rpe_translation",
     "end_point_position",
     "ate",
+    "offset_error",
+    "half_track_error",
+    "radius_error",
+    "pivot_zero_error",
     "final_axle_position",
     "mean_axle_position",
     "share_within_5cm",
@@ -61,7 +69,12 @@ def board_columns(board: TaskBoard) -> list[Column]:
     entries, primary = board.entries, board.metric
     columns = [
         Column("rank", "rank", tuple("–" if entry.rank is None else str(entry.rank) for entry in entries)),
-        Column("estimator", "estimator", tuple(entry.estimator for entry in entries), "left"),
+        Column(
+            "estimator",
+            "estimator" if board.odometry is None else "method",
+            tuple(entry.estimator for entry in entries),
+            "left",
+        ),
         _scores("primary", primary, entries),
     ]
     intervals = tuple(_interval(entry, primary) for entry in entries)
@@ -69,8 +82,9 @@ def board_columns(board: TaskBoard) -> list[Column]:
         columns.append(Column("interval", f"{100 * LEVEL:.0f} %", tuple(text or "–" for text in intervals)))
     others = [name for name in _ORDER if name != primary.name and any(name in entry.scores for entry in entries)]
     columns += [_scores(name, METRICS[name], entries) for name in others]
-    times = (entry.time_per_update_us for entry in entries)
-    columns.append(Column("time", "µs", tuple("–" if time is None else f"{time:.1f}" for time in times)))
+    if board.odometry is None:
+        times = (entry.time_per_update_us for entry in entries)
+        columns.append(Column("time", "µs", tuple("–" if time is None else f"{time:.1f}" for time in times)))
     return columns
 
 

@@ -32,6 +32,7 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
         "primary_metric": board.metric.key,
         "unit": board.metric.unit,
         "cases": len(board.cases),
+        "odometry": board.odometry,
         "entries": [
             {
                 "rank": entry.rank,
@@ -67,8 +68,9 @@ def as_markdown(leaderboard: Leaderboard) -> str:
             parts.append(f"Not run: {board.missing}\n")
         if board.entries:
             metrics = [board.metric, *(metric for metric in _present(board) if metric != board.metric)]
-            lines = [_header(metrics), ["--:", "---", *["--:"] * (len(metrics) + 1)]]
-            lines += [_cells(entry, metrics) for entry in board.entries]
+            header = _header(board, metrics)
+            lines = [header, ["--:", "---", *["--:"] * (len(header) - 2)]]
+            lines += [_cells(entry, metrics, board.odometry is None) for entry in board.entries]
             parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
         parts += [f"- {note}\n" for note in _notes(board, intervals="in brackets")]
     parts += [f"{note}\n" for note in _general_notes(leaderboard)]
@@ -111,12 +113,15 @@ def _present(board: TaskBoard) -> list[Metric]:
     return [metric for name, metric in METRICS.items() if any(name in entry.scores for entry in board.entries)]
 
 
-def _header(metrics: list[Metric]) -> list[str]:
-    return ["rank", "estimator", *(f"{metric.title}, {metric.shown_unit}" for metric in metrics), "update, µs"]
+def _header(board: TaskBoard, metrics: list[Metric]) -> list[str]:
+    titles = [f"{metric.title}, {metric.shown_unit}" for metric in metrics]
+    if board.odometry is not None:
+        return ["rank", "method", *titles]
+    return ["rank", "estimator", *titles, "update, µs"]
 
 
-def _cells(entry: Entry, metrics: list[Metric]) -> list[str]:
-    """Return a row of text, each score with its interval."""
+def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
+    """Return a row of text, each score with its interval. timed: with the time of an update."""
     cells = ["–" if entry.rank is None else str(entry.rank), entry.estimator]
     for metric in metrics:
         score = entry.scores.get(metric.name)
@@ -124,6 +129,8 @@ def _cells(entry: Entry, metrics: list[Metric]) -> list[str]:
         if score is not None and score.low is not None:
             text += f" [{metric.shown(score.low)}, {metric.shown(score.high)}]"
         cells.append(text)
+    if not timed:
+        return cells
     return [*cells, "–" if entry.time_per_update_us is None else f"{entry.time_per_update_us:.1f}"]
 
 
@@ -132,7 +139,8 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
 
     intervals: where in the table they are, if that is to be said.
     """
-    refusals = [f"{one.estimator} does not serve this robot: {one.reason}" for one in board.not_served]
+    served = "this robot" if board.odometry is None else "this task"
+    refusals = [f"{one.estimator} does not serve {served}: {one.reason}" for one in board.not_served]
     if not board.entries:
         return refusals
     meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
@@ -142,6 +150,8 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
     if any(entry.rank is not None for entry in board.entries):
         shared = "who does not differ significantly (paired) from the best of a rank shares it"
         meaning.append("too few to show a difference" if few else shared)
+    if board.odometry is not None:
+        meaning.append(f"odometry with the calibrated robot: {board.odometry}")
     notes = ["; ".join(meaning), *refusals]
     for entry in board.entries:
         for failed in entry.failed:

@@ -9,7 +9,10 @@ from castor_envs.errors import InputError
 from castor_envs.vehicles import Vehicle, load_vehicle
 from estimators import conformance
 from estimators.conformance import Finding
-from estimators.registry import load_estimator
+from estimators.registry import CalibrationEntry, EstimatorEntry, load_estimator
+
+Load = Callable[[str], EstimatorEntry] | Callable[[str], CalibrationEntry]
+"""`load_estimator` or `load_calibration`."""
 
 
 def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[[str], None]) -> list[Finding]:
@@ -50,16 +53,17 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
         worker.close()
 
 
-def load_apart(spec: str, timeout: float) -> None:
-    """Load an estimator in a process of its own; raises InputError if it cannot be, hangs or ends its process."""
+def load_apart(spec: str, timeout: float, load: Load = load_estimator) -> None:
+    """Load a plug-in in a process of its own; raises InputError if it cannot be, hangs or ends its process."""
     worker = _Worker(timeout)
+    what = "estimator" if load is load_estimator else "calibration method"
     try:
         worker.call(conformance.candidates, limited=False)
-        worker.call(_name, spec)
+        worker.call(_name, spec, load)
     except _LostError as lost:
-        raise InputError(f"estimator {spec!r} cannot be loaded: {lost.finding.message}") from None
+        raise InputError(f"{what} {spec!r} cannot be loaded: {lost.finding.message}") from None
     except RuntimeError as error:
-        raise InputError(f"estimator {spec!r} cannot be loaded: {str(error).strip().splitlines()[-1]}") from None
+        raise InputError(f"{what} {spec!r} cannot be loaded: {str(error).strip().splitlines()[-1]}") from None
     finally:
         worker.close()
 
@@ -118,9 +122,9 @@ def _header(name: str, robot: str, declined: dict[str, list[str]]) -> str:
 # What follows runs in the worker process. A wrong spec is returned: what is raised comes back as text.
 
 
-def _name(spec: str) -> str | InputError:
+def _name(spec: str, load: Load = load_estimator) -> str | InputError:
     try:
-        return load_estimator(spec).name
+        return load(spec).name
     except InputError as error:
         return error
 

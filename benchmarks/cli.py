@@ -5,33 +5,45 @@ import json
 import os
 import shutil
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, overload
 
 import typer
 from rich.console import Console
 
 from benchmarks import leaderboard as boards
+from benchmarks.assumptions import Assumptions, with_assumptions
 from benchmarks.board_views import as_json, as_markdown, print_leaderboard
 from benchmarks.calibrating import calibrate_logs
-from benchmarks.checking import check_apart, load_apart
-from benchmarks.comparison import Effort
+from benchmarks.checking import Load, check_apart, load_apart
+from benchmarks.comparison import Effort, compute_tables
 from benchmarks.episodes import write_episode
+from benchmarks.estimating import Competitor
 from benchmarks.progress import SilentProgress, TerminalProgress
 from benchmarks.results import check_results_folder, names_of
 from benchmarks.runner import Assignment
 from benchmarks.runner import run as run_plan
 from benchmarks.table_views import draw, show_tables
 from benchmarks.tables import select_tables
-from benchmarks.task import Task
+from benchmarks.task import Task, odometry_of
 from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.presets import load_robot, preset_names
 from castor_envs.train_presets import train_names
 from castor_envs.vehicles import load_train, load_vehicle
-from estimators.registry import EstimatorEntry, builtin_names, load_estimator
+from estimators.registry import (
+    CALIBRATION,
+    CALIBRATION_METHODS,
+    ESTIMATOR,
+    CalibrationEntry,
+    EstimatorEntry,
+    builtin_names,
+    load_calibration,
+    load_estimator,
+)
 
 app = typer.Typer(
     help="Benchmark of odometry and localisation for robots on castors and trains.",
@@ -66,25 +78,35 @@ def run(
         list[str] | None,
         typer.Option("--estimator", help="A name, module:Class or file.py[:Class]; default: all built-in ones."),
     ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option("--method", help="A calibration method, named like an estimator, for the calibration tasks."),
+    ] = None,
     cases: Annotated[int | None, typer.Option(help="Cases of each task; default: the official number.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Worker processes; default: one for each core.")] = None,
-    timeout: Annotated[float, typer.Option(help="Seconds that an estimator may take for an episode.")] = 60.0,
+    timeout: Annotated[
+        float, typer.Option(help="Seconds that an estimator or a method may take for an episode.")
+    ] = 60.0,
     results: Results = DEFAULT_RESULTS,
     measured: MeasuredData = None,
 ) -> None:
-    """Run what is missing, then show the leaderboard."""
-    tasks = select_tasks(_tasks(measured), task or [])
+    """Run what is missing, then show the leaderboard.
+
+    Whoever names estimators runs the tasks that judge these, whoever names calibration methods theirs alone.
+    """
+    tasks = _judging(select_tasks(_tasks(measured), task or []), bool(estimator), bool(method), bool(task))
     _at_least("--cases", cases, 1)
     _at_least("--jobs", jobs, 1, 256)
     _above_zero("--timeout", timeout)
     check_results_folder(results)
-    named = _estimators(estimator or [], timeout)
-    left_out = _left_out(named, [t for t in tasks if t.missing is None])
-    plan = [
-        Assignment(t, tuple(t.cases(cases)), _without(named, left_out.get(t.name, [])) if named else _builtin(t))
-        for t in tasks
-        if t.missing is None
-    ]
+    named = _named(estimator or [], timeout, load_estimator)
+    methods = _named(method or [], timeout, load_calibration)
+    runnable = [t for t in tasks if t.missing is None]
+    left_out = _left_out(named, [t for t in runnable if odometry_of(t) is None])
+    plan = []
+    for t in runnable:
+        chosen = _without(named, left_out.get(t.name, [])) if odometry_of(t) is None else methods
+        plan.append(Assignment(t, tuple(t.cases(cases)), chosen if named or methods else _builtin(t)))
     try:
         with TerminalProgress() as progress:
             missing = run_plan(plan, results, jobs or os.cpu_count() or 1, timeout, progress)
@@ -97,7 +119,7 @@ def run(
     board = boards.build(tasks, results, cases, missing, sources, left_out)
     print_leaderboard(board, _console())
     print(f"\nresults in {results}; show them again: castor-bench leaderboard --results {results}")
-    if any(_fails_everywhere(entry, board) for entry in named):
+    if any(_fails_everywhere(entry, board) for entry in (*named, *methods)):
         raise typer.Exit(1)
 
 
@@ -174,7 +196,9 @@ def export(
 
 
 @app.command()
+@with_assumptions
 def tables(
+    assumptions: Assumptions,
     table: Annotated[
         list[str] | None, typer.Option("--table", help="Only this table, such as vogt-1 (may be given several times).")
     ] = None,
@@ -187,37 +211,44 @@ def tables(
     sources = select_tables(table or [])
     pictures = [] if figures is None else draw(figures)
     with TerminalProgress() if sys.stderr.isatty() else nullcontext(SilentProgress()) as progress:
-        computed = tuple(source.compute(Effort(sets, progress)) for source in sources)
+        computed = compute_tables(sources, Effort(sets, progress, assumptions))
     show_tables(computed, pictures, _console(), as_json_text)
 
 
 @app.command()
 def calibrate(
-    logs: Annotated[list[Path], typer.Argument(help="CSV logs: turns about held castors, or squares, both ways.")],
+    logs: Annotated[list[Path], typer.Argument(help="CSV logs of any drives; reference poses tell the most.")],
     robot: Annotated[str, typer.Option(help="The robot that made them: a file, or a preset's name.")],
     out: Annotated[Path, typer.Option(help="The calibrated robot's file; it must not exist yet.")],
+    method: Annotated[
+        str | None,
+        typer.Option(help="maximum-likelihood (default), pivoting, or umbmark-correction (default with --side)."),
+    ] = None,
     side: Annotated[float | None, typer.Option(help="Of the UMBmark squares that were driven, m.")] = None,
+    pivots: Annotated[bool, typer.Option("--pivots", help="Find the places of free castors' pivots too.")] = False,
     scatter: Annotated[Path | None, typer.Option(help="Draw the squares' end points, before and after (PNG).")] = None,
     as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Calibrate a robot from its own logs.
+    """Calibrate a robot from its own logs, and say what they do not show.
 
-    A base on split castors turns about one castor whose wheels are blocked, both ways, for two castors or more. A
-    differential robot drives UMBmark squares both ways, with its true pose at start and end (--side).
+    Maximum likelihood takes any robot and any drives, with or without reference poses. Pivoting (Doebbler) takes turns
+    of a base on split castors about one castor whose wheels are blocked, both ways, for two castors or more. The
+    correction from squares (Borenstein and Feng) takes UMBmark squares of a differential robot, both ways, with its
+    true pose at start and end.
     """
-    calibrate_logs(logs, robot, out, side, scatter, as_json_text, _console())
+    calibrate_logs(logs, robot, out, method, side, pivots, scatter, as_json_text, _console())
 
 
 @app.command("list")
 def list_known() -> None:
-    """List tasks, estimators, robots and trains."""
+    """List tasks, estimators, calibration methods, robots and trains."""
     print("tasks:")
     for task in official_tasks():
         print(f"  {task.name}  (version {task.version})  {task.title}")
-    print("estimators:")
-    points = importlib.metadata.entry_points(group="castor.estimators")
-    for name in sorted(points.names):
-        print(f"  {name}")
+    for heading, kind in (("estimators", ESTIMATOR), ("calibration methods", CALIBRATION)):
+        print(f"{heading}:")
+        for name in sorted(importlib.metadata.entry_points(group=kind.group).names):
+            print(f"  {name}")
     print("robots:")
     for name in preset_names():
         print(f"  {name}: {', '.join(builtin_names(load_robot(name))) or 'no built-in estimator applies'}")
@@ -240,24 +271,49 @@ def _tasks(measured: Path | None) -> tuple[Task, ...]:
     return tasks
 
 
-def _estimators(specs: list[str], timeout: float) -> tuple[EstimatorEntry, ...]:
-    """Return the estimators of some specs, each once; raises InputError for two that share a name.
+def _judging(tasks: Sequence[Task], estimators: bool, methods: bool, named: bool) -> tuple[Task, ...]:
+    """Return the tasks that judge what the user names: estimators, calibration methods, or without names all.
+
+    named: whether the user names the tasks; then raises InputError for one that judges nothing of what is named.
+    """
+    if not estimators and not methods:
+        return tuple(tasks)
+    kept = []
+    for task in tasks:
+        of_methods = odometry_of(task) is not None
+        if methods if of_methods else estimators:
+            kept.append(task)
+        elif named:
+            what, option = ("calibration methods", "--method") if of_methods else ("estimators", "--estimator")
+            raise InputError(f"task {task.name!r} judges {what}; name them with {option}, or leave the task out")
+    return tuple(kept)
+
+
+@overload
+def _named(specs: list[str], timeout: float, load: Callable[[str], EstimatorEntry]) -> tuple[EstimatorEntry, ...]: ...
+@overload
+def _named(
+    specs: list[str], timeout: float, load: Callable[[str], CalibrationEntry]
+) -> tuple[CalibrationEntry, ...]: ...
+def _named(specs: list[str], timeout: float, load: Load) -> tuple[Competitor, ...]:
+    """Return what some specs name, each once; raises InputError for two that share a name.
 
     Each is loaded in a process of its own first: a plug-in that hangs or ends its process on import is refused.
     """
-    entries: dict[str, EstimatorEntry] = {}
+    entries: dict[str, Competitor] = {}
     for spec in specs:
-        load_apart(spec, timeout)
-        entry = load_estimator(spec)
+        load_apart(spec, timeout, load)
+        entry = load(spec)
         other = entries.setdefault(entry.name, entry)
         if other.source_hash != entry.source_hash:
-            raise InputError(
-                f"two estimators are named {entry.name!r}: {other.spec} and {entry.spec}; rename one class"
-            )
+            what = "estimators" if isinstance(entry, EstimatorEntry) else "calibration methods"
+            raise InputError(f"two {what} are named {entry.name!r}: {other.spec} and {entry.spec}; rename one class")
     return tuple(entries.values())
 
 
-def _builtin(task: Task) -> tuple[EstimatorEntry, ...]:
+def _builtin(task: Task) -> tuple[Competitor, ...]:
+    if odometry_of(task) is not None:
+        return tuple(load_calibration(name) for name in CALIBRATION_METHODS)
     return tuple(load_estimator(name) for name in builtin_names(task.robot))
 
 
@@ -282,11 +338,12 @@ def _without(named: tuple[EstimatorEntry, ...], left_out: list[boards.NotServed]
     return tuple(entry for entry in named if entry.name not in names)
 
 
-def _fails_everywhere(entry: EstimatorEntry, board: boards.Leaderboard) -> bool:
-    """Return whether an estimator has rows, and a score in none of them."""
+def _fails_everywhere(entry: Competitor, board: boards.Leaderboard) -> bool:
+    """Return whether an estimator or a method has rows, and a score in none of them."""
     shown = [one for task in board.boards for one in task.entries if one.estimator == entry.name]
     names = [one.estimator for task in board.boards for one in task.not_served]
-    declined = entry.name in names and not entry.builtin  # built-in ones are left out where they would decline
+    # Built-in estimators are left out where they would decline.
+    declined = entry.name in names and not (entry.builtin and isinstance(entry, EstimatorEntry))
     return (bool(shown) or declined) and not any(one.done for one in shown)
 
 

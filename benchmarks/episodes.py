@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,19 @@ from numpy.typing import NDArray
 
 from benchmarks.archives import CorruptFileError, read_archive, read_metadata, write_archive
 from benchmarks.provenance import provenance, world_digest
-from benchmarks.task import Case, Episode, Run, Task
+from benchmarks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
 from castor_envs.logs import Log, write_log
+from castor_envs.robot import RobotDescription
 from castor_envs.vehicles import file_name as vehicle_file_name
 from castor_envs.vehicles import vehicle_from_dict
+from estimators.calibration.protocol import Recording
+from estimators.registry import load_estimator
 
 FORMAT = "castor-episode/1"
 BELIEFS_FORMAT = "castor-beliefs/1"
+RECORDINGS_FORMAT = "castor-recordings/1"
 _PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age")
 
 
@@ -42,8 +47,8 @@ class EpisodeStore:
     def digest(self, task: str, version: int, case: Case) -> str | None:
         """Return the digest of a stored episode; raises CorruptFileError.
 
-        None if it is not there, or if another version of the world or of the tasks recorded it: then it is recorded
-        again, and if it differs, so do its rows.
+        None if it is not there, or if another version of the world or of the tasks recorded it, or for another version
+        of the odometry that follows calibrated robots: then it is recorded again, and if it differs, so do its rows.
         """
         try:
             metadata = read_metadata(self.path(task, version, case), FORMAT)
@@ -51,9 +56,13 @@ class EpisodeStore:
             return None
         try:
             digest, world = str(metadata["digest"]), metadata["origin"].get("world")
-        except (KeyError, AttributeError):
+            calibration = metadata.get("calibration")
+            current = world == world_digest() and (
+                calibration is None or calibration["odometry_source"] == _source_now(calibration["odometry"])
+            )
+        except (KeyError, AttributeError, TypeError, InputError):
             raise CorruptFileError(self.path(task, version, case), "does not hold an episode") from None
-        return digest if world == world_digest() else None
+        return digest if current else None
 
     def load(self, task: str, version: int, case: Case) -> Episode:
         """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""
@@ -62,7 +71,7 @@ class EpisodeStore:
         try:
             runs = tuple(
                 Run(
-                    _log(arrays, k),
+                    _log(arrays, f"{k}"),
                     direction=entry["direction"],
                     baseline=entry["baseline"],
                     belief=arrays.get(f"{k}.belief"),
@@ -70,7 +79,8 @@ class EpisodeStore:
                 )
                 for k, entry in enumerate(metadata["runs"])
             )
-            episode = Episode(vehicle_from_dict(metadata["robot"], str(path)), runs)
+            calibration = _calibration(metadata, arrays, str(path))
+            episode = Episode(vehicle_from_dict(metadata["robot"], str(path)), runs, calibration)
         except (KeyError, TypeError, ValueError, InputError):
             raise CorruptFileError(path, "does not hold an episode") from None
         if episode.digest != metadata["digest"]:
@@ -91,11 +101,20 @@ class EpisodeStore:
             ],
             "origin": provenance(),
         }
+        logs = {f"{k}": run.log for k, run in enumerate(episode.runs)}
+        if (calibration := episode.calibration) is not None:
+            metadata["calibration"] = {
+                "recordings": [{"held": one.held, "side": one.side} for one in calibration.recordings],
+                "odometry": calibration.odometry,
+                "odometry_source": calibration.odometry_source,
+                "true_robot": None if calibration.true_robot is None else calibration.true_robot.to_dict(),
+            }
+            logs |= {f"recording-{k}": one.log for k, one in enumerate(calibration.recordings)}
         arrays = {
-            f"{k}.{part}": _compact(getattr(run.log, part))
-            for k, run in enumerate(episode.runs)
+            f"{name}.{part}": _compact(getattr(log, part))
+            for name, log in logs.items()
             for part in _PARTS
-            if getattr(run.log, part) is not None
+            if getattr(log, part) is not None
         }
         arrays |= {f"{k}.belief": run.belief for k, run in enumerate(episode.runs) if run.belief is not None}
         write_archive(self.path(task.name, task.version, case), metadata, arrays)
@@ -105,7 +124,9 @@ def write_episode(folder: Path, episode: Episode) -> None:
     """Write an episode for people and other programs: robot.json or train.json and a log a run, such as run-01-cw.csv.
 
     A run on the clean floor that only gives the systematic error ends in -baseline. Where runs start from a belief
-    instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name.
+    instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name. What
+    calibration methods get are logs such as recording-01.csv, with recordings.json: which castor was held, the side of
+    the square (m), the odometry that follows the runs; true-robot.json has the parameters that are sought.
     """
     episode.robot.save(folder / vehicle_file_name(episode.robot))
     beliefs: dict[str, Any] = {}
@@ -116,10 +137,35 @@ def write_episode(folder: Path, episode: Episode) -> None:
             beliefs[name] = run.belief.tolist()
     if beliefs:
         write_atomically(folder / "beliefs.json", json.dumps({"format": BELIEFS_FORMAT, **beliefs}, indent=2) + "\n")
+    if (calibration := episode.calibration) is not None:
+        known: dict[str, Any] = {"format": RECORDINGS_FORMAT, "odometry": calibration.odometry}
+        for k, one in enumerate(calibration.recordings, start=1):
+            write_log(folder / f"recording-{k:02d}.csv", one.log, episode.robot)
+            known[f"recording-{k:02d}.csv"] = {"held": one.held, "side_m": one.side}
+        write_atomically(folder / "recordings.json", json.dumps(known, indent=2) + "\n")
+        if calibration.true_robot is not None:
+            calibration.true_robot.save(folder / "true-robot.json")
 
 
-def _log(arrays: dict[str, Any], run: int) -> Log:
-    return Log(**{part: arrays[f"{run}.{part}"] for part in _PARTS if f"{run}.{part}" in arrays})
+@cache
+def _source_now(odometry: str) -> str:
+    return load_estimator(odometry).source_hash
+
+
+def _log(arrays: dict[str, Any], name: str) -> Log:
+    return Log(**{part: arrays[f"{name}.{part}"] for part in _PARTS if f"{name}.{part}" in arrays})
+
+
+def _calibration(metadata: dict[str, Any], arrays: dict[str, Any], path: str) -> Calibration | None:
+    stored = metadata.get("calibration")
+    if stored is None:
+        return None
+    recordings = tuple(
+        Recording(_log(arrays, f"recording-{k}"), entry["held"], entry["side"])
+        for k, entry in enumerate(stored["recordings"])
+    )
+    true = None if stored["true_robot"] is None else RobotDescription.from_dict(stored["true_robot"], path)
+    return Calibration(recordings, stored["odometry"], stored["odometry_source"], true)
 
 
 def _compact(array: NDArray) -> NDArray:

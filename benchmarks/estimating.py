@@ -1,6 +1,7 @@
 """The second stage of a run: estimators follow recorded episodes in worker processes; the parent scores and stores.
 
-The workers get observations, the robot and the start pose. The truth stays here.
+The workers get observations, the robot and the start pose; for calibration methods the recordings too. The truth stays
+here.
 """
 
 from collections import Counter, deque
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.calibrated_following import Calibrated, calibrate_and_follow, observed_calibration
 from benchmarks.evaluation import score
 from benchmarks.following import Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.progress import RunProgress
@@ -18,18 +20,23 @@ from benchmarks.provenance import provenance
 from benchmarks.results import NOT_SERVED, ResultsStore, Row
 from benchmarks.task import Case, Episode, Task
 from benchmarks.workers import Died, Done, Job, Outcome, Raised, TimedOut, run_jobs
-from estimators.registry import EstimatorEntry
+from estimators.registry import CalibrationEntry, EstimatorEntry
 
 MOST_TIMEOUTS = 3
 """After so many time-outs of an estimator in a task, its other episodes there are not tried."""
 
+Competitor = EstimatorEntry | CalibrationEntry
+
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """Cases of a task that an estimator is to follow in one job. stacked: on stacks of alike runs, else one case."""
+    """Cases of a task that an estimator is to follow in one job. stacked: on stacks of alike runs, else one case.
+
+    A calibration method calibrates one case in a job, and the task's odometry follows its runs.
+    """
 
     task: Task
-    entry: EstimatorEntry
+    entry: Competitor
     episodes: dict[Case, Episode]
     stacked: bool
 
@@ -39,7 +46,7 @@ class Work:
         return self.task.name, self.entry.name, self.entry.source_hash
 
 
-def owner_of(entry: EstimatorEntry) -> tuple[str, str] | str:
+def owner_of(entry: Competitor) -> tuple[str, str] | str:
     """Return whose code an estimator is: plug-ins do not share a worker process with anyone."""
     return "built in" if entry.builtin else (entry.spec, entry.source_hash)
 
@@ -74,10 +81,17 @@ class Estimating:
                 reason = f"not tried after {MOST_TIMEOUTS} episodes took over {self._timeout:g} s each"
                 self._store_all(work, Failure(reason), timeout=self._timeout)
             else:
-                seen = [observed_runs(episode) for episode in work.episodes.values()]
-                function = estimate_stacked if work.stacked else estimate_singly
-                arguments = (work.entry.spec, work.entry.source_hash, seen if work.stacked else seen[0])
-                return Job(function, arguments, work, self._timeout, owner_of(work.entry))
+                return self._job(work)
+
+    def _job(self, work: Work) -> Job:
+        entry, episodes = work.entry, list(work.episodes.values())
+        if isinstance(entry, CalibrationEntry):
+            function, seen = calibrate_and_follow, observed_calibration(episodes[0])
+        elif work.stacked:
+            function, seen = estimate_stacked, [observed_runs(episode) for episode in episodes]
+        else:
+            function, seen = estimate_singly, observed_runs(episodes[0])
+        return Job(function, (entry.spec, entry.source_hash, seen), work, self._timeout, owner_of(entry))
 
     def _take(self, work: Work, outcome: Outcome) -> None:
         """Store what came of some work; a stack that failed as a whole is tried again case by case."""
@@ -113,14 +127,20 @@ class Estimating:
         work: Work,
         case: Case,
         episode: Episode,
-        result: list[NDArray[np.float64]] | Failure,
+        result: list[NDArray[np.float64]] | Calibrated | Failure,
         timeout: float | None = None,
     ) -> None:
-        estimates = () if isinstance(result, Failure) else tuple(result)
-        failure, scores = result.reason if isinstance(result, Failure) else None, {}
+        failure, calibrated, estimates, scores = None, None, (), {}
+        match result:
+            case Failure(reason):
+                failure = reason
+            case Calibrated(calibrated, followed):
+                estimates = tuple(followed)
+            case _:
+                estimates = tuple(result)
         if failure is None:
             with np.errstate(all="ignore"):
-                scores = score(episode, estimates)
+                scores = score(episode, estimates, calibrated)
             if work.task.metric not in scores:
                 failure, scores, estimates = f"the runs of this episode give no {work.task.metric}", {}, ()
             elif not np.isfinite(scores[work.task.metric]):
@@ -137,6 +157,7 @@ class Estimating:
             timeout=timeout,
             scores={name: value for name, value in scores.items() if np.isfinite(value)},
             estimates=estimates,
+            calibrated=calibrated if failure is None else None,
             origin=provenance(),
         )
         self._rows.save(row)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import metrics, train_metrics
+from benchmarks import metrics, parameter_errors, train_metrics
 from benchmarks.task import Episode, Run
+from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ class Metric:
 
 _MM = {"unit": "m", "shown_unit": "mm", "factor": 1e3}
 _DEG = {"unit": "rad", "shown_unit": "deg", "factor": 180.0 / np.pi}
+_PER_CENT = {"unit": "1", "shown_unit": "%", "factor": 100.0}
 _SHARE = {"unit": "1", "shown_unit": "%", "factor": 100.0, "ranks": False}
 
 NEAR = 0.05
@@ -169,16 +171,49 @@ METRICS: dict[str, Metric] = {
             description="train: distance between where a frame's front axle is in the estimate and by its sensor, mean",
             **_MM,
         ),
+        Metric(
+            "offset_error",
+            key="offset_error",
+            title="r_c error",
+            short="r_c",
+            description="calibration: mean absolute relative error of the castors' offsets",
+            **_PER_CENT,
+        ),
+        Metric(
+            "radius_error",
+            key="radius_error",
+            title="r_w error",
+            short="r_w",
+            description="calibration: mean absolute relative error of the wheels' radii",
+            **_PER_CENT,
+        ),
+        Metric(
+            "half_track_error",
+            key="half_track_error",
+            title="d error",
+            short="d",
+            description="calibration: mean absolute relative error of the wheels' lateral distances",
+            **_PER_CENT,
+        ),
+        Metric(
+            "pivot_zero_error",
+            key="pivot_zero_error_rad",
+            title="beta error",
+            short="beta",
+            description="calibration: mean absolute error of the pivot encoders' zeros",
+            **_DEG,
+        ),
     )
 }
 
 
-def score(episode: Episode, estimates: Sequence[Array]) -> dict[str, float]:
+def score(episode: Episode, estimates: Sequence[Array], calibrated: RobotDescription | None = None) -> dict[str, float]:
     """Return the scores of an estimator in an episode, in SI, by the names of `METRICS`.
 
     estimates: for each run, the estimated poses (M, 3) at `Run.samples`, of a train (N, M, 3). UMBmark's numbers need
     runs in both directions, the extended benchmark's also baseline runs in both; what a task's runs do not give is left
-    out. Relative pose errors are NaN where a path is too short for them.
+    out. Relative pose errors are NaN where a path is too short for them. calibrated: the robot as a calibration method
+    returned it, which is scored too where the true one is known.
     """
     paths = []
     for run, estimate in zip(episode.runs, estimates, strict=True):
@@ -188,7 +223,10 @@ def score(episode: Episode, estimates: Sequence[Array]) -> dict[str, float]:
         paths.append((run, true, estimate))
     if isinstance(episode.robot, TrainDescription):
         return _train_scores([path for path in paths if not path[0].baseline])
-    return {**_square_scores(paths), **_path_scores([path for path in paths if not path[0].baseline])}
+    scores = {**_square_scores(paths), **_path_scores([path for path in paths if not path[0].baseline])}
+    if calibrated is not None and episode.calibration is not None and episode.calibration.true_robot is not None:
+        scores |= parameter_errors.parameter_errors(calibrated, episode.calibration.true_robot)
+    return scores
 
 
 def _square_scores(paths: list[tuple[Run, Array, Array]]) -> dict[str, float]:

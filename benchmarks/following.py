@@ -6,11 +6,11 @@ parent gets back its poses at the evaluation samples and scores them.
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle, islice
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,11 @@ from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from castor_envs.vehicles import Vehicle
-from estimators.registry import EstimatorEntry, declines, load_estimator
+from estimators.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
 from estimators.relative_poses import RelativePoseWarning
 
 Array = NDArray[np.float64]
+Entry = TypeVar("Entry", EstimatorEntry, CalibrationEntry)
 
 FEWEST_TIMED = 50
 
@@ -102,8 +103,8 @@ class Failure:
     reason: str
 
 
-class _FailedError(Exception):
-    """Raised where an estimator fails."""
+class FailedError(Exception):
+    """Raised where an estimator or a calibration method fails."""
 
 
 def estimate_singly(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> list[Array] | Failure:
@@ -111,8 +112,8 @@ def estimate_singly(spec: str, source_hash: str, runs: Sequence[ObservedRun]) ->
     estimates = []
     for number, run in enumerate(runs, start=1):
         try:
-            poses = _follow(_load(spec, source_hash), run.robot, run.start, run.observations)
-        except _FailedError as failure:
+            poses = _follow(loaded(load_estimator, spec, source_hash), run.robot, run.start, run.observations)
+        except FailedError as failure:
             return Failure(f"{failure} of run {number}" if "at sample" in str(failure) else str(failure))
         bad = np.argwhere(~np.isfinite(poses).all(axis=-1))[:, -1]
         if bad.size:
@@ -140,8 +141,8 @@ def estimate_stacked(
         start = np.stack([run.start for _, _, run in members])
         observations = Observations.stack([run.observations for _, _, run in members])
         try:
-            poses = _follow(_load(spec, source_hash), geometry, start, observations)
-        except _FailedError as failure:
+            poses = _follow(loaded(load_estimator, spec, source_hash), geometry, start, observations)
+        except FailedError as failure:
             return Failure(str(failure))
         for (e, r, run), own in zip(members, poses, strict=True):
             estimates[e][r] = own[run.samples]
@@ -162,11 +163,11 @@ def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> fl
     try:
         for run in islice(cycle(runs), FEWEST_TIMED):
             own: list[int] = []
-            _follow(_load(spec, source_hash), run.robot, run.start, run.observations, own)
+            _follow(loaded(load_estimator, spec, source_hash), run.robot, run.start, run.observations, own)
             spent += own[1:] or own
             if len(spent) >= FEWEST_TIMED:
                 break
-    except _FailedError as failure:
+    except FailedError as failure:
         return Failure(str(failure))
     return float(np.median(spent)) / 1e3
 
@@ -189,13 +190,14 @@ def _robot_of(run: ObservedRun) -> RobotDescription:
 
 
 @lru_cache(maxsize=8)
-def _load(spec: str, source_hash: str) -> EstimatorEntry:
+def loaded(load: Callable[[str], Entry], spec: str, source_hash: str) -> Entry:
+    """Return what a spec names; raises FailedError if it cannot be loaded, or is no longer what the parent loaded."""
     try:
-        entry = load_estimator(spec)
+        entry = load(spec)
     except BaseException as error:
-        raise _FailedError(f"could not be loaded by a worker process: {_one_line(error)}") from None
+        raise FailedError(f"could not be loaded by a worker process: {one_line(error)}") from None
     if entry.source_hash != source_hash:
-        raise _FailedError("its source changed while the benchmark ran; run again")
+        raise FailedError("its source changed while the benchmark ran; run again")
     return entry
 
 
@@ -227,14 +229,14 @@ def _follow(
                 if spent is not None:
                     spent.append(time.process_time_ns() - began)
                 poses[..., k, :] = _pose(answer, start.shape, where)
-    except _FailedError:
+    except FailedError:
         raise
     except BaseException as error:
         # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
         certain = isinstance(error, InputError) or not isinstance(robot, Geometry)
         if certain and where == "in reset" and (reason := _declined(error, robot)) is not None:
-            raise _FailedError(NOT_SERVED + reason) from None
-        raise _FailedError(f"raised {_one_line(error)} {where}") from None
+            raise FailedError(NOT_SERVED + reason) from None
+        raise FailedError(f"raised {one_line(error)} {where}") from None
     return poses
 
 
@@ -242,25 +244,26 @@ def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
     try:
         pose = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):
-        raise _FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {where}") from None
+        raise FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {where}") from None
     if pose.shape != shape:
-        raise _FailedError(f"returned shape {pose.shape} instead of {shape} {where}")
+        raise FailedError(f"returned shape {pose.shape} instead of {shape} {where}")
     return pose
 
 
 def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:
     """Return why an estimator's `reset` declines, as one printable line; None if what it raised says otherwise."""
     if isinstance(error, ValueError):
-        return _text(error) or type(error).__name__
+        return message_of(error) or type(error).__name__
     return declines(error, robot)
 
 
-def _one_line(error: BaseException) -> str:
-    text = _text(error)
+def one_line(error: BaseException) -> str:
+    """Return type and message of a plug-in's exception as one printable line."""
+    text = message_of(error)
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
-def _text(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """Return the message of a plug-in's exception as one printable line, whatever it may hold."""
     try:
         text = " ".join(str(error).split())[:200]

@@ -10,7 +10,7 @@ from benchmarks.episodes import EpisodeStore
 from benchmarks.evaluation import METRICS, STANDING_STILL, Metric
 from benchmarks.ranking import Interval, interval, ranks
 from benchmarks.results import ResultsStore, Row
-from benchmarks.task import Case, Task
+from benchmarks.task import Case, Task, odometry_of
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,8 @@ class TaskBoard:
     """The board of a task.
 
     missing: why there are no results. not_served: estimators all of whose rows are refusals, with the reason.
-    superseded: estimators with the hash and number of rows of their older sources.
+    superseded: estimators with the hash and number of rows of their older sources. odometry: of a board of calibration
+    methods, which then are its `estimator`s, the estimator that follows the calibrated robots; else None.
     """
 
     task: str
@@ -67,6 +68,7 @@ class TaskBoard:
     not_served: tuple[NotServed, ...]
     missing: str | None
     superseded: tuple[tuple[str, str, int], ...]
+    odometry: str | None = None
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,7 @@ def _board(
         not_served=tuple(NotServed(name, reason) for name, reason in sorted(not_served.items())),
         missing=missing if not entries else None,
         superseded=tuple(superseded),
+        odometry=odometry_of(task),
     )
 
 

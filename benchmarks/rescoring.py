@@ -19,7 +19,7 @@ def rescore(results: Path, task: str, version: int) -> Iterator[Row]:
     episodes = EpisodeStore(results)
     for row in ResultsStore(results).rows(task, version):
         if row.failure is None:
-            scores = score(episodes.load(task, version, row.case), row.estimates)
+            scores = score(episodes.load(task, version, row.case), row.estimates, row.calibrated)
             yield dataclasses.replace(row, scores={k: value for k, value in scores.items() if np.isfinite(value)})
         else:
             yield row

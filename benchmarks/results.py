@@ -27,6 +27,7 @@ from benchmarks.episodes import file_name
 from benchmarks.task import Case
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
+from castor_envs.robot import RobotDescription
 
 Array = NDArray[np.float64]
 ROW_FORMAT = "castor-row/1"
@@ -44,7 +45,9 @@ class Row:
 
     episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the limit that a
     row failed by, s, so that a longer one tries again. scores: SI, by the names of `evaluation.METRICS`. estimates: for
-    each run the poses (M, 3) at `task.Run.samples`. origin: versions, machine and time.
+    each run the poses (M, 3) at `task.Run.samples`. calibrated: the robot as a calibration method returned it; then
+    `estimator` names the method, and the estimates are those of the task's odometry. origin: versions, machine and
+    time.
     """
 
     task: str
@@ -58,6 +61,7 @@ class Row:
     timeout: float | None = None
     scores: dict[str, float] = field(default_factory=dict)
     estimates: tuple[Array, ...] = ()
+    calibrated: RobotDescription | None = None
     origin: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -99,6 +103,8 @@ class ResultsStore:
             "scores": row.scores,
             "origin": row.origin,
         }
+        if row.calibrated is not None:
+            metadata["calibrated"] = row.calibrated.to_dict()
         folder = self.folder(row.task, row.version, row.estimator, row.source_hash)
         estimates = {f"estimate_{k}": estimate for k, estimate in enumerate(row.estimates)}
         write_archive(folder / file_name(row.case), metadata, estimates)
@@ -191,6 +197,7 @@ def names_of(corrupt: Sequence[CorruptFileError], most: int = 3) -> str:
 
 def _row(path: Path, metadata: dict[str, Any], arrays: dict[str, NDArray]) -> Row:
     try:
+        calibrated = metadata.get("calibrated")
         return Row(
             task=metadata["task"],
             version=metadata["task_version"],
@@ -203,7 +210,8 @@ def _row(path: Path, metadata: dict[str, Any], arrays: dict[str, NDArray]) -> Ro
             timeout=metadata["timeout_s"],
             scores={str(name): float(value) for name, value in metadata["scores"].items()},
             estimates=tuple(arrays[f"estimate_{k}"] for k in range(len(arrays))),
+            calibrated=None if calibrated is None else RobotDescription.from_dict(calibrated, str(path)),
             origin=dict(metadata["origin"]),
         )
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError):  # InputError is a ValueError
         raise CorruptFileError(path, "does not hold a row") from None

@@ -10,17 +10,17 @@ from pathlib import Path
 
 from benchmarks.archives import CorruptFileError
 from benchmarks.episodes import EpisodeStore
-from benchmarks.estimating import Estimating, Work, owner_of
+from benchmarks.estimating import Competitor, Estimating, Work, owner_of
 from benchmarks.evaluation import METRICS
 from benchmarks.following import observed_runs, time_updates
 from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.provenance import provenance
 from benchmarks.recording import record_missing
 from benchmarks.results import ResultsStore, check_results_folder, remove_leftovers
-from benchmarks.task import Case, Episode, Task
+from benchmarks.task import Case, Episode, Task, odometry_of
 from benchmarks.workers import Done, Job, run_jobs
 from castor_envs.robot import RobotDescription
-from estimators.registry import EstimatorEntry
+from estimators.registry import CalibrationEntry
 
 STACK = 50
 """At most so many cases of a task are stacked for one batched estimator."""
@@ -28,11 +28,18 @@ STACK = 50
 
 @dataclass(frozen=True)
 class Assignment:
-    """A task, the cases of it to run, and the estimators to run on them."""
+    """A task, the cases of it to run, and the estimators, or calibration methods, to run on them."""
 
     task: Task
     cases: tuple[Case, ...]
-    estimators: tuple[EstimatorEntry, ...]
+    estimators: tuple[Competitor, ...]
+
+    def __post_init__(self):
+        judges_methods = odometry_of(self.task) is not None
+        for entry in self.estimators:
+            if isinstance(entry, CalibrationEntry) != judges_methods:
+                judged = "calibration methods" if judges_methods else "estimators"
+                raise ValueError(f"task {self.task.name} judges {judged}, and {entry.name!r} is none")
 
 
 def run(
@@ -98,7 +105,7 @@ class _Run:
             stored is None and any(self._lacks(task, entry, case, None) for entry in assignment.estimators)
         )
 
-    def _lacking(self, assignment: Assignment) -> dict[Case, list[EstimatorEntry]]:
+    def _lacking(self, assignment: Assignment) -> dict[Case, list[Competitor]]:
         """Return the cases that some estimators have no row of, with these estimators."""
         task, lacking = assignment.task, {}
         for case in assignment.cases:
@@ -108,7 +115,7 @@ class _Run:
                 lacking[case] = entries
         return lacking
 
-    def _lacks(self, task: Task, entry: EstimatorEntry, case: Case, episode: str | None) -> bool:
+    def _lacks(self, task: Task, entry: Competitor, case: Case, episode: str | None) -> bool:
         """Return whether a row is to be computed; one of another episode than the recorded one is."""
         key = (task.name, task.version, entry.name, entry.source_hash, case)
         if key not in self.found:
@@ -119,7 +126,7 @@ class _Run:
             return True
         return found[1] is not None and found[1] < self.timeout
 
-    def _works(self, task: Task, lacking: dict[Case, list[EstimatorEntry]]) -> Iterator[Work]:
+    def _works(self, task: Task, lacking: dict[Case, list[Competitor]]) -> Iterator[Work]:
         """Yield what is to be done in a task, some cases at a time so that few episodes are held at once."""
         cases = list(lacking)
         for some in (cases[k : k + STACK] for k in range(0, len(cases), STACK)):
@@ -157,8 +164,10 @@ class _Run:
                     )
                 self.progress.advance()
 
-    def _timing(self, assignment: Assignment, entry: EstimatorEntry) -> Job | None:
+    def _timing(self, assignment: Assignment, entry: Competitor) -> Job | None:
         task = assignment.task
+        if isinstance(entry, CalibrationEntry):  # has no updates
+            return None
         if self.rows.load_time(task.name, task.version, entry.name, entry.source_hash) is not None:
             return None
         for case in assignment.cases:

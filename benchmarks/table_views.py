@@ -58,6 +58,7 @@ def as_json(tables: tuple[PaperTable, ...]) -> dict[str, Any]:
                     for quantity, (agreeing, values) in agreement(table.comparisons).items()
                 },
                 "values": [_value_json(one) for one in table.comparisons],
+                **({"conditions": {one.key: one.value for one in table.conditions}} if table.conditions else {}),
                 "notes": list(table.notes),
             }
             for table in tables
@@ -86,6 +87,7 @@ def _value_json(one: Comparison) -> dict[str, Any]:
         "quantity": one.quantity,
         f"printed{suffix}": one.printed,
         f"ours{suffix}": one.ours,
+        **dict(one.also),
     }
     if one.standard_error is None:
         return value | {"agrees": one.agrees}
@@ -131,6 +133,8 @@ def print_tables(tables: tuple[PaperTable, ...], console: Console) -> None:
         _say(console, LEGEND if judged else SIMULATED)
         for note in table.notes:
             _say(console, note)
+        if table.conditions:
+            _say(console, conditions_line(table))
         if judged:
             _say(console, summary(table))
     if not _of_metrics(tables):
@@ -147,6 +151,13 @@ def summary(table: PaperTable) -> str:
         f"{agreeing} of {values} {quantity}s" for quantity, (agreeing, values) in agreement(table.comparisons).items()
     ]
     return f"{', '.join(counts[:-1])} and {counts[-1]} agree to the printed rounding"
+
+
+def conditions_line(table: PaperTable) -> str:
+    """Return which of a table's conditions are not the default ones, and where all of them stand, in a line."""
+    changed = [str(one) for one in table.conditions if one.value != one.default]
+    text = f"Changed conditions: {', '.join(changed)}" if changed else "All conditions are the default ones"
+    return f"{text}. --json shows all of them, castor-bench tables --help their reasons."
 
 
 def failure_lines(sweep: Sweep) -> list[str]:

@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
 from castor_envs.vehicles import Vehicle
+from estimators.calibration.protocol import Recording
+from estimators.registry import load_estimator
 
 Case = int | str
 
@@ -91,15 +94,43 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
+class Calibration:
+    """What an episode holds for calibration methods; its runs then only test the robot that they return.
+
+    recordings: what they get. odometry: the estimator, by its spec, that follows the runs with the calibrated robot;
+    odometry_source: its source hash when the episode was recorded. true_robot: with the parameters that are sought;
+    None where nobody knows them.
+    """
+
+    recordings: tuple[Recording, ...]
+    odometry: str
+    odometry_source: str
+    true_robot: RobotDescription | None = None
+
+    @classmethod
+    def by(
+        cls, odometry: str, recordings: Sequence[Recording], true_robot: RobotDescription | None = None
+    ) -> "Calibration":
+        """Return the calibration with the source hash that the odometry has now."""
+        return cls(tuple(recordings), odometry, load_estimator(odometry).source_hash, true_robot)
+
+
+@dataclass(frozen=True, eq=False)
 class Episode:
-    """What one case of a task recorded: the vehicle as the estimators are told it is, and the runs it drove."""
+    """What one case of a task recorded: the vehicle as the estimators are told it is, and the runs it drove.
+
+    calibration: in tasks that judge calibration methods, what these get.
+    """
 
     robot: Vehicle
     runs: tuple[Run, ...]
+    calibration: Calibration | None = None
 
     def __post_init__(self):
         if not any(not run.baseline for run in self.runs):
             raise ValueError("an episode needs a run that is not a baseline")
+        if self.calibration is not None and not isinstance(self.robot, RobotDescription):
+            raise ValueError("calibration is of single robots, not of trains")
 
     @cached_property
     def digest(self) -> str:
@@ -107,21 +138,37 @@ class Episode:
         seen = hashlib.sha256(self.robot.hash().encode())
         for run in self.runs:
             seen.update(f"{run.direction} {run.baseline}".encode())
-            for array in (run.log.t, run.log.wheel, run.log.pivot, run.log.gyro, run.log.reference):
-                data = b"" if array is None else np.ascontiguousarray(array, dtype=float).tobytes()
-                seen.update(len(data).to_bytes(8, "little") + data)
+            seen.update(_log_bytes(run.log))
             for name, array in (("rps", run.log.rps), ("rps_age", run.log.rps_age), ("belief", run.belief)):
                 if array is not None:
-                    data = np.ascontiguousarray(array, dtype=float).tobytes()
-                    seen.update(name.encode() + len(data).to_bytes(8, "little") + data)
+                    seen.update(name.encode() + _bytes(array))
             if run.sound:
                 seen.update(f"sound {run.sound}".encode())
+        if self.calibration is not None:
+            seen.update(f"{self.calibration.odometry} {self.calibration.odometry_source}".encode())
+            if self.calibration.true_robot is not None:
+                seen.update(self.calibration.true_robot.hash().encode())
+            for one in self.calibration.recordings:
+                seen.update(f"recording {one.held} {one.side}".encode())
+                seen.update(_log_bytes(one.log) + _bytes(one.log.command) + _bytes(one.log.steering_command))
         return seen.hexdigest()[:16]
+
+
+def _log_bytes(log: Log) -> bytes:
+    return b"".join(_bytes(array) for array in (log.t, log.wheel, log.pivot, log.gyro, log.reference))
+
+
+def _bytes(array: NDArray | None) -> bytes:
+    data = b"" if array is None else np.ascontiguousarray(array, dtype=float).tobytes()
+    return len(data).to_bytes(8, "little") + data
 
 
 @runtime_checkable
 class Task(Protocol):
     """A test with a fixed meaning; change what it records, and its version goes up.
+
+    One that judges calibration methods instead of estimators has an attribute more, `followed_by`: the spec of the
+    estimator that follows the test runs; its episodes have a `Calibration`.
 
     Tasks are sent to other processes, so they pickle: a frozen dataclass at the top of a module does.
     """
@@ -168,3 +215,8 @@ class Task(Protocol):
     def record(self, case: Case) -> Episode:
         """Return the episode of a case: the same one, bit for bit, every time and in every process."""
         ...
+
+
+def odometry_of(task: Task) -> str | None:
+    """Return the estimator that a task's calibrated robots are followed with; None for tasks that judge estimators."""
+    return getattr(task, "followed_by", None)

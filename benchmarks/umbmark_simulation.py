@@ -1,71 +1,60 @@
 """Doebbler's simulated UMBmark (IV.B), many parameter sets at once, under conditions that the paper leaves open.
 
-The same draws as the tasks in `benchmarks.tasks.kinematic`: set k is their case k.
+The same draws as the tasks in `benchmarks.tasks.kinematic`: with seed 0, set k is their case k.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from benchmarks.assumptions import Assumptions
 from benchmarks.metrics import return_errors, umbmark
 from benchmarks.progress import RunProgress, SilentProgress
-from benchmarks.tasks.kinematic import (
-    RUNS,
-    Corners,
-    Distribution,
-    ParameterErrors,
-    parameter_set,
-    phase_source,
-    rolled_square,
-    true_robot,
-)
+from benchmarks.tasks.kinematic import ParameterErrors
 from castor_envs.encoders import Encoders
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
-from castor_envs.rolling import Rolled
+from castor_envs.robot import RobotDescription
+from castor_envs.rolling import Rolled, roll
+from castor_envs.trajectories import Direction, Trajectory
 from estimators.cast import CAST
 from estimators.ipec import IPEC
 
 Step = Literal["arc", "euler"]
 WheelEncoders = Literal["honest", "lossy"]
 
-#: Sets computed at a time: enough for numpy, few enough for the processor's cache.
-CHUNK = 100
+#: Runs each way computed at a time: enough for numpy, few enough for the processor's cache.
+CHUNK = 500
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the paper does not say, and what we take; the defaults are those of the kinematic tasks.
+    """One simulation; the defaults are those of the kinematic tasks.
 
-    - corners: "turn": on the spot, heading along the side, as UMBmark was made for; "fixed": the heading never changes
+    - assumed: what the paper does not say, and what we take
     - sets: the paper's number
-    - runs: five each way, the paper's number and UMBmark's
-    - distribution: "uniform": "up to 4 %" is twice Table I's mean error of a wheel's radius, as it is for a uniform
-      one; "normal": the other usual choice, with the same mean absolute errors
     - encoders: "honest": counts are rounded from the angle itself, as counters do; "lossy": every increment between
       two samples is rounded and its remainder lost, as a simulation does that forgets to carry it
     - step: "arc": a castor's exact motion between two samples; "euler": straight along the heading at their end, as
       Borenstein's text has it
     """
 
-    corners: Corners = "turn"
+    assumed: Assumptions = field(default_factory=Assumptions)
     sets: int = 1000
-    runs: int = RUNS
-    distribution: Distribution = "uniform"
     encoders: WheelEncoders = "honest"
     step: Step = "arc"
 
     def __post_init__(self) -> None:
         """Refuse what is not known."""
-        kinds = {"corners": Corners, "distribution": Distribution, "encoders": WheelEncoders, "step": Step}
+        kinds = {"encoders": WheelEncoders, "step": Step}
         for name, kind in kinds.items():
             value, known = getattr(self, name), get_args(kind)
             if value not in known:
                 raise InputError(f"unknown {name} {value!r}; known: {', '.join(known)}")
-        for name in ("sets", "runs"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.sets < 1:
+            raise InputError(f"sets must be at least 1, got {self.sets}")
 
 
 class MeanError(NamedTuple):
@@ -88,8 +77,9 @@ def errors_of_sets(
     """Return E_max,syst (sets,), m, of IPEC-1, CAST-1 and CAST-0; `progress` is told of every set (`advance`)."""
     progress = progress or SilentProgress()
     found = []
-    for first in range(0, conditions.sets, CHUNK):
-        cases = range(first, min(first + CHUNK, conditions.sets))
+    chunk = max(1, CHUNK // conditions.assumed.runs)
+    for first in range(0, conditions.sets, chunk):
+        cases = range(first, min(first + chunk, conditions.sets))
         found.append(_errors_of_cases(conditions, errors, cases))
         progress.advance(len(cases))
     return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
@@ -102,17 +92,43 @@ def _mean(found: Array) -> MeanError:
 
 def _errors_of_cases(conditions: Conditions, errors: ParameterErrors, cases: range) -> dict[str, Array]:
     """Return E_max,syst (cases,) of every estimator."""
-    real = Geometry.of(true_robot())
-    described = Geometry.of([parameter_set(errors, case, conditions.distribution) for case in cases]).expand(1)
+    assumed = conditions.assumed
+    real = Geometry.of(assumed.base_of_three)
+    files = [errors.applied(assumed.base, _random(case, 0, assumed), assumed.distribution) for case in cases]
+    described = Geometry.of(files).expand(1)
     # Clockwise runs first, as the tasks draw them: (directions, cases, runs, driven wheels).
-    drawn = [Encoders.random_phase(real, phase_source(case), 2, conditions.runs) for case in cases]
+    drawn = [Encoders.random_phase(real, _random(case, 1, assumed), 2, assumed.runs) for case in cases]
     phases = np.stack(drawn, axis=1)
     returns: dict[str, list[Array]] = {}
     for direction, phase in zip(("cw", "ccw"), phases, strict=True):
-        rolled = rolled_square(direction, conditions.corners)
+        rolled = rolled_square(assumed, direction)
         for name, end in _ends(rolled, real, described, phase, conditions).items():
             returns.setdefault(name, []).append(return_errors(rolled.pose[0], rolled.pose[-1], end))
     return {name: umbmark(cw, ccw).e_max_syst for name, (cw, ccw) in returns.items()}
+
+
+def _random(case: int, stream: int, assumed: Assumptions) -> np.random.Generator:
+    """Return what draws parameter errors (stream 0) or phases (1); a seed of 0 is as in the tasks, which have none."""
+    return np.random.default_rng([case, stream, assumed.seed])
+
+
+def rolled_square(assumed: Assumptions, direction: Direction) -> Rolled:
+    """Return what the true robot's joints do on the square; raises InputError if its motors are too slow for it."""
+    base = assumed.base_of_three
+    rolled = _rolled(base, assumed.square(direction))
+    needed = float(np.max(np.abs(np.diff(rolled.wheel_angle, axis=0)))) / base.sample_period
+    if needed > base.max_wheel_speed:
+        raise InputError(
+            f"robot {assumed.robot}: its wheels reach {base.max_wheel_speed:g} rad/s, and the square asks for "
+            f"{needed:.3g}; choose a lower speed or turn rate, or a larger corner radius"
+        )
+    return rolled
+
+
+@cache
+def _rolled(robot: RobotDescription, square: Trajectory) -> Rolled:
+    """Return what a robot's joints do, once for all parameter sets and tables."""
+    return roll(robot, square)
 
 
 def _ends(

@@ -17,6 +17,10 @@ Assumptions, and why:
   tricycle of the same scale. Their support castors carry nothing.
 - Powered caster: pivots, wheel radius and offsets as TidyBot++ has them; masses, encoders and motors are
   assumed.
+- Omni-wheel robot: distance, wheels and encoders as the OptiOdom data have them (0.195 m, 102 mm, 12 * 1024 counts a
+  turn). Assumed: a 10 kg chassis as a disc of 0.2 m radius, for the wheels stand at its rim; 1 kg for each wheel with
+  its motor, 0.4 kg of it turning; 20 rad/s (1 m/s; the data show 4 rad/s) and 1 N m, which starts the robot at over
+  2 m/s2 in any direction.
 """
 
 import dataclasses
@@ -204,6 +208,37 @@ def swerve() -> RobotDescription:
     return _four_modules("four swerve modules", radius=0.0508, offset=0.0, lateral=0.0)
 
 
+def omni3(
+    distance: float = 0.195,
+    radii: tuple[float, float, float] = (0.051, 0.051, 0.051),
+    counts_per_rev: float = 12.0 * 1024,
+) -> RobotDescription:
+    """Return a robot on three omni wheels `distance` from its origin: right front, left front, rear.
+
+    Each wheel rolls around the origin; where all counts rise, the robot turns clockwise, seen from above.
+    """
+    castors = tuple(
+        Castor(
+            pivot=(distance * math.cos(bearing), distance * math.sin(bearing)),
+            steering="fixed",
+            angle=bearing - math.pi / 2,
+            inertia=0.001,
+            wheels=(
+                Wheel(radius=radius, inertia=disc_inertia(0.4, radius), counts_per_rev=counts_per_rev, grip="omni"),
+            ),
+        )
+        for bearing, radius in zip((-math.pi / 3, math.pi / 3, math.pi), radii, strict=True)
+    )
+    return RobotDescription(
+        name="three omni wheels",
+        mass=10.0,
+        inertia=disc_inertia(10.0, 0.2),
+        max_wheel_speed=20.0,
+        max_wheel_torque=1.0,
+        castors=castors,
+    )
+
+
 _PRESETS: dict[str, Callable[[], RobotDescription]] = {
     "asoc-prototype": asoc_prototype,
     "asoc-full-scale": asoc_full_scale,
@@ -213,6 +248,7 @@ _PRESETS: dict[str, Callable[[], RobotDescription]] = {
     "tricycle": tricycle,
     "powered-caster": powered_caster,
     "swerve": swerve,
+    "omni3": omni3,
 }
 
 

@@ -75,8 +75,9 @@ class ParameterErrors:
         return dataclasses.replace(robot, castors=tuple(castor(c) for c in robot.castors))
 
 
-#: Doebbler, Table I: mean absolute errors before and after calibration. Table II takes beta = 0 before.
+#: Doebbler, Table I: mean absolute errors before and after calibration; before it, Table II leaves beta out.
 UNCALIBRATED = ParameterErrors.of_mean(offset=0.0021, radius=0.0207, lateral=0.0089, pivot_zero=0.0)
+UNCALIBRATED_BETA = dataclasses.replace(UNCALIBRATED, pivot_zero=2 * np.radians(7.98))
 CALIBRATED = ParameterErrors.of_mean(offset=0.0009, radius=0.0004, lateral=0.0004, pivot_zero=np.radians(0.01))
 
 

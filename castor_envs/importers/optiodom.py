@@ -7,13 +7,17 @@ sousarbarb/optiodom (commit 8e025fd7, MIT licence).
 A session is a folder NAME with NAME_metadata.csv (a key and its values on each line) and the runs
 NAME_run-01.csv, ... (no header). A run's columns are time s, true x m, y m, heading rad, then the encoder
 increments of a cycle: right and left wheel of the differential robot; driven wheel, and the steering angle in rad,
-of the tricycle.
+of the tricycle; wheels 1 to 3 of the omni-wheel robot.
 
+- Omni wheels stand at the distance Li from the centre: 1 right front (bearing -60 deg), 2 left front (60 deg), 3 at
+  the rear. Each rolls around the centre, and increments above 0 turn the robot clockwise. So the authors' matrix has
+  it, and no other order or sense follows the measured path.
 - The first row is the start: its increments were rolled before it and are dropped, as the authors' programs do.
 - In a session of squares the first half of the runs goes clockwise; `direction` reads that from the heading.
 - The authors' error is truth minus odometry at the last row, both starting at the first true pose, in its frame.
 - A nominal cycle of 50 ms really took about 51.2 ms, and the authors rescaled the times by hand. The log keeps the
-  file's times; they carry an offset and a skew against the truth that are no property of the encoders.
+  file's times; they carry an offset and a skew against the truth that are no property of the encoders: the
+  truth of the omni-wheel run is some 0.9 s early at its start and hardly at all at its end.
 - Masses, motors and contact were not published: the presets' numbers stand in for them.
 """
 
@@ -29,16 +33,28 @@ import numpy as np
 from castor_envs.differential_axle import AxleCorrection, with_axle
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs import Log
-from castor_envs.presets import differential, tricycle
+from castor_envs.presets import differential, omni3, tricycle
 from castor_envs.robot import RobotDescription
 from castor_envs.tables import Line, check_width, complaint, number, read_lines
 
 STEERING_COUNTS = 800
 """Counts a turn of the tricycle's steering encoder: its angles are multiples of 2 pi / 800 = 0.00785 rad."""
 
-_RUN_COLUMNS = {
-    "diff": ("time", "x", "y", "heading", "right increment", "left increment"),
-    "tricyc": ("time", "x", "y", "heading", "wheel increment", "steering angle"),
+_TRUTH = ("time", "x", "y", "heading")
+
+
+class _Columns(NamedTuple):
+    """The columns of a run behind the truth. wheels: those of the log's wheels, in the log's order."""
+
+    names: tuple[str, ...]
+    wheels: tuple[int, ...]
+    steering: int | None = None
+
+
+_COLUMNS = {
+    "diff": _Columns(("right increment", "left increment"), wheels=(1, 0)),
+    "tricyc": _Columns(("wheel increment", "steering angle"), wheels=(0,), steering=1),
+    "omni3": _Columns(("increment 1", "increment 2", "increment 3"), wheels=(0, 1, 2)),
 }
 
 
@@ -46,8 +62,8 @@ _RUN_COLUMNS = {
 class Session:
     """Runs of one robot on one kind of path.
 
-    type: "diff" or "tricyc". robot: as the session's metadata say, before any calibration. side: of the square, m;
-    None where the path is no square. directions: which way each run turned in all.
+    type: "diff", "tricyc" or "omni3". robot: as the session's metadata say, before any calibration. side: of the
+    square, m; None where the path is no square. directions: which way each run turned in all.
     """
 
     name: str
@@ -95,7 +111,7 @@ def find_sessions(root: str | os.PathLike[str]) -> dict[str, Path]:
 
 
 def read_session(folder: str | os.PathLike[str]) -> Session:
-    """Read a session of the differential robot or the tricycle.
+    """Read a session of the differential robot, the tricycle or the robot on three omni wheels.
 
     Raises InputError, with file, line and column, for anything missing or garbled, and for other kinds of robot.
     """
@@ -172,14 +188,19 @@ def _metadata_path(folder: Path) -> Path:
 
 def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
     """Return the nominal robot that the metadata describe."""
-    if kind not in _RUN_COLUMNS:
-        raise metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {' or '.join(_RUN_COLUMNS)}")
+    if kind not in _COLUMNS:
+        *others, last = _COLUMNS
+        known = f"{', '.join(others)} or {last}"
+        raise metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {known}")
     (gear,), (resolution,) = metadata.numbers("ngear", 1), metadata.numbers("encRes", 1)
     counts = gear * resolution
     (base,) = metadata.numbers("Li", 1)
     if kind == "diff":
         robot = dataclasses.replace(differential(counts_per_rev=counts), name="OptiOdom differential drive")
         return with_axle(robot, base, *metadata.numbers("Di", 2))
+    if kind == "omni3":
+        first, second, third = (diameter / 2 for diameter in metadata.numbers("Di", 3))
+        return dataclasses.replace(omni3(base, (first, second, third), counts), name="OptiOdom omni-wheel robot")
     offset = metadata.numbers("Thi", 1, positive=False)[0] if metadata.given("Thi") else 0.0
     (diameter,) = metadata.numbers("Di", 1)
     robot = tricycle()
@@ -197,7 +218,8 @@ def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
 
 def _read_run(path: Path, kind: str) -> Log:
     """Read one run; the log's columns are those of the robot of its session."""
-    names = _RUN_COLUMNS[kind]
+    columns = _COLUMNS[kind]
+    names = (*_TRUTH, *columns.names)
     lines = read_lines(path)
     if len(lines) < 2:
         raise complaint(path, None, None, f"has {len(lines)} rows; a run needs at least 2")
@@ -209,13 +231,19 @@ def _read_run(path: Path, kind: str) -> Log:
             message = f"{row[0]!r} does not come after {rows[-1][0]!r}; times must increase"
             raise complaint(path, line.number, "time", message)
         rows.append(row)
-    data = np.array(rows)
-    rolled = np.cumsum(np.vstack([np.zeros(2), data[1:, 4:6]]), axis=0)
-    reference = np.column_stack([data[:, 1:3], np.unwrap(data[:, 3])])
-    if kind == "diff":
-        return Log(t=data[:, 0], wheel=rolled[:, ::-1], pivot=np.empty((len(data), 0)), reference=reference)
-    steering = data[:, 5] * (STEERING_COUNTS / (2 * math.pi))
-    for k in np.flatnonzero(np.abs(steering - np.round(steering)) > 0.01)[:1]:
-        message = f"{data[k, 5]} rad is not a multiple of 2 pi / {STEERING_COUNTS}; give the angle in radians"
-        raise complaint(path, lines[k].number, names[5], message)
-    return Log(t=data[:, 0], wheel=rolled[:, :1], pivot=np.round(steering)[:, None], reference=reference)
+    truth, odometry = np.split(np.array(rows), [len(_TRUTH)], axis=1)
+    rolled = odometry[:, columns.wheels]
+    rolled[0] = 0.0
+    pivot = np.empty((len(rows), 0))
+    if columns.steering is not None:
+        pivot = odometry[:, [columns.steering]] * (STEERING_COUNTS / (2 * math.pi))
+        for k in np.flatnonzero(np.abs(pivot - np.round(pivot)) > 0.01)[:1]:
+            angle = odometry[k, columns.steering]
+            message = f"{angle} rad is not a multiple of 2 pi / {STEERING_COUNTS}; give the angle in radians"
+            raise complaint(path, lines[k].number, columns.names[columns.steering], message)
+    return Log(
+        t=truth[:, 0],
+        wheel=np.cumsum(rolled, axis=0),
+        pivot=np.round(pivot),
+        reference=np.column_stack([truth[:, 1:3], np.unwrap(truth[:, 3])]),
+    )

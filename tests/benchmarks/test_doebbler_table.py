@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from benchmarks import cli, umbmark_simulation
+from benchmarks.assumptions import Assumptions
 from benchmarks.comparison import Effort
 from benchmarks.evaluation import score
 from benchmarks.tables import select_tables
 from benchmarks.tables.doebbler import COLUMNS, TABLE_2
-from benchmarks.tasks import kinematic
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, KinematicUMBmark, ParameterErrors
-from benchmarks.umbmark_simulation import Conditions, errors_of_sets, mean_errors
+from benchmarks.umbmark_simulation import Conditions, errors_of_sets, mean_errors, rolled_square
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.presets import preset
@@ -63,7 +63,7 @@ def followed(estimator, robot, log):
 @pytest.mark.parametrize("corners", ["turn", "fixed"])
 @pytest.mark.parametrize("errors", [UNCALIBRATED, CALIBRATED], ids=["uncalibrated", "calibrated"])
 def test_every_set_is_the_tasks_case_followed_run_by_run(errors, corners):
-    found = errors_of_sets(Conditions(corners=corners, sets=2), errors)
+    found = errors_of_sets(Conditions(Assumptions(corners=corners), sets=2), errors)
     task = KinematicUMBmark("square", "", "", errors, corners)
     for case in range(2):
         episode = task.record(case)
@@ -74,13 +74,13 @@ def test_every_set_is_the_tasks_case_followed_run_by_run(errors, corners):
 
 def test_chunks_change_nothing(monkeypatch):
     whole = errors_of_sets(Conditions(sets=5), CALIBRATED)
-    monkeypatch.setattr(umbmark_simulation, "CHUNK", 2)
+    monkeypatch.setattr(umbmark_simulation, "CHUNK", 10)
     for name, found in errors_of_sets(Conditions(sets=5), CALIBRATED).items():
         np.testing.assert_allclose(found, whole[name], rtol=0, atol=1e-12)
 
 
 def test_mean_and_standard_error_are_those_of_the_sets():
-    conditions = Conditions(sets=6, runs=1)
+    conditions = Conditions(Assumptions(runs=1), sets=6)
     means = mean_errors(conditions, UNCALIBRATED)
     for name, found in errors_of_sets(conditions, UNCALIBRATED).items():
         mean = sum(found) / 6
@@ -88,7 +88,7 @@ def test_mean_and_standard_error_are_those_of_the_sets():
         assert means[name].standard_error == pytest.approx((sum((found - mean) ** 2) / 5 / 6) ** 0.5)
 
 
-def test_without_errors_and_with_fine_encoders_little_is_off_but_for_euler_steps(monkeypatch):
+def test_without_errors_and_with_fine_encoders_little_is_off_but_for_euler_steps(tmp_path):
     """Between samples castors do not turn quite evenly: 0.2 mm stays (IPEC: 1.6 mm), of 1.5 m squares."""
     robot = preset("asoc-prototype")
     fine = dataclasses.replace(
@@ -102,14 +102,14 @@ def test_without_errors_and_with_fine_encoders_little_is_off_but_for_euler_steps
             for castor in robot.castors
         ),
     )
-    for module in (kinematic, umbmark_simulation):
-        monkeypatch.setattr(module, "true_robot", lambda: fine)
+    fine.save(tmp_path / "fine.json")
+    assumed = Assumptions(robot=str(tmp_path / "fine.json"))
     none = ParameterErrors(0.0, 0.0, 0.0, 0.0)
     for encoders in ("honest", "lossy"):
-        found = errors_of_sets(Conditions(sets=2, encoders=encoders), none)
+        found = errors_of_sets(Conditions(assumed, sets=2, encoders=encoders), none)
         assert np.max(found["IPEC-1"]) < 2e-3
         assert max(np.max(found["CAST-1"]), np.max(found["CAST-0"])) < 3e-4
-    floor = errors_of_sets(Conditions(sets=2, step="euler"), none)
+    floor = errors_of_sets(Conditions(assumed, sets=2, step="euler"), none)
     assert min(np.min(error) for error in floor.values()) > 0.05
 
 
@@ -137,16 +137,19 @@ def test_lossy_encoders_and_euler_steps_are_ten_times_worse_after_calibration(ou
 
 
 def test_phases_do_not_matter_to_lossy_encoders():
-    conditions = Conditions(sets=2, runs=1, encoders="lossy")
-    one, many = (errors_of_sets(dataclasses.replace(conditions, runs=runs), CALIBRATED) for runs in (1, 3))
+    one, many = (
+        errors_of_sets(Conditions(Assumptions(runs=runs), sets=2, encoders="lossy"), CALIBRATED) for runs in (1, 3)
+    )
     for name in ESTIMATORS:
         np.testing.assert_allclose(one[name], many[name], rtol=1e-12)
 
 
-def test_normal_errors_have_the_same_mean_size():
+@pytest.mark.parametrize("times", [1, 2])
+def test_normal_errors_have_the_same_mean_size(times):
     random, robot = np.random.default_rng(5), preset("asoc-prototype")
-    files = [UNCALIBRATED.applied(robot, random, "normal") for _ in range(500)]
-    off = np.array([wheel.radius / 0.0381 - 1 for file in files for wheel in file.wheels])
+    errors = dataclasses.replace(UNCALIBRATED, radius=times * UNCALIBRATED.radius)
+    files = [errors.applied(robot, random, "normal") for _ in range(500)]
+    off = np.array([wheel.radius / 0.0381 - 1 for file in files for wheel in file.wheels]) / times
     assert np.mean(abs(off)) == pytest.approx(0.0207, rel=0.05)
     assert np.max(abs(off)) > 2.5 * 0.0207  # a uniform error is never above twice its mean size
 
@@ -154,7 +157,6 @@ def test_normal_errors_have_the_same_mean_size():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"corners": "round"}, "unknown corners 'round'; known: turn, fixed"),
         ({"encoders": "perfect"}, "unknown encoders 'perfect'; known: honest, lossy"),
         ({"sets": 0}, "sets must be at least 1, got 0"),
     ],
@@ -162,6 +164,76 @@ def test_normal_errors_have_the_same_mean_size():
 def test_unknown_conditions_are_refused(wrong, message):
     with pytest.raises(InputError, match=message):
         Conditions(**wrong)
+
+
+@pytest.mark.parametrize("direction", ["cw", "ccw"])
+@pytest.mark.parametrize("radius", [0.159, 0.3])
+def test_rounded_squares_close_and_are_as_long_as_sides_and_quarter_circles(direction, radius):
+    assumed = Assumptions(corners="rounded", corner_radius=radius)
+    square = assumed.square(direction)
+    assert square.path_length == pytest.approx(4 * (1.5 - 2 * radius) + 2 * np.pi * radius, abs=1e-12)
+    rolled = rolled_square(assumed, direction)
+    turn = 2 * np.pi if direction == "ccw" else -2 * np.pi
+    np.testing.assert_allclose(rolled.pose[-1], [0, 0, turn], atol=1e-9)
+    x, y = rolled.pose[:, :2].T
+    assert (np.ptp(x), np.ptp(y)) == pytest.approx((1.5, 1.5), abs=1e-3)
+
+
+def test_default_rounded_corners_give_the_path_that_the_printed_percentages_imply():
+    assert Assumptions(corners="rounded").square("ccw").path_length == pytest.approx(5.727, abs=1e-3)
+
+
+@pytest.mark.parametrize(("corners", "length"), [("turn", 6.0), ("fixed", 6.0), ("rounded", 5.727)])
+def test_every_percentage_is_of_the_path_that_it_names(corners, length):
+    (source,) = select_tables(["doebbler-2"])
+    table = source.compute(Effort(2, assumptions=Assumptions(corners=corners, runs=1)))
+    assert {one.name: one.value for one in table.conditions}["path_length"] == pytest.approx(length, abs=1e-3)
+    for one in table.comparisons:
+        shares = dict(one.also)
+        assert shares["ours_percent_of_path_length"] == pytest.approx(0.1 * float(one.ours) / length, rel=1e-3)
+        assert shares["printed_percent_of_implied_path"] == pytest.approx(0.1 * float(one.printed) / 5.73, abs=0.006)
+    (note,) = (note for note in table.notes if "%" in note)
+    assert f"of the {length:.3f} m that were driven" in note
+    assert "Printed, of the 5.7" in note
+
+
+@pytest.mark.parametrize(
+    ("change", "seconds"),
+    [
+        ({}, 4 * (1.5 / 0.25 + 0.25 / 0.5) + 4 * (2.0 + 0.5)),
+        ({"speed": 0.2}, 4 * (1.5 / 0.2 + 0.2 / 0.5) + 4 * 2.5),
+        ({"acceleration": 0.25}, 4 * (6.0 + 1.0) + 4 * 2.5),
+        ({"turn_rate": 30.0}, 4 * 6.5 + 4 * (3.0 + 1 / 3)),
+        ({"turn_acceleration": 45.0}, 4 * 6.5 + 4 * (2.0 + 1.0)),
+        ({"corners": "fixed"}, 4 * 6.5),
+    ],
+)
+def test_speeds_and_accelerations_are_those_of_the_drive(change, seconds):
+    assumed = Assumptions(**change)
+    assert assumed.square("cw").duration == pytest.approx(seconds)
+    assert rolled_square(assumed, "cw").t[-1] == pytest.approx(seconds, abs=0.0501)
+
+
+def test_other_robots_seeds_and_distributions_have_other_errors():
+    others = (
+        Assumptions(),
+        Assumptions(robot="asoc-full-scale"),
+        Assumptions(seed=1),
+        Assumptions(distribution="normal"),
+        Assumptions(speed=0.2),
+        Assumptions(runs=1),
+    )
+    found = [errors_of_sets(Conditions(assumed, sets=2), CALIBRATED)["CAST-0"] for assumed in others]
+    assert len({float(value) for one in found for value in one}) == 2 * len(others)
+
+
+def test_on_a_base_of_three_times_the_size_relative_errors_turn_it_less():
+    """Without corners to turn at, heading errors are those of the sides: rolled distance over the base's width."""
+    small, large = (
+        mean_errors(Conditions(Assumptions(robot=robot, runs=1, corners="fixed"), sets=60), UNCALIBRATED)["CAST-0"].mean
+        for robot in ("asoc-prototype", "asoc-full-scale")
+    )
+    assert large < 0.8 * small
 
 
 def test_printed_percentages_are_of_one_path_but_for_rounding():

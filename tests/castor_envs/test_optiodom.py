@@ -1,5 +1,7 @@
 """The OptiOdom importer, on sessions made here and, where they are, on the measured ones."""
 
+import dataclasses
+import itertools
 import os
 from pathlib import Path
 
@@ -8,6 +10,8 @@ import pytest
 
 from castor_envs.errors import InputError
 from castor_envs.importers.optiodom import direction, find_sessions, published_correction, read_session
+from castor_envs.kinematics import Geometry, forward
+from estimators.calibration.log_likelihood import LogLikelihood
 
 METADATA = {
     "type": ["diff"],
@@ -26,6 +30,16 @@ TRICYCLE = {
     "Li": [0.15],
     "Di": [0.065],
     "Thi": [0.02],
+    "N": [1],
+    "L": [],
+}
+OMNI = {
+    "type": ["omni3"],
+    "ngear": [12],
+    "encRes": [1024],
+    "Li": [0.195],
+    "Di": [0.102, 0.1, 0.104],
+    "Thi": [],
     "N": [1],
     "L": [],
 }
@@ -80,6 +94,24 @@ def test_a_tricycle_has_a_virtual_steering_encoder(tmp_path):
     assert session.directions == ("cw",)
 
 
+def test_an_omni_session_is_rolled_as_the_authors_matrix_says(tmp_path):
+    rows = ["0,0,0,3.1,9,9,9", "0.04,0,0,3.0,1,2,-3", "0.08,0,0,3,-4,0,5"]
+    session = read_session(write_session(tmp_path, metadata=OMNI, runs=(rows,)))
+    (run,) = session.runs
+    np.testing.assert_array_equal(run.wheel, [[0, 0, 0], [1, 2, -3], [-3, 2, 2]])
+    assert run.pivot.shape == (3, 0)
+    robot = session.robot
+    assert (session.type, robot.sample_period, session.directions) == ("omni3", 0.04, ("cw",))
+    assert [wheel.radius for wheel in robot.wheels] == [0.051, 0.05, 0.052]
+    assert {(wheel.grip, wheel.roller_angle, wheel.counts_per_rev) for wheel in robot.wheels} == {("omni", 0.0, 12288)}
+    np.testing.assert_allclose([np.hypot(*castor.pivot) for castor in robot.castors], 0.195)
+    geometry = Geometry.of(robot)
+    for v1, v2, v3 in np.eye(3):  # rolled distances, and how the authors' programs move the robot by them
+        expected = [(v2 - v1) / np.sqrt(3), (2 * v3 - v1 - v2) / 3, -(v1 + v2 + v3) / (3 * 0.195)]
+        twist = forward(geometry, geometry.angle, np.zeros(3), np.array([v1, v2, v3]) / geometry.radius)
+        np.testing.assert_allclose(twist, expected, atol=1e-12)
+
+
 def test_sessions_are_found_by_name(tmp_path):
     folders = [write_session(tmp_path, name, kind) for name, kind in (("20", "diff/free"), ("10", "tricyc/free"))]
     assert find_sessions(tmp_path) == {"10": folders[1], "20": folders[0]}
@@ -95,7 +127,7 @@ def changed(**values):
 
 
 MISTAKES = [
-    (changed(type=["omni3"]), RUN, r"1_metadata.csv:1: column 'type': 'omni3' cannot be read; .* diff or tricyc"),
+    (changed(type=["omni4"]), RUN, r"1_metadata.csv:1: column 'type': 'omni4' cannot .* of diff, tricyc or omni3"),
     (changed(Li=None), RUN, r"1_metadata.csv: column 'Li': is missing or blank"),
     (changed(Li=[]), RUN, r"1_metadata.csv: column 'Li': is missing or blank"),
     (changed(Li=["wide"]), RUN, r"1_metadata.csv:4: column 'Li': 'wide' is not a number"),
@@ -109,6 +141,9 @@ MISTAKES = [
     (METADATA, [*RUN, "0.2,0,0,0,1,nan"], r"1_run-01.csv:5: column 'left increment': 'nan' is not finite"),
     (METADATA, [*RUN, "0.1,0,0,0,1,1"], r"1_run-01.csv:5: column 'time': 0.1 does not come after 0.15"),
     (TRICYCLE, [*RUN[:1], "0.05,0,0,0,1,0.004"], r"1_run-01.csv:.: column 'steering angle': .* not a multiple of"),
+    ({**OMNI, "Di": [0.1, 0.1]}, RUN, r"1_metadata.csv:5: column 'Di': has 2 values; give 3"),
+    (OMNI, RUN, r"1_run-01.csv:1: 6 cells where the columns of a run are 7"),
+    (OMNI, ["0,0,0,0,1,1,1", "1,0,0,0,1,1,one"], r"1_run-01.csv:2: column 'increment 3': 'one' is not a number"),
 ]
 
 
@@ -208,12 +243,27 @@ def test_the_published_procedure_gives_the_published_factors(sessions, name):
     assert (radius + half) / (radius - half) == pytest.approx(correction.diameter_ratio, abs=0.6e-5)
 
 
-def test_every_measured_session_of_a_known_type_is_read(sessions):
+def test_the_omni_wheels_are_taken_in_the_only_order_and_sense_that_follow_the_path(sessions):
+    session = read_session(sessions["211220201842"])
+    (run,) = session.runs
+    truth = run.reference
+    assert truth is not None
+    length = np.linalg.norm(np.diff(truth[:, :2], axis=0), axis=1).sum()
+    assert length == pytest.approx(8.466, abs=1e-3)
+    geometry = Geometry.of(session.robot)
+    farthest = {}  # distance between odometry, with nominal numbers, and truth, over the length of the path
+    for order in itertools.permutations(range(3)):
+        for sense in itertools.product((1, -1), repeat=3):
+            other = dataclasses.replace(run, wheel=run.wheel[:, order] * np.array(sense))
+            away = (LogLikelihood(geometry, other).odometry(geometry) - truth)[:, :2]
+            farthest[order, sense] = np.linalg.norm(away, axis=1).max() / length
+    assert farthest.pop(((0, 1, 2), (1, 1, 1))) == pytest.approx(0.0184, abs=2e-4)
+    assert len(farthest) == 47
+    assert min(farthest.values()) == pytest.approx(0.167, abs=1e-3)
+
+
+def test_every_measured_session_is_read(sessions):
     for name, folder in sessions.items():
-        if "omni3" in folder.parts:
-            with pytest.raises(InputError, match="omni3"):
-                read_session(folder)
-            continue
         session = read_session(folder)
         assert session.name == name
         assert all(run.reference is not None and np.isfinite(run.reference).all() for run in session.runs)

@@ -1,0 +1,403 @@
+"""How likely one log is under a robot description: errors of counts, slip and reference poses in one least squares.
+
+Unknown, beside the description, is what truly happened: at every sample the body's pose, the castors' angles and the
+wheels'. Known are
+
+    counts                   rounded: off by an even spread of one count; a run of equal counts is one reading
+    rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled
+    reference poses          off by independent errors, where they were taken
+
+The rolling constraints are those of castor_envs.kinematics, integrated over a step to fourth order in its length: half-
+way values alone would bias castors that swing in. Each step ties two samples only, so the normal equations are banded
+(Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read: rounded
+regressors would shrink the parameters.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from castor_envs.encoders import castor_angles
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Array, Geometry, constraint_matrix
+from castor_envs.logs import Log, pivot_jumps
+from castor_envs.se2 import compose, relative_pose
+
+FLOOR = 1e-7
+"""m: slip of a step in which nothing moves; it keeps the equations regular."""
+
+EVEN = 1.1
+"""Steps are integrated to fourth order where their neighbours last as long, up to this ratio; others to second."""
+
+PINNED = 1e-4
+"""m and rad: without reference poses the first one is 0 by convention, to this much."""
+
+APART = 3.0
+"""s: of reference poses that follow each other faster, one in so long is used. What they differ by within seconds
+(jitter of clocks, a tracker's filter) is not independent from one to the next."""
+
+CLOCK = np.array([1.0, 0.05])
+"""s and 1: what the clock of the reference may be off by, at the start and in rate; wide enough not to matter."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what is not described.
+
+    along, across: slip in the rolling direction and to the side, m after 1 m. position, heading: of reference poses, m
+    along each axis and rad.
+    """
+
+    along: float = 3e-5
+    across: float = 3e-5
+    position: float = 2e-3
+    heading: float = 5e-3
+
+
+class Leftover(NamedTuple):
+    """Residuals by the fields of `Noise`: sums of squares over variances, and what they would be on average."""
+
+    squares: dict[str, float]
+    expected: dict[str, float]
+
+
+class Reduced(NamedTuple):
+    """What one log says of P parameters, everything else eliminated, around a state.
+
+    information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of drawn residuals in their place.
+    finish: from changes of the parameters (P, 1 + probes) to the changed state and what is left over.
+    """
+
+    information: Array
+    gradient: Array
+    finish: Callable[[Array], tuple[Array, Array, Leftover]]
+
+
+class _Rows(NamedTuple):
+    """Equations of one kind, over their standard deviations, one sample or step k after another.
+
+    at (k,): the sample. values (k, rows); derivatives by the state at that sample, `start` (k, rows, m), at the next
+    one, `end`, or None, and by parameters, mount and clock, `numbers` (k, rows, P + 5), or None.
+    """
+
+    at: NDArray[np.intp]
+    values: Array
+    start: Array
+    end: Array | None = None
+    numbers: Array | None = None
+
+
+class LogLikelihood:
+    """One log of a robot of a known layout.
+
+    The state (K, m = 3 + s + d) holds at every sample the body's x, y (m) and psi (rad), then the unwrapped counts of s
+    pivot and d wheel encoders, as they would be were they not rounded.
+    """
+
+    def __init__(self, layout: Geometry, log: Log) -> None:
+        sensed = np.flatnonzero(~np.isnan(layout.pivot_counts_per_rev))
+        per_pivot = layout.pivot_counts_per_rev[sensed]
+        for column, (castor, turn) in enumerate(zip(sensed, per_pivot, strict=True)):
+            if (jumps := pivot_jumps(log.pivot[:, column], turn)).size:
+                raise InputError(f"pivot {castor + 1} jumps by over half a turn at row {jumps[0] + 1}; sample faster")
+        steps = np.diff(log.pivot, axis=0, prepend=log.pivot[:1])
+        pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
+        self._counts = np.column_stack([pivot, log.wheel])
+        self._readings = np.sqrt(12 * np.apply_along_axis(_share_of_reading, 0, self._counts))
+        self._sensed, self._wheels = len(sensed), np.flatnonzero(~np.isnan(layout.counts_per_rev))
+
+        self._radius = float(np.mean(layout.radius[self._wheels]))
+
+        known = (layout.fixed | ~np.isnan(layout.pivot_counts_per_rev))[layout.wheel_castor]
+        self._rolling = np.flatnonzero(known & ~np.isnan(layout.counts_per_rev))
+        standing = np.flatnonzero(known & layout.standard)
+        _, first = np.unique(layout.wheel_castor[standing], return_index=True)
+        self._used = np.concatenate([self._rolling, len(layout.radius) + standing[first]])
+        self._castor = np.tile(layout.wheel_castor, 2)[self._used]
+        self._reference = np.full((len(log), 3), np.nan) if log.reference is None else log.reference
+        self._posed = np.isfinite(self._reference[:, 0])
+        self._used_poses = _apart(np.flatnonzero(self._posed), log.t)
+
+        self._t, step = log.t, np.diff(log.t)
+        even = np.maximum(step[1:] / step[:-1], step[:-1] / step[1:]) < EVEN
+        self._even = np.concatenate([[False], even]) & np.concatenate([even, [False]])
+
+    @property
+    def poses(self) -> int:
+        """How many reference poses there are."""
+        return int(self._posed.sum())
+
+    def start(self, geometry: Geometry) -> Array:
+        """Return a state (K, m) to begin with: counts as read, poses by odometry, anew from every reference pose."""
+        return np.column_stack([self.odometry(geometry, again=True), self._counts])
+
+    def odometry(self, geometry: Geometry, again: bool = False) -> Array:
+        """Return poses (K, 3) from counts alone, by least squares in every step.
+
+        From the first reference pose on, or from 0 at the first sample; `again`: anew from every reference pose.
+        """
+        angle = self._angles(geometry, self._counts)
+        a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
+        right = self._rolled(geometry, self._counts) - b * np.diff(angle, axis=0)[:, self._castor]
+        twist = (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
+        path = _chained(twist)
+        anchors = np.flatnonzero(self._posed)[: None if again else 1]
+        if not len(anchors):
+            return path
+        anchor = anchors[np.maximum(np.searchsorted(anchors, np.arange(len(path)), side="right") - 1, 0)]
+        return compose(self._reference[anchor], relative_pose(path[anchor], path))
+
+    def errors(self, geometry: Geometry, clock: Array, mount: Array) -> Array:
+        """Return by how much odometry, from the first reference pose on, is off at every one of them (poses, 3)."""
+        known = np.flatnonzero(self._posed)
+        at, part = self._sought(known, clock)
+        path = compose(self.odometry(geometry), mount)
+        path = (1 - part) * path[at] + part * path[at + 1]
+        return compose(self._reference[known[0]], relative_pose(path[0], path)) - self._reference[known]
+
+    def _sought(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return after which sample the reference of some samples was taken, and what part (k, 1) of the step later."""
+        t = self._t
+        there = np.clip(t[samples] + clock[0] + clock[1] * (t[samples] - t[0]), t[0], t[-1])
+        at = np.clip(np.searchsorted(t, there, side="right") - 1, 0, len(t) - 2)
+        return at, ((there - t[at]) / (t[at + 1] - t[at]))[:, None]
+
+    def missed(self, geometry: Geometry, state: Array) -> Array:
+        """Return by how much a state misses every constraint (..., K - 1, rows), m; the geometry may have axes.
+
+        In metres of the robot as described: a misfit of a smaller robot is no smaller, or all robots would shrink.
+        """
+        angle, body = self._angles(geometry, state[:, 3:]), self._body_motion(state)
+        half_way = (angle[..., 1:, :] + angle[..., :-1, :]) / 2
+        curved = angle[..., 3:, :] - angle[..., 2:-1, :] - angle[..., 1:-2, :] + angle[..., :-3, :]
+        half_way[..., 1:-1, :] -= self._only_even(curved, 1) / 16
+        a, b = self._matrices(geometry, half_way)
+        along = (a @ body[..., None])[..., 0]
+        # The mean of a product over a step: mean times mean, and how both change together.
+        bend = self._only_even(a[..., 2:, :, :] - 2 * a[..., 1:-1, :, :] + a[..., :-2, :, :], 2) / 24
+        slope = self._only_even(a[..., 2:, :, :] - a[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
+        along[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + slope.sum(axis=-1)
+        turned = np.diff(angle, axis=-2)[..., self._castor]
+        return (along + b * turned - self._rolled(geometry, state[:, 3:])) * self._magnified(geometry)
+
+    def reduce(
+        self,
+        geometry: Geometry,
+        changed: Geometry,
+        change: Array,
+        state: Array,
+        clock: Array,
+        mount: Array,
+        noise: Noise,
+        probes: int = 0,
+    ) -> Reduced:
+        """Return what the log says of P parameters around a state (K, m).
+
+        changed: geometries (P,), in each of which one parameter is larger by change (P,). probes: how often residuals
+        are drawn (standard normal, the same ones each time) to learn what sums of squares to expect.
+        """
+        kinds = self._linearised(geometry, changed, change, state, clock, mount, noise)
+        size, p = state.shape[1], len(change) + len(mount)
+        n = p + len(clock)
+        random = np.random.default_rng(0)
+        diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
+        columns, own = np.zeros((len(state), size, n + 1 + probes)), np.zeros((n, n + 1 + probes))
+        rights = {}
+        for name, rows in kinds.items():
+            k, r = rows.values.shape
+            by = np.zeros((k, r, n)) if rows.numbers is None else rows.numbers
+            right = np.concatenate([by, rows.values[..., None], random.normal(size=(k, r, probes))], axis=-1)
+            rights[name] = right
+            at, start = rows.at, np.swapaxes(rows.start, 1, 2)
+            _add(diagonal, at, start @ rows.start)
+            _add(columns, at, start @ right)
+            if rows.end is not None:
+                end = np.swapaxes(rows.end, 1, 2)
+                _add(diagonal, at + 1, end @ rows.end)
+                _add(above, at, start @ rows.end)
+                _add(columns, at + 1, end @ right)
+            own += np.tensordot(by, right, axes=([0, 1], [0, 1]))
+        own[p:, p:n] += np.diag(CLOCK**-2.0)
+        own[p:, n] += clock / CLOCK**2
+        factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
+        flat = columns.reshape(-1, n + 1 + probes)
+        solved = cho_solve_banded((factors, False), flat, check_finite=False)
+        own -= flat[:, :n].T @ solved
+        clocks = np.linalg.solve(own[p:, p:n], np.delete(own[p:], np.s_[p:n], axis=1))
+        reduced = np.delete(own[:p], np.s_[p:n], axis=1) - own[:p, p:n] @ clocks
+
+        def finish(moved_by: Array) -> tuple[Array, Array, Leftover]:
+            set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
+            all_by = np.concatenate([moved_by, set_by])
+            away = -(solved[:, n:] + solved[:, :n] @ all_by).reshape(len(state), size, 1 + probes)
+            squares, expected = {}, {}
+            for name, rows in kinds.items():
+                left = rights[name][..., n:] + rights[name][..., :n] @ all_by + rows.start @ away[rows.at]
+                if rows.end is not None:
+                    left += rows.end @ away[rows.at + 1]
+                total = np.sum(left**2, axis=(0, 1))
+                squares[name], expected[name] = float(total[0]), float(np.mean(total[1:])) if probes else 0.0
+            return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
+
+        return Reduced((reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], finish)
+
+    def _linearised(
+        self,
+        geometry: Geometry,
+        changed: Geometry,
+        change: Array,
+        state: Array,
+        clock: Array,
+        mount: Array,
+        noise: Noise,
+    ) -> dict[str, _Rows]:
+        """Return all equations around a state, by what they are weighed by: "counts", or a field of `Noise`."""
+        every, eye = np.arange(len(state)), np.eye(state.shape[1])
+        off = self._readings * (state[:, 3:] - self._counts)
+        kinds = {"counts": _Rows(every, off, self._readings[..., None] * eye[3:])}
+
+        missed, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
+        by_parameters = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
+        by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, len(mount) + len(clock))))
+        farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
+        rolling = len(self._rolling)
+        for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
+            weight = 1 / np.sqrt(getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None]
+            parts = (weight[..., None] * part[:, own] for part in (*derivatives, by_parameters))
+            kinds[name] = _Rows(every[:-1], weight * missed[:, own], *parts)
+        if not self.poses:
+            kinds["pinned"] = _Rows(every[:1], state[:1, :3] / PINNED, eye[None, :3] / PINNED)
+            return kinds
+
+        at, part = self._sought(self._used_poses, clock)
+        since = self._t[self._used_poses] - self._t[0]
+        body = (1 - part) * state[at, :3] + part * state[at + 1, :3]
+        seen = compose(body, mount)
+        by_body = np.tile(eye[:3], (len(at), 1, 1))
+        by_body[:, 0, 2], by_body[:, 1, 2] = body[:, 1] - seen[:, 1], seen[:, 0] - body[:, 0]
+        c, s, zero, one = np.cos(body[:, 2]), np.sin(body[:, 2]), np.zeros(len(at)), np.ones(len(at))
+        by_mount = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+        speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
+        by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([one, since])[:, None, :]
+        numbers = np.concatenate([np.zeros((len(at), 3, len(change))), by_mount, by_clock], axis=-1)
+        parts = (seen - self._reference[self._used_poses], (1 - part)[..., None] * by_body, part[..., None] * by_body)
+        for name, own in (("position", slice(0, 2)), ("heading", slice(2, 3))):
+            size = getattr(noise, name)
+            kinds[name] = _Rows(at, *(part[:, own] / size for part in (*parts, numbers)))
+        return kinds
+
+    def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
+        """Return the derivatives of `missed` by the state at the start and the end of every step, to second order."""
+        angle, body, s = self._angles(geometry, state[:, 3:]), self._body_motion(state), self._sensed
+        half_way = (angle[1:] + angle[:-1]) / 2
+        a, b = self._matrices(geometry, half_way)
+        # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
+        opposite, quarter = (self._matrices(geometry, half_way + by)[0] for by in (np.pi, np.pi / 2))
+        pointing = ((quarter - (a + opposite) / 2) @ body[..., None])[..., 0]
+
+        heading, turn = (state[1:, 2] + state[:-1, 2]) / 2, np.diff(state[:, 2])
+        c, sn, chord = np.cos(heading), np.sin(heading), np.sinc(turn / (2 * np.pi))
+        by_place = a[:, :, :2] @ (np.array([[c, sn], [-sn, c]]).transpose(2, 0, 1) / chord[:, None, None])
+        by_direction = a[:, :, 0] * body[:, None, 1] - a[:, :, 1] * body[:, None, 0]
+        by_turn = a[:, :, 2] + (a[:, :, :2] @ body[:, :2, None])[..., 0] * turn[:, None] / 12
+        shape = (*pointing.shape, state.shape[1])
+        start, end = np.zeros(shape), np.zeros(shape)
+        start[..., :2], end[..., :2] = -by_place, by_place
+        start[..., 2], end[..., 2] = by_direction / 2 - by_turn, by_direction / 2 + by_turn
+        rows = np.arange(len(self._used))
+        for column, castor in enumerate(np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))):
+            own, count = rows[self._castor == castor], 2 * np.pi / geometry.pivot_counts_per_rev[castor]
+            start[:, own, 3 + column] = (pointing / 2 - b)[:, own] * count
+            end[:, own, 3 + column] = (pointing / 2 + b)[:, own] * count
+        for row, wheel in enumerate(self._rolling):
+            column = 3 + s + int(np.searchsorted(self._wheels, wheel))
+            length = 2 * np.pi * geometry.radius[wheel] / geometry.counts_per_rev[wheel]
+            start[:, row, column], end[:, row, column] = length, -length
+        return start * self._magnified(geometry), end * self._magnified(geometry)
+
+    def _angles(self, geometry: Geometry, counts: Array) -> Array:
+        """Return the castors' angles (..., K, n) at counts (K, s + d)."""
+        return castor_angles(geometry.expand(1), counts[:, : self._sensed])
+
+    def _matrices(self, geometry: Geometry, angle: Array) -> tuple[Array, Array]:
+        """Return A (..., K - 1, rows, 3) and B (..., K - 1, rows) of the rows in use (`constraint_matrix`)."""
+        a, b = constraint_matrix(geometry.expand(1), angle)
+        return a[..., self._used, :], b[..., self._used]
+
+    def _rolled(self, geometry: Geometry, counts: Array) -> Array:
+        """Return what the wheels rolled in every step (..., K - 1, rows), m; 0 in rows of side slip."""
+        length = (2 * np.pi * geometry.radius / geometry.counts_per_rev)[..., None, self._rolling]
+        counted = np.diff(counts[:, self._sensed :], axis=0)[:, np.searchsorted(self._wheels, self._rolling)]
+        rolled = counted * length
+        idle = np.zeros((*rolled.shape[:-1], len(self._used) - len(self._rolling)))
+        return np.concatenate([rolled, idle], axis=-1)
+
+    def _magnified(self, geometry: Geometry) -> Array:
+        """Return how much smaller than described (..., 1, 1) the wheels are."""
+        return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
+
+    def _body_motion(self, state: Array) -> Array:
+        """Return the integral of the body's twist over every step (K - 1, 3), in B."""
+        turn, heading = np.diff(state[:, 2]), (state[1:, 2] + state[:-1, 2]) / 2
+        way = (np.diff(state[:, 0]) + 1j * np.diff(state[:, 1])) * np.exp(-1j * heading) / np.sinc(turn / (2 * np.pi))
+        body = np.column_stack([way.real, way.imag, turn])
+        if len(body) > 2:
+            change = self._only_even(body[2:] - body[:-2], 1) / 2
+            faster, turning = change[:, 0] + 1j * change[:, 1], change[:, 2]
+            swept = 1j * (turn[1:-1] * faster - turning * way[1:-1]) / 12
+            body[1:-1, 0] -= swept.real
+            body[1:-1, 1] -= swept.imag
+        return body
+
+    def _only_even(self, inner: Array, behind: int) -> Array:
+        """Return values of inner steps, (..., K - 3) with axes `behind`, 0 where neighbours last longer or shorter."""
+        return inner * self._even[1:-1].reshape(-1, *(1,) * behind)
+
+
+def _chained(twist: Array) -> Array:
+    """Return poses (K, 3) from 0 on after constant body motions (K - 1, 3)."""
+    heading = np.concatenate([[0.0], np.cumsum(twist[:, 2])])
+    middle = (heading[1:] + heading[:-1]) / 2
+    way = (twist[:, 0] + 1j * twist[:, 1]) * np.sinc(twist[:, 2] / (2 * np.pi)) * np.exp(1j * middle)
+    x, y = (np.concatenate([[0.0], np.cumsum(part)]) for part in (way.real, way.imag))
+    return np.column_stack([x, y, heading])
+
+
+def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
+    """Return of some samples the first, the last, and between them those that are `APART` after the one before."""
+    kept: list[int] = []
+    for k in samples.tolist():
+        if not kept or t[k] - t[kept[-1]] >= APART * (1 - 1e-9) or k == samples[-1]:
+            kept.append(k)
+    return np.array(kept, dtype=np.intp)
+
+
+def _share_of_reading(counts: Array) -> Array:
+    """Return for every count (K,) one over the length of the run of equal counts that it is in."""
+    begins = np.concatenate([[True], np.diff(counts) != 0])
+    run = np.cumsum(begins) - 1
+    return 1.0 / np.bincount(run)[run]
+
+
+def _add(total: Array, at: NDArray[np.intp], values: Array) -> None:
+    """Add values (k, ...) to a total (K, ...) at some samples, several times where a sample comes several times."""
+    if len(at) == at[-1] - at[0] + 1 and np.all(np.diff(at) == 1):
+        total[at[0] : at[-1] + 1] += values
+    else:
+        np.add.at(total, at, values)
+
+
+def _banded(diagonal: Array, above: Array) -> Array:
+    """Return a symmetric matrix of blocks (K, m, m) and those right of them (K - 1, m, m) in upper banded form."""
+    k, m, _ = diagonal.shape
+    band = np.zeros((2 * m, k, m))
+    for a in range(m):
+        for b in range(m):
+            if a <= b:
+                band[2 * m - 1 + a - b, :, b] = diagonal[:, a, b]
+            band[m - 1 + a - b, 1:, b] = above[:, a, b]
+    return band.reshape(2 * m, k * m)

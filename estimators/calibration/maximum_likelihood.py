@@ -1,0 +1,271 @@
+"""Calibration of any robot from any logs: the parameters that make all counts and reference poses most likely.
+
+Gauss and Newton's method on the squares of `log_likelihood`, in which all that truly happened is eliminated. How much
+the wheels slip and how far reference poses are off is found as well: the squares of each kind are brought to what such
+residuals leave on average (variance components by restricted maximum likelihood; averages from drawn residuals). What
+the logs say next to nothing of keeps the robot file's numbers and is told (`unseen`).
+
+A reference is taken as it comes: another point of the body may have been tracked, its axes turned against the body's,
+its clock early or late. All of this is found beside the robot's parameters, never mistaken for them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Array, Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced
+from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
+
+UNSEEN = 0.03
+"""A change of the parameters is not seen if its standard error is larger: as a part of each length, or in rad. Rounding
+is not quite as random as it is taken to be; what is hardly seen would be made up of it."""
+
+MOUNT = np.array([1.0, 1.0, 1.0])
+"""m, m, rad: where the tracked point may lie and how it may be turned; wide enough not to matter."""
+
+LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5)
+ROUNDS, PROBES = 60, 4
+CONVERGED, SETTLED = 0.01, 0.02
+"""Done when no parameter moves by more of its standard error, and no noise changes by more of itself."""
+
+FARTHEST = 0.2
+"""No step changes a parameter by more, as a part of its scale."""
+
+SETTLING = 2
+"""Rounds in which all else settles before the parameters move."""
+
+CHANGE = 1e-6
+"""Of a parameter's scale, for derivatives: rolling is linear in lengths, so that rounding alone limits it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What logs say of P parameters of a robot.
+
+    before, after (P,): SI. covariance (P, P): of `after`; unseen directions count as known. unseen (u, P): orthogonal
+    changes, in parts of the parameters' scales, that the logs do not show; `after` keeps the robot file's numbers
+    there. information (P, P): of all logs, in the same scales. noise: as found. mount (3,): the tracked point in B, m,
+    and how its axes are turned, rad. clocks (logs, 2): by how much the reference's clock is off at the log's start, s,
+    and gains, s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry, from a log's first
+    reference pose on, is off the reference, before and after; None without.
+    """
+
+    robot: RobotDescription
+    parameters: tuple[Parameter, ...]
+    before: Array
+    after: Array
+    covariance: Array
+    unseen: Array
+    information: Array
+    noise: Noise
+    mount: Array
+    clocks: Array
+    poses: int
+    left: tuple[float, float] | None
+
+    @property
+    def calibrated(self) -> RobotDescription:
+        """The robot with what was found."""
+        return robot_with(self.robot, self.parameters, self.after)
+
+    @property
+    def standard_errors(self) -> Array:
+        """Of `after` (P,); 0 of parameters that keep their numbers."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def calibrate(
+    robot: RobotDescription, logs: Sequence[Log], *, pivots: bool = False, noise: Noise | None = None
+) -> Calibration:
+    """Calibrate a robot from logs of any motion, with or without reference poses.
+
+    pivots: whether the pivots of free castors are to be found too. noise: known sizes; None: they are found.
+    Raises InputError, saying what to record instead, where the logs show nothing, contradict the robot beyond repair,
+    or hold counts that jump.
+    """
+    if not logs:
+        raise InputError("there is no log; record one")
+    described, parameters = Geometry.of(robot), parameters_of(robot, pivots)
+    scale, before = _scales(parameters), values_of(described, parameters)
+    models = [LogLikelihood(described, log) for log in logs]
+    poses = sum(model.poses for model in models)
+    _check(robot, logs, parameters)
+    at, sizes, solution = _fitted(models, described, parameters, before, noise)
+    if not solution.seen.any():
+        raise InputError(_nothing(robot, poses))
+    if solution.moved > 1.0:
+        raise InputError(CONTRADICTION.format(robot.name))
+    try:
+        robot_with(robot, parameters, at.found)
+    except ValueError:
+        raise InputError(CONTRADICTION.format(robot.name)) from None
+    way, variance = solution.way[:, solution.seen], 1 / solution.strength[solution.seen]
+    return Calibration(
+        robot=robot,
+        parameters=parameters,
+        before=before,
+        after=at.found,
+        covariance=(way * variance) @ way.T * np.outer(scale, scale),
+        unseen=solution.way[:, ~solution.seen].T,
+        information=(solution.way * solution.strength) @ solution.way.T,
+        noise=sizes,
+        mount=at.mount,
+        clocks=at.clocks,
+        poses=poses,
+        left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
+    )
+
+
+def _fitted(
+    models: list[LogLikelihood],
+    described: Geometry,
+    parameters: tuple[Parameter, ...],
+    before: Array,
+    noise: Noise | None,
+) -> tuple["_State", Noise, "_Solution"]:
+    """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well."""
+    scale = _scales(parameters)
+    at = _State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
+    sizes, probes = (Noise(), PROBES) if noise is None else (noise, 0)
+    k = 0
+    while True:
+        geometry = geometry_with(described, parameters, at.found)
+        changed = geometry_with(described, parameters, at.found + CHANGE * np.diag(scale))
+        each = [
+            model.reduce(geometry, changed, CHANGE * scale, state, clock, at.mount, sizes, probes)
+            for model, state, clock in zip(models, at.states, at.clocks, strict=True)
+        ]
+        solution = _solve(each, scale, at.mount, (at.found - before) / scale, FARTHEST if k >= SETTLING else 0.0)
+        finished = [one.finish(np.concatenate([scale[:, None] * solution.step, solution.mount])) for one in each]
+        at = _State(
+            at.found + scale * solution.step[:, 0],
+            at.mount + solution.mount[:, 0],
+            [state for state, _, _ in finished],
+            np.array([clock for _, clock, _ in finished]),
+        )
+        last, sizes = sizes, sizes if noise else _resized(sizes, [left for _, _, left in finished])
+        changes = np.array(list(asdict(sizes).values())) / list(asdict(last).values()) - 1
+        done = k > SETTLING and solution.moved < CONVERGED and np.abs(changes).max() < SETTLED
+        lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
+        if done or lost or not solution.seen.any() or k + 1 == ROUNDS:
+            return at, sizes, solution._replace(moved=np.inf) if lost else solution
+        k += 1
+
+
+def _scales(parameters: tuple[Parameter, ...]) -> Array:
+    return np.array([p.scale for p in parameters])
+
+
+def information_of(
+    robot: RobotDescription, parameters: tuple[Parameter, ...], logs: Sequence[Log], noise: Noise
+) -> Array:
+    """Return what logs that fit a robot say of its parameters (P, P), in parts of their scales, at known noise."""
+    geometry, scale = Geometry.of(robot), _scales(parameters)
+    changed = geometry_with(geometry, parameters, values_of(geometry, parameters) + CHANGE * np.diag(scale))
+    models = [LogLikelihood(geometry, log) for log in logs]
+    each = [
+        model.reduce(geometry, changed, CHANGE * scale, model.start(geometry), np.zeros(2), np.zeros(3), noise)
+        for model in models
+    ]
+    solution = _solve(each, scale, np.zeros(3), np.zeros(len(scale)), FARTHEST)
+    return (solution.way * solution.strength) @ solution.way.T
+
+
+CONTRADICTION = (
+    "the logs cannot be made to fit robot {!r}; look for channels that are swapped, reversed or wrongly scaled "
+    "(castor-diagnose inspect)"
+)
+
+
+class _State(NamedTuple):
+    """All that is sought: parameters (P,), mount (3,), and of each log its state and clock."""
+
+    found: Array
+    mount: Array
+    states: list[Array]
+    clocks: Array
+
+
+class _Solution(NamedTuple):
+    """step (P, 1 + probes), in scales; mount (3, 1 + probes); moved: the step in standard errors.
+
+    strength (P,), way (P, P): eigenvalues and -vectors (columns) of the information, in scales; seen (P,): which of
+    them are.
+    """
+
+    step: Array
+    mount: Array
+    moved: float
+    strength: Array
+    way: Array
+    seen: NDArray[np.bool_]
+
+
+def _solve(each: list[Reduced], scale: Array, mount: Array, away: Array, farthest: float) -> _Solution:
+    """Return the next step; away (P,): how far it is already from the robot file, in scales."""
+    information = np.sum([one.information for one in each], axis=0)
+    gradient = np.sum([one.gradient for one in each], axis=0)
+    n = len(scale)
+    information[n:, n:] += np.diag(MOUNT**-2.0)
+    gradient[n:, 0] += mount / MOUNT**2
+    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
+    told = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ both[:, :n])
+    slope = scale[:, None] * (gradient[:n] - information[:n, n:] @ both[:, n:])
+    strength, way = np.linalg.eigh(told)
+    seen = strength > UNSEEN**-2
+    along = -(way.T @ slope) / np.where(seen, strength, np.inf)[:, None]
+    along[~seen, 0] = -(way.T @ away)[~seen]
+    along[:, 0] *= min(1.0, farthest / max(float(np.abs(way @ along[:, 0]).max()), 1e-12))
+    moved = float(np.sqrt(np.sum(along[seen, 0] ** 2 * strength[seen])))
+    step = way @ along
+    set_by = -(both[:, n:] + both[:, :n] @ (scale[:, None] * step))
+    return _Solution(step, set_by, moved, strength, way, seen)
+
+
+def _resized(sizes: Noise, left: list[Leftover]) -> Noise:
+    """Return the sizes of noise by which the squares that are left would be what they are on average."""
+    better = asdict(sizes)
+    for name, size in asdict(sizes).items():
+        squares, expected = (sum(getattr(one, part).get(name, 0.0) for one in left) for part in Leftover._fields)
+        if expected > 0:
+            ratio = squares / expected
+            change = ratio if ratio < 0.25 else np.sqrt(ratio)  # There is hardly any: go on towards none faster.
+            better[name] = max(size * float(np.clip(change, 0.05, 5.0)), getattr(LEAST, name))
+    return Noise(**better)
+
+
+def _left(models: list[LogLikelihood], geometries: list[Geometry], at: _State) -> tuple[float, float] | None:
+    """Return the rms distance between odometry and reference by each of two geometries; None without reference."""
+    tracked = [(model, clock) for model, clock in zip(models, at.clocks, strict=True) if model.poses]
+    if not tracked:
+        return None
+
+    def rms(geometry: Geometry) -> float:
+        off = np.concatenate([model.errors(geometry, clock, at.mount) for model, clock in tracked])[:, :2]
+        return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+    before, after = geometries
+    return rms(before), rms(after)
+
+
+def _check(robot: RobotDescription, logs: Sequence[Log], parameters: tuple[Parameter, ...]) -> None:
+    if not parameters:
+        raise InputError(f"robot {robot.name!r} has no encoder whose numbers could be found")
+    if all(np.ptp(log.wheel, axis=0).max(initial=0) == 0 for log in logs):
+        raise InputError("no wheel turned in any log; record a drive")
+
+
+def _nothing(robot: RobotDescription, poses: int) -> str:
+    if poses:
+        return "the logs show none of the robot's numbers; drive at least a metre, and turn, between reference poses"
+    return (
+        f"without reference poses nothing can be seen of robot {robot.name!r}: its encoders cannot contradict each "
+        "other, or did not move enough to; give logs with ref_x, ref_y and ref_psi, at least at start and end"
+    )
