@@ -131,7 +131,7 @@ def likely(robot: RobotDescription, logs: Mapping[Path, Log], pivots: bool) -> F
         angle = one.unit == "rad"
         rows.append(Parameter(one.name, one.unit, "deg" if angle else "mm", 180 / np.pi if angle else 1e3, *numbers))
     unseen = unseen_of(found)
-    remarks = [f"not found: {one}" for one in unseen]
+    remarks = [f"not seen: {one}" for one in unseen]
     if scale_rests_on_pivots(found):
         remarks.append("all lengths rest on the pivots' places in the robot file; reference poses would check them")
     noise, (x, y, yaw) = found.noise, found.mount

@@ -151,13 +151,14 @@ class LogLikelihood:
         anchor = anchors[np.maximum(np.searchsorted(anchors, np.arange(len(path)), side="right") - 1, 0)]
         return compose(self._reference[anchor], relative_pose(path[anchor], path))
 
-    def errors(self, geometry: Geometry, clock: Array, mount: Array) -> Array:
-        """Return by how much odometry, from the first reference pose on, is off at every one of them (poses, 3)."""
+    def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array) -> Array:
+        """Return by how much odometry is off at every reference pose (poses, 3); it starts where the state does."""
         known = np.flatnonzero(self._posed)
         at, part = self._sought(known, clock)
         path = compose(self.odometry(geometry), mount)
-        path = (1 - part) * path[at] + part * path[at + 1]
-        return compose(self._reference[known[0]], relative_pose(path[0], path)) - self._reference[known]
+        truly = compose(state[:, :3], mount)
+        path, truly = ((1 - part) * poses[at] + part * poses[at + 1] for poses in (path, truly))
+        return compose(truly[0], relative_pose(path[0], path)) - self._reference[known]
 
     def _sought(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
         """Return after which sample the reference of some samples was taken, and what part (k, 1) of the step later."""

@@ -53,8 +53,8 @@ class Calibration:
     changes, in parts of the parameters' scales, that the logs do not show; `after` keeps the robot file's numbers
     there. information (P, P): of all logs, in the same scales. noise: as found. mount (3,): the tracked point in B, m,
     and how its axes are turned, rad. clocks (logs, 2): by how much the reference's clock is off at the log's start, s,
-    and gains, s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry, from a log's first
-    reference pose on, is off the reference, before and after; None without.
+    and gains, s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry, from the most
+    likely pose at a log's first reference pose on, is off the reference, before and after; None without.
     """
 
     robot: RobotDescription
@@ -243,12 +243,12 @@ def _resized(sizes: Noise, left: list[Leftover]) -> Noise:
 
 def _left(models: list[LogLikelihood], geometries: list[Geometry], at: _State) -> tuple[float, float] | None:
     """Return the rms distance between odometry and reference by each of two geometries; None without reference."""
-    tracked = [(model, clock) for model, clock in zip(models, at.clocks, strict=True) if model.poses]
+    tracked = [one for one in zip(models, at.states, at.clocks, strict=True) if one[0].poses]
     if not tracked:
         return None
 
     def rms(geometry: Geometry) -> float:
-        off = np.concatenate([model.errors(geometry, clock, at.mount) for model, clock in tracked])[:, :2]
+        off = np.concatenate([model.errors(geometry, *own, at.mount) for model, *own in tracked])[:, :2]
         return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
     before, after = geometries

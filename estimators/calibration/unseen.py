@@ -34,8 +34,8 @@ class Unseen(NamedTuple):
 
     def __str__(self) -> str:
         if self.shown_by is None:
-            return f"{self.what}: no drive shows it; it keeps the robot file's numbers"
-        return f"{self.what}: not seen, it keeps the robot file's numbers; {self.shown_by} would show it"
+            return f"{self.what}: makes no difference to any drive; keeps the robot file's numbers"
+        return f"{self.what}: keeps the robot file's numbers; {self.shown_by} would show it"
 
 
 def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:

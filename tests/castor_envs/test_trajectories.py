@@ -1,6 +1,7 @@
 # pyright: reportPossiblyUnboundVariable=false, reportAttributeAccessIssue=false, reportArgumentType=false
 # pyright: reportOperatorIssue=false, reportOptionalSubscript=false
 
+import dataclasses
 import math
 from itertools import pairwise
 
@@ -14,8 +15,11 @@ from castor_envs.encoders import Encoders, castor_angles
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Geometry
 from castor_envs.presets import preset
+from castor_envs.robot import Castor, Wheel
 from castor_envs.rolling import roll
 from castor_envs.trajectories import figure_eight, moved, pivoting, umbmark, wander
+
+UNTURNED = Castor(pivot=(0.0, 0.0), offset=0.1, wheels=(Wheel(radius=0.05, grip="omni"),))
 
 TRAJECTORIES = [
     *(umbmark(direction, corners) for direction in ("cw", "ccw") for corners in ("turn", "fixed", "rounded")),
@@ -116,9 +120,31 @@ def test_rolling_wheels_roll_their_paths():
     assert rolled.wheel_angle[-1, k] * wheel.radius == pytest.approx(np.sum(along.real), rel=2e-4)
 
 
-def test_a_swerve_drive_does_not_trail():
-    with pytest.raises(InputError, match="trail"):
-        roll(preset("swerve"), umbmark())
+@pytest.mark.parametrize("way", ["ccw", "cw"])
+def test_a_tricycle_steers_ahead_and_across(way):
+    """Round the square its front wheel rolls the sides, and a quarter circle about the rear axle at each corner."""
+    robot = preset("tricycle")
+    base, radius = robot.castors[0].pivot[0], robot.castors[0].wheels[0].radius
+    rolled = roll(robot, umbmark(way))
+    assert np.abs(np.diff(rolled.wheel_angle[:, 0])).sum() * radius == pytest.approx(4 * 1.5 + 4 * base * np.pi / 2)
+    steering = np.abs(rolled.castor_angle[:, 0])
+    assert np.all(np.isclose(steering, 0) | np.isclose(steering, np.pi / 2))
+
+
+def test_swerve_modules_point_along_their_pivots_paths():
+    robot, turn = preset("swerve"), 2.0
+    rolled = roll(robot, pivoting((0.5, 0.0), angle=turn))
+    for i, castor in enumerate(robot.castors):
+        arm = np.hypot(castor.pivot[0] - 0.5, castor.pivot[1])
+        wheel = sum(len(each.wheels) for each in robot.castors[:i])
+        assert abs(rolled.wheel_angle[-1, wheel]) * castor.wheels[0].radius == pytest.approx(arm * turn)
+
+
+def test_what_nothing_turns_and_fixed_wheels_that_would_slip_are_refused():
+    with pytest.raises(InputError, match="nothing turns castor 1"):
+        roll(dataclasses.replace(preset("swerve"), castors=(UNTURNED,)), umbmark())
+    with pytest.raises(InputError, match="slip sideways"):
+        roll(preset("differential"), umbmark("ccw", "fixed"))
 
 
 @given(seed=st.integers(0, 2**32 - 1))
