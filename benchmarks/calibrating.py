@@ -23,22 +23,27 @@ from castor_envs.vehicles import load_vehicle
 from estimators.calibration import maximum_likelihood
 from estimators.calibration.pivoting import Turn, calibrate, held_castor
 from estimators.calibration.umbmark_correction import corrected, direction_of, from_errors, return_errors
-from estimators.calibration.unseen import scale_rests_on_pivots, unseen_of
+from estimators.calibration.unseen import HARDLY, WHOLLY, scale_rests_on_pivots, unseen_of
 
 FORMAT = "castor-calibration/1"
 Method = Literal["maximum-likelihood", "pivoting", "umbmark-correction"]
+Seen = Literal["yes", "partly", "no"]
 METHODS: dict[Method, str] = {
     "maximum-likelihood": "maximum likelihood of all counts and reference poses",
     "pivoting": "pivoting about held castors (Doebbler, eqs. 1-9)",
     "umbmark-correction": "correction from UMBmark squares (Borenstein and Feng)",
 }
+FIRST_ORDER = "the method is of first order: of errors of per cents, calibrate again with the calibrated robot"
 COVERAGE = 1.96
 """Standard errors on either side of a 95 % interval."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of the robot file: before, after with its standard error, SI; and how it is shown."""
+    """One number of the robot file: before, after with its standard error, SI; and how it is shown.
+
+    seen: "no": it keeps the file's number; "partly": the error holds only if what is not seen is right in the file.
+    """
 
     name: str
     unit: str
@@ -47,6 +52,7 @@ class Parameter:
     before: float
     after: float
     standard_error: float
+    seen: Seen = "yes"
 
 
 @dataclass(frozen=True)
@@ -77,13 +83,14 @@ def calibrate_logs(
     where a picture of the squares' end points goes. Raises InputError where logs, robot or options do not suit, or
     `out` is there already.
     """
-    if out.exists():
-        raise InputError(f"--out {out}: is there already; name a new file")
+    _check_new("--out", out, ".json")
+    if scatter is not None:
+        _check_new("--scatter", scatter, ".png")
     described = load_vehicle(robot)
     if isinstance(described, TrainDescription):
         raise InputError(f"--robot {robot}: is a train; calibration serves single robots")
     chosen = _chosen(method, side, pivots, scatter)
-    read = {path: read_log(path, described) for path in logs}
+    read = _read(logs, described)
     match chosen:
         case "maximum-likelihood":
             found = likely(described, read, pivots)
@@ -91,19 +98,52 @@ def calibrate_logs(
             found = Found(*pivoting(described, read))
         case "umbmark-correction":
             assert side is not None
-            found = Found(*squares(described, read, side))
+            found = Found(*squares(described, read, side), remarks=[FIRST_ORDER])
+    picture = b""
     if scatter is not None:
         assert side is not None
-        _draw(scatter, described, found.calibrated, read, side)
+        picture = _drawn(described, found.calibrated, read, side)
     try:
         found.calibrated.save(out)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+    if scatter is not None:
+        try:
+            write_atomically(scatter, picture)
+        except OSError as error:
+            out.unlink()
+            raise InputError(f"--scatter {scatter}: cannot be written to ({error.strerror or error})") from None
+    if described.effects:
+        names = ", ".join(effect.name for effect in described.effects)
+        found.remarks.append(f"the robot file's effects ({names}) are kept; leave out those that were calibrated")
     if as_json:
         print(json.dumps(_as_json(chosen, described, found), indent=2, allow_nan=False))
         return
     _print(console, described, chosen, found)
     console.print(f"{out}: the calibrated robot", highlight=False, markup=False, soft_wrap=True)
+
+
+def _check_new(option: str, path: Path, suffix: str) -> None:
+    try:
+        there = path.exists()
+    except OSError as error:
+        raise InputError(f"{option}: cannot be written to ({error.strerror or error})") from None
+    if there:
+        raise InputError(f"{option} {path}: is there already; name a new file")
+    if path.suffix != suffix:
+        raise InputError(f"{option} {path}: its name must end in {suffix}")
+
+
+def _read(paths: Sequence[Path], robot: RobotDescription) -> dict[Path, Log]:
+    """Return the logs; raises InputError for one that is given twice, or repeats another."""
+    read: dict[Path, Log] = {}
+    for path in paths:
+        log = read_log(path, robot)
+        for other, known in read.items():
+            if path == other or (np.array_equal(log.t, known.t) and np.array_equal(log.wheel, known.wheel)):
+                raise InputError(f"{path}: repeats {other}; give every log once, or intervals come out too narrow")
+        read[path] = log
+    return read
 
 
 def _chosen(method: str | None, side: float | None, pivots: bool, scatter: Path | None) -> Method:
@@ -113,6 +153,10 @@ def _chosen(method: str | None, side: float | None, pivots: bool, scatter: Path 
     chosen = known[method] if method else "maximum-likelihood" if side is None else "umbmark-correction"
     if chosen == "umbmark-correction" and side is None:
         raise InputError("--method umbmark-correction needs the --side of the squares that were driven, m")
+    if side is not None and not (np.isfinite(side) and side > 0):
+        raise InputError(f"--side {side:g}: the side of a square is a length above 0, m")
+    if side is not None and chosen == "pivoting":
+        raise InputError("--side is for squares, and --method pivoting takes turns about held castors")
     if scatter is not None and side is None:
         raise InputError("--scatter shows the end points of UMBmark squares; give their --side")
     if pivots and chosen != "maximum-likelihood":
@@ -124,12 +168,12 @@ def likely(robot: RobotDescription, logs: Mapping[Path, Log], pivots: bool) -> F
     """Return what maximum likelihood finds, and what the logs do not show."""
     found = maximum_likelihood.calibrate(robot, list(logs.values()), pivots=pivots)
     rows = []
-    for one, before, after, error in zip(
-        found.parameters, found.before, found.after, found.standard_errors, strict=True
-    ):
-        numbers = map(float, (before, after, error))
-        angle = one.unit == "rad"
-        rows.append(Parameter(one.name, one.unit, "deg" if angle else "mm", 180 / np.pi if angle else 1e3, *numbers))
+    hidden = np.linalg.norm(found.unseen, axis=0)
+    columns = (found.parameters, found.before, found.after, found.standard_errors, hidden)
+    for one, before, after, error, part in zip(*columns, strict=True):
+        unit, factor = ("deg", 180 / np.pi) if one.unit == "rad" else ("mm", 1e3)
+        seen: Seen = "no" if part > WHOLLY else "partly" if part > HARDLY else "yes"
+        rows.append(Parameter(one.name, one.unit, unit, factor, float(before), float(after), float(error), seen))
     unseen = unseen_of(found)
     remarks = [f"not seen: {one}" for one in unseen]
     if scale_rests_on_pivots(found):
@@ -183,18 +227,13 @@ def _directions(logs: Mapping[Path, Log]) -> list[Direction]:
     return ways
 
 
-def _draw(
-    scatter: Path, robot: RobotDescription, calibrated: RobotDescription, logs: Mapping[Path, Log], side: float
-) -> None:
-    """Draw where odometry says that squares end, before and after."""
+def _drawn(robot: RobotDescription, calibrated: RobotDescription, logs: Mapping[Path, Log], side: float) -> bytes:
+    """Return a picture (PNG) of where odometry says that squares end, before and after."""
     ways = _directions(logs)
     before, after = (return_errors(each, list(logs.values()), ways, side) for each in (robot, calibrated))
     picture = io.BytesIO()
     umbmark_scatter(before, after).savefig(picture, format="png", metadata={"Software": None})
-    try:
-        write_atomically(scatter, picture.getvalue())
-    except OSError as error:
-        raise InputError(f"--scatter {scatter}: cannot be written to ({error.strerror or error})") from None
+    return picture.getvalue()
 
 
 def pivoting(robot: RobotDescription, logs: Mapping[Path, Log]) -> tuple[list[Parameter], RobotDescription]:
@@ -213,8 +252,8 @@ def pivoting(robot: RobotDescription, logs: Mapping[Path, Log]) -> tuple[list[Pa
             continue
         errors, name = found.errors, f"castor {i + 1}"
         rows.append(_length(f"{name} offset", old.offset, new.offset, errors.offset[i]))
-        zero = (old.pivot_zero, new.pivot_zero, errors.pivot_zero[i])
-        rows.append(Parameter(f"{name} pivot_zero", "rad", "deg", 180 / np.pi, *map(float, zero)))
+        zero, error = new.pivot_zero, float(errors.pivot_zero[i])
+        rows.append(Parameter(f"{name} pivot_zero", "rad", "deg", 180 / np.pi, old.pivot_zero, zero, error))
         for k, side in enumerate(("left", "right")):
             before, after = old.wheels[k], new.wheels[k]
             rows.append(_length(f"{name} {side} radius", before.radius, after.radius, errors.radius[i, k]))
@@ -232,9 +271,14 @@ def _print(console: Console, robot: RobotDescription, method: Method, found: Fou
     for heading in ("parameter", "unit", "before", "after", "± (95 %)"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
     for one in found.parameters:
-        shown = (one.before, one.after, COVERAGE * one.standard_error)
-        table.add_row(one.name, one.shown_unit, *(f"{value * one.factor:.4f}" for value in shown))
+        before, after, error = (
+            f"{value * one.factor:.4f}" for value in (one.before, one.after, COVERAGE * one.standard_error)
+        )
+        interval = {"yes": error, "partly": f"{error} *", "no": "kept"}[one.seen]
+        table.add_row(one.name, one.shown_unit, before, after, interval)
     console.print(table, highlight=False, markup=False)
+    if any(one.seen == "partly" for one in found.parameters):
+        console.print("* if what is not seen is right in the robot file", highlight=False, markup=False)
     for remark in found.remarks:
         console.print(remark, highlight=False, markup=False, soft_wrap=True)
 
@@ -250,7 +294,8 @@ def _as_json(method: Method, robot: RobotDescription, found: Found) -> dict[str,
                 "name": one.name,
                 f"before_{one.unit}": one.before,
                 f"after_{one.unit}": one.after,
-                f"standard_error_{one.unit}": one.standard_error,
+                f"standard_error_{one.unit}": None if one.seen == "no" else one.standard_error,
+                "seen": one.seen,
             }
             for one in found.parameters
         ],

@@ -167,20 +167,22 @@ class LogLikelihood:
         at = np.clip(np.searchsorted(t, there, side="right") - 1, 0, len(t) - 2)
         return at, ((there - t[at]) / (t[at + 1] - t[at]))[:, None]
 
-    def missed(self, geometry: Geometry, state: Array) -> Array:
+    def missed(self, geometry: Geometry, state: Array, fourth: bool = True) -> Array:
         """Return by how much a state misses every constraint (..., K - 1, rows), m; the geometry may have axes.
 
         In metres of the robot as described: a misfit of a smaller robot is no smaller, or all robots would shrink.
+        fourth: integrate to fourth order in the steps' length, not to second.
         """
-        angle, body = self._angles(geometry, state[:, 3:]), self._body_motion(state)
+        even = self._even if fourth else np.zeros_like(self._even)
+        angle, body = self._angles(geometry, state[:, 3:]), self._body_motion(state, even)
         half_way = (angle[..., 1:, :] + angle[..., :-1, :]) / 2
         curved = angle[..., 3:, :] - angle[..., 2:-1, :] - angle[..., 1:-2, :] + angle[..., :-3, :]
-        half_way[..., 1:-1, :] -= self._only_even(curved, 1) / 16
+        half_way[..., 1:-1, :] -= _where_even(even, curved, 1) / 16
         a, b = self._matrices(geometry, half_way)
         along = (a @ body[..., None])[..., 0]
         # The mean of a product over a step: mean times mean, and how both change together.
-        bend = self._only_even(a[..., 2:, :, :] - 2 * a[..., 1:-1, :, :] + a[..., :-2, :, :], 2) / 24
-        slope = self._only_even(a[..., 2:, :, :] - a[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
+        bend = _where_even(even, a[..., 2:, :, :] - 2 * a[..., 1:-1, :, :] + a[..., :-2, :, :], 2) / 24
+        slope = _where_even(even, a[..., 2:, :, :] - a[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
         along[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + slope.sum(axis=-1)
         turned = np.diff(angle, axis=-2)[..., self._castor]
         return (along + b * turned - self._rolled(geometry, state[:, 3:])) * self._magnified(geometry)
@@ -265,9 +267,10 @@ class LogLikelihood:
         by_parameters = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
         by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, len(mount) + len(clock))))
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
+        unsure = self._unsure(geometry, state, missed)
         rolling = len(self._rolling)
         for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            weight = 1 / np.sqrt(getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None]
+            weight = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, own] ** 2)
             parts = (weight[..., None] * part[:, own] for part in (*derivatives, by_parameters))
             kinds[name] = _Rows(every[:-1], weight * missed[:, own], *parts)
         if not self.poses:
@@ -293,7 +296,7 @@ class LogLikelihood:
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
         """Return the derivatives of `missed` by the state at the start and the end of every step, to second order."""
-        angle, body, s = self._angles(geometry, state[:, 3:]), self._body_motion(state), self._sensed
+        angle, body, s = self._angles(geometry, state[:, 3:]), self._body_motion(state, self._even), self._sensed
         half_way = (angle[1:] + angle[:-1]) / 2
         a, b = self._matrices(geometry, half_way)
         # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
@@ -337,26 +340,38 @@ class LogLikelihood:
         idle = np.zeros((*rolled.shape[:-1], len(self._used) - len(self._rolling)))
         return np.concatenate([rolled, idle], axis=-1)
 
+    def _unsure(self, geometry: Geometry, state: Array, missed: Array) -> Array:
+        """Return what integration to fourth order may be off by (K - 1, rows), m.
+
+        By how much it differs from second order, times the squared angle by which the fastest castor turns in a step:
+        each order is smaller than the one before by so much.
+        """
+        angle = self._angles(geometry, state[:, 3:])[:, np.unique(self._castor)]
+        turned = np.abs(np.diff(angle, axis=0)).max(axis=1, initial=0.0)
+        around = np.maximum.reduce([turned, np.append(turned[1:], 0.0), np.append(0.0, turned[:-1])])
+        return np.abs(missed - self.missed(geometry, state, fourth=False)) * around[:, None] ** 2
+
     def _magnified(self, geometry: Geometry) -> Array:
         """Return how much smaller than described (..., 1, 1) the wheels are."""
         return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
 
-    def _body_motion(self, state: Array) -> Array:
+    def _body_motion(self, state: Array, even: NDArray[np.bool_]) -> Array:
         """Return the integral of the body's twist over every step (K - 1, 3), in B."""
         turn, heading = np.diff(state[:, 2]), (state[1:, 2] + state[:-1, 2]) / 2
         way = (np.diff(state[:, 0]) + 1j * np.diff(state[:, 1])) * np.exp(-1j * heading) / np.sinc(turn / (2 * np.pi))
         body = np.column_stack([way.real, way.imag, turn])
         if len(body) > 2:
-            change = self._only_even(body[2:] - body[:-2], 1) / 2
+            change = _where_even(even, body[2:] - body[:-2], 1) / 2
             faster, turning = change[:, 0] + 1j * change[:, 1], change[:, 2]
             swept = 1j * (turn[1:-1] * faster - turning * way[1:-1]) / 12
             body[1:-1, 0] -= swept.real
             body[1:-1, 1] -= swept.imag
         return body
 
-    def _only_even(self, inner: Array, behind: int) -> Array:
-        """Return values of inner steps, (..., K - 3) with axes `behind`, 0 where neighbours last longer or shorter."""
-        return inner * self._even[1:-1].reshape(-1, *(1,) * behind)
+
+def _where_even(even: NDArray[np.bool_], inner: Array, behind: int) -> Array:
+    """Return values of inner steps, (..., K - 3) with axes `behind`, 0 where `even` (K - 1,) is not."""
+    return inner * even[1:-1].reshape(-1, *(1,) * behind)
 
 
 def _chained(twist: Array) -> Array:

@@ -38,6 +38,9 @@ CONVERGED, SETTLED = 0.01, 0.02
 FARTHEST = 0.2
 """No step changes a parameter by more, as a part of its scale."""
 
+FARTHEST_POINT = 3.0
+"""Of the robot's size: how far from its origin the tracked point may lie."""
+
 SETTLING = 2
 """Rounds in which all else settles before the parameters move."""
 
@@ -97,15 +100,18 @@ def calibrate(
     models = [LogLikelihood(described, log) for log in logs]
     poses = sum(model.poses for model in models)
     _check(robot, logs, parameters)
-    at, sizes, solution = _fitted(models, described, parameters, before, noise)
+    try:
+        at, sizes, solution = _fitted(models, described, parameters, before, noise)
+        robot_with(robot, parameters, at.found)
+    except (np.linalg.LinAlgError, ValueError):
+        raise InputError(CONTRADICTION.format(robot.name, "")) from None
+    strange = _strange(sizes, at.mount, described)
+    if strange:
+        raise InputError(CONTRADICTION.format(robot.name, f" but with {', '.join(strange)}"))
     if not solution.seen.any():
         raise InputError(_nothing(robot, poses))
     if solution.moved > 1.0:
-        raise InputError(CONTRADICTION.format(robot.name))
-    try:
-        robot_with(robot, parameters, at.found)
-    except ValueError:
-        raise InputError(CONTRADICTION.format(robot.name)) from None
+        raise InputError(CONTRADICTION.format(robot.name, ""))
     way, variance = solution.way[:, solution.seen], 1 / solution.strength[solution.seen]
     return Calibration(
         robot=robot,
@@ -179,9 +185,26 @@ def information_of(
 
 
 CONTRADICTION = (
-    "the logs cannot be made to fit robot {!r}; look for channels that are swapped, reversed or wrongly scaled "
-    "(castor-diagnose inspect)"
+    "the logs cannot be made to fit robot {!r}{}; look for channels that are swapped, reversed or dead, counts per "
+    "turn or dimensions that are wrong by a factor, reference poses not in m and rad, and poses that jump"
 )
+
+MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3)
+"""More noise than this is no noise: something else is wrong."""
+
+
+def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
+    """Return what no sound robot with a sound reference shows."""
+    size = float(np.max(np.hypot(*described.pivot.T) + described.offset) + np.max(np.abs(described.lateral)))
+    away, turned = float(np.hypot(*mount[:2])), abs(float(mount[2]))
+    found = []
+    if max(noise.along, noise.across) > MOST.along:
+        found.append(f"slip of {1e3 * max(noise.along, noise.across):.3g} mm after 1 m")
+    if noise.position > MOST.position or noise.heading > MOST.heading:
+        found.append(f"reference noise of {1e3 * noise.position:.3g} mm and {np.degrees(noise.heading):.3g} deg")
+    if away > FARTHEST_POINT * size or turned > np.pi / 4:
+        found.append(f"a tracked point {1e3 * away:.3g} mm off the origin, turned by {np.degrees(turned):.3g} deg")
+    return found
 
 
 class _State(NamedTuple):
@@ -248,7 +271,7 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: _State) -
         return None
 
     def rms(geometry: Geometry) -> float:
-        off = np.concatenate([model.errors(geometry, *own, at.mount) for model, *own in tracked])[:, :2]
+        off = np.concatenate([model.errors(geometry, state, clock, at.mount) for model, state, clock in tracked])[:, :2]
         return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
     before, after = geometries
@@ -258,8 +281,14 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: _State) -
 def _check(robot: RobotDescription, logs: Sequence[Log], parameters: tuple[Parameter, ...]) -> None:
     if not parameters:
         raise InputError(f"robot {robot.name!r} has no encoder whose numbers could be found")
-    if all(np.ptp(log.wheel, axis=0).max(initial=0) == 0 for log in logs):
+    turned = np.max([np.ptp(log.wheel, axis=0) for log in logs], axis=0)
+    if not turned.any():
         raise InputError("no wheel turned in any log; record a drive")
+    for k in np.flatnonzero(turned == 0)[:1]:
+        name = robot.wheel_names[robot.driven_wheels[k]]
+        raise InputError(
+            f"wheel {name} never counts while others do; mend its encoder, or record a drive in which it turns"
+        )
 
 
 def _nothing(robot: RobotDescription, poses: int) -> str:

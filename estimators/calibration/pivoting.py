@@ -29,6 +29,9 @@ HELD = np.radians(5.0)
 SLIPPING = 0.02
 """Share of a wheel's turn by which it may stray from an even share of the base's; speeding up costs a little slip."""
 
+FAR = 2.0
+"""Factor by which a length may differ from the robot file's; dimensions are measured better than that."""
+
 ROUNDING = 3.0
 """Counts by which rounding may seem to stray."""
 
@@ -127,6 +130,7 @@ def calibrate(robot: RobotDescription, turns: Sequence[Turn]) -> PivotingCalibra
         estimates.append(_estimate(robot, castor, *(_mean(way) for way in ways)))
         errors.append(_rounding(robot, castor, *(_mean(way) for way in ways)))
     stacked, rounding = _stacked(estimates), _stacked(errors)
+    _check_sizes(robot, stacked)
     parts = zip(stacked, rounding, strict=True)
     return PivotingCalibration(
         robot,
@@ -169,6 +173,22 @@ def _check(robot: RobotDescription) -> None:
             raise InputError(f"robot {robot.name!r}: castor {i} has no pivot encoder")
 
 
+def _check_sizes(robot: RobotDescription, found: CastorParameters) -> None:
+    """Raise InputError where a length is out of all proportion to the robot file (`FAR`)."""
+    for i, castor in enumerate(robot.castors):
+        for name, values, described in (
+            ("r_c", found.offset, castor.offset),
+            ("r_w", found.radius, [wheel.radius for wheel in castor.wheels]),
+            ("d", found.half_track, np.abs([wheel.lateral for wheel in castor.wheels])),
+        ):
+            ratio = values[:, i] / described
+            if np.any(np.isfinite(ratio) & ((ratio < 1 / FAR) | (ratio > FAR))):
+                raise InputError(
+                    f"castor {i + 1} would have {name} of {np.nanmean(ratio):.2g} times the robot file's; look for "
+                    "encoders or castors that are swapped, and counts per turn or dimensions that are wrong by a factor"
+                )
+
+
 def _measured(robot: RobotDescription, turn: Turn) -> _Measured:
     log, held = turn.log, turn.held - 1
     per_pivot = np.array([castor.pivot_counts_per_rev for castor in robot.castors], dtype=float)
@@ -205,6 +225,12 @@ def _measured(robot: RobotDescription, turn: Turn) -> _Measured:
         raise InputError(
             f"wheel {robot.wheel_names[worst]} slipped while the base turned about castor {turn.held}: it strays "
             f"by over {100 * SLIPPING:g} % from an even share of the turn; turn with a lower voltage"
+        )
+    free_wheels = np.repeat(np.arange(len(per_pivot)) != held, 2)
+    for k in np.flatnonzero(free_wheels & (since[-1] <= 0))[:1]:
+        raise InputError(
+            f"wheel {robot.wheel_names[k]} counts {since[-1, k]:g} while the base turned about castor {turn.held}, and "
+            "wheels of castors that trail roll forward; look for an encoder that is dead, reversed or swapped"
         )
     rolled = np.abs(since[-1]) * 2 * np.pi / per_wheel
     gamma = pivot[start:].mean(axis=0) * 2 * np.pi / per_pivot

@@ -201,6 +201,21 @@ def _covariance_of_angles(x_cw: Array, x_ccw: Array, side: float) -> Array | Non
     return np.array([[cw + ccw, cw - ccw], [cw - ccw, cw + ccw]], dtype=float) / (4 * side) ** 2
 
 
+def _check_odometry(name: str, path: Array, turn: float, side: float) -> None:
+    """Raise InputError where odometry (K, 3) is so far off a square that was truly driven that the file is wrong."""
+    turned, length = path[-1, 2] - path[0, 2], float(np.sum(np.hypot(*np.diff(path[:, :2], axis=0).T)))
+    if not 0.5 < turned / turn < 2.0:
+        raise InputError(
+            f"{name}: by its counts the robot turned by {np.degrees(turned):.4g} deg, and truly by "
+            f"{np.degrees(turn):.4g}; look for channels that are swapped or reversed, and the wheel base in the file"
+        )
+    if not 0.7 < length / (4 * side) < 1.4:
+        raise InputError(
+            f"{name}: by its counts the robot drove {length:.3g} m, and round a square of {side:g} m it is "
+            f"{4 * side:g}; check the side, and radii and counts per turn in the robot file"
+        )
+
+
 def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "ccw"], side: float, name: str) -> Array:
     """Return true minus odometry (3,) at the end of a log, as the axle saw it from its start: m, m, rad."""
     at = driven_axle(robot)
@@ -227,7 +242,7 @@ def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "c
         )
     odometry = DeadReckoning(at + 1)
     odometry.reset(robot, ends[0])
-    pose = ends[0]
-    for observation in log.observations():
-        pose = odometry.update(observation)
+    path = np.array([odometry.update(observation) for observation in log.observations()])
+    pose = path[-1]
+    _check_odometry(name, path, turn, side)
     return truth - relative_pose(compose(ends[0], seat), compose(pose, seat))
