@@ -187,14 +187,15 @@ def likely(robot: RobotDescription, logs: Mapping[Path, Log], pivots: bool) -> F
             f"reference: tracked point at x {1e3 * x:.1f}, y {1e3 * y:.1f} mm, turned by {np.degrees(yaw):.2f} deg; "
             f"noise {1e3 * noise.position:.2g} mm, {np.degrees(noise.heading):.2g} deg",
             *(
-                f"{path}: the reference's clock is {1e3 * late:.0f} ms late at the start, {1e3 * rate:+.1f} ms/s"
-                for path, (late, rate) in zip(logs, found.clocks, strict=True)
+                f"{path}: the reference is {1e3 * abs(ahead):.0f} ms {'ahead of' if ahead > 0 else 'behind'} the "
+                f"counts at the start, and gains {1e3 * rate:.1f} ms/s"
+                for path, (ahead, rate) in zip(logs, found.clocks, strict=True)
             ),
             f"odometry is {1e3 * before:.1f} mm (rms) off the reference before, {1e3 * after:.1f} mm after",
         ]
         more |= {
             "mount": {"x_m": x, "y_m": y, "psi_rad": yaw},
-            "clocks": [{"offset_s": late, "rate": rate} for late, rate in found.clocks.tolist()],
+            "clocks": [{"ahead_s": ahead, "rate": rate} for ahead, rate in found.clocks.tolist()],
             "reference_noise": {"position_m": noise.position, "heading_rad": noise.heading},
             "odometry_rms_m": {"before": before, "after": after},
         }

@@ -33,6 +33,19 @@ FLOOR = 1e-7
 EVEN = 1.1
 """Steps are integrated to fourth order where their neighbours last as long, up to this ratio; others to second."""
 
+GAP = 3.5
+"""Steps longer than so many median ones are gaps: what happened in them is not known."""
+
+TIMED = 5
+"""Reference poses that it takes to look for what their clock is off by."""
+
+EXTENDED, FADED = 2.0, 6.0
+"""Steps by which a moving robot's motion is extended beyond a log's ends, to poses from beyond; so many off, they fade
+out. (What would drop out at once could come back at once, for ever.)"""
+
+REST = 6
+"""Samples in which no count may change by more than one at a log's end for a pose from beyond it to be that end's."""
+
 PINNED = 1e-4
 """m and rad: without reference poses the first one is 0 by convention, to this much."""
 
@@ -122,6 +135,10 @@ class LogLikelihood:
         self._posed = np.isfinite(self._reference[:, 0])
         self._used_poses = _apart(np.flatnonzero(self._posed), log.t)
 
+        self._rests = tuple(
+            bool(np.ptp(some, axis=0).max() <= 1) for some in (self._counts[:REST], self._counts[-REST:])
+        )
+
         self._t, step = log.t, np.diff(log.t)
         even = np.maximum(step[1:] / step[:-1], step[:-1] / step[1:]) < EVEN
         self._even = np.concatenate([[False], even]) & np.concatenate([even, [False]])
@@ -157,23 +174,27 @@ class LogLikelihood:
         at, part = self._sought(known, clock)
         path = compose(self.odometry(geometry), mount)
         truly = compose(state[:, :3], mount)
+        part = np.clip(part, 0.0, 1.0)
         path, truly = ((1 - part) * poses[at] + part * poses[at + 1] for poses in (path, truly))
         return compose(truly[0], relative_pose(path[0], path)) - self._reference[known]
 
     def _sought(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return after which sample the reference of some samples was taken, and what part (k, 1) of the step later."""
+        """Return after which sample the reference of some samples was taken, and what part (k, 1) of the step later.
+
+        The part is below 0 or above 1 of those that were taken before or after the log.
+        """
         t = self._t
-        there = np.clip(t[samples] + clock[0] + clock[1] * (t[samples] - t[0]), t[0], t[-1])
+        there = t[samples] + clock[0] + clock[1] * (t[samples] - t[0])
         at = np.clip(np.searchsorted(t, there, side="right") - 1, 0, len(t) - 2)
         return at, ((there - t[at]) / (t[at + 1] - t[at]))[:, None]
 
-    def missed(self, geometry: Geometry, state: Array, fourth: bool = True) -> Array:
+    def missed(self, geometry: Geometry, state: Array, even: NDArray[np.bool_] | None = None) -> Array:
         """Return by how much a state misses every constraint (..., K - 1, rows), m; the geometry may have axes.
 
         In metres of the robot as described: a misfit of a smaller robot is no smaller, or all robots would shrink.
-        fourth: integrate to fourth order in the steps' length, not to second.
+        even (K - 1,): the steps to integrate to fourth order in their length, not to second; None: those that are.
         """
-        even = self._even if fourth else np.zeros_like(self._even)
+        even = self._even if even is None else even
         angle, body = self._angles(geometry, state[:, 3:]), self._body_motion(state, even)
         half_way = (angle[..., 1:, :] + angle[..., :-1, :]) / 2
         curved = angle[..., 3:, :] - angle[..., 2:-1, :] - angle[..., 1:-2, :] + angle[..., :-3, :]
@@ -224,8 +245,9 @@ class LogLikelihood:
                 _add(above, at, start @ rows.end)
                 _add(columns, at + 1, end @ right)
             own += np.tensordot(by, right, axes=([0, 1], [0, 1]))
-        own[p:, p:n] += np.diag(CLOCK**-2.0)
-        own[p:, n] += clock / CLOCK**2
+        believed = CLOCK if len(self._used_poses) >= TIMED else CLOCK * 1e-6
+        own[p:, p:n] += np.diag(believed**-2.0)
+        own[p:, n] += clock / believed**2
         factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
         flat = columns.reshape(-1, n + 1 + probes)
         solved = cho_solve_banded((factors, False), flat, check_finite=False)
@@ -267,7 +289,7 @@ class LogLikelihood:
         by_parameters = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
         by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, len(mount) + len(clock))))
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
-        unsure = self._unsure(geometry, state, missed)
+        unsure = self._unsure(geometry, state)
         rolling = len(self._rolling)
         for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
             weight = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, own] ** 2)
@@ -278,6 +300,10 @@ class LogLikelihood:
             return kinds
 
         at, part = self._sought(self._used_poses, clock)
+        held = np.clip(part, 0.0 if self._rests[0] else -np.inf, 1.0 if self._rests[1] else np.inf)
+        part = np.clip(held, -FADED, 1 + FADED)
+        outside = np.abs(held - np.clip(held, 0.0, 1.0))
+        known = np.clip((FADED - outside) / (FADED - EXTENDED), 0.0, 1.0)
         since = self._t[self._used_poses] - self._t[0]
         body = (1 - part) * state[at, :3] + part * state[at + 1, :3]
         seen = compose(body, mount)
@@ -290,8 +316,9 @@ class LogLikelihood:
         numbers = np.concatenate([np.zeros((len(at), 3, len(change))), by_mount, by_clock], axis=-1)
         parts = (seen - self._reference[self._used_poses], (1 - part)[..., None] * by_body, part[..., None] * by_body)
         for name, own in (("position", slice(0, 2)), ("heading", slice(2, 3))):
-            size = getattr(noise, name)
-            kinds[name] = _Rows(at, *(part[:, own] / size for part in (*parts, numbers)))
+            weight = known[..., None] / getattr(noise, name)
+            values, *slopes = (each[:, own] for each in (*parts, numbers))
+            kinds[name] = _Rows(at, weight[..., 0] * values, *(weight * slope for slope in slopes))
         return kinds
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
@@ -340,16 +367,20 @@ class LogLikelihood:
         idle = np.zeros((*rolled.shape[:-1], len(self._used) - len(self._rolling)))
         return np.concatenate([rolled, idle], axis=-1)
 
-    def _unsure(self, geometry: Geometry, state: Array, missed: Array) -> Array:
-        """Return what integration to fourth order may be off by (K - 1, rows), m.
+    def _unsure(self, geometry: Geometry, state: Array) -> Array:
+        """Return what the integration over every step may be off by (K - 1, rows), m.
 
-        By how much it differs from second order, times the squared angle by which the fastest castor turns in a step:
-        each order is smaller than the one before by so much.
+        Second order: by what fourth order would change; fourth order: by that times the squared angle by which the
+        fastest castor turns in a step, as each order is smaller than the one before by so much. In gaps: by anything.
         """
         angle = self._angles(geometry, state[:, 3:])[:, np.unique(self._castor)]
         turned = np.abs(np.diff(angle, axis=0)).max(axis=1, initial=0.0)
         around = np.maximum.reduce([turned, np.append(turned[1:], 0.0), np.append(0.0, turned[:-1])])
-        return np.abs(missed - self.missed(geometry, state, fourth=False)) * around[:, None] ** 2
+        second, fourth = (self.missed(geometry, state, np.full(len(turned), order)) for order in (False, True))
+        unsure = np.abs(fourth - second) * np.where(self._even, around**2, 1.0)[:, None]
+        step = np.diff(self._t)
+        rolled = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
+        return unsure + np.where(step > GAP * np.median(step), 10 * rolled, 0.0)[:, None]
 
     def _magnified(self, geometry: Geometry) -> Array:
         """Return how much smaller than described (..., 1, 1) the wheels are."""

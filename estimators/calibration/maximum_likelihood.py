@@ -55,9 +55,9 @@ class Calibration:
     before, after (P,): SI. covariance (P, P): of `after`; unseen directions count as known. unseen (u, P): orthogonal
     changes, in parts of the parameters' scales, that the logs do not show; `after` keeps the robot file's numbers
     there. information (P, P): of all logs, in the same scales. noise: as found. mount (3,): the tracked point in B, m,
-    and how its axes are turned, rad. clocks (logs, 2): by how much the reference's clock is off at the log's start, s,
-    and gains, s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry, from the most
-    likely pose at a log's first reference pose on, is off the reference, before and after; None without.
+    and how its axes are turned, rad. clocks (logs, 2): the reference at t is the pose at t + clock[0] +
+    clock[1] (t - t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry,
+    from the most likely pose at a log's first reference pose on, is off the reference, before and after; None without.
     """
 
     robot: RobotDescription

@@ -53,7 +53,7 @@ def logs(tmp_path_factory):
 
 @pytest.mark.parametrize(("method", "tolerance"), [("pivoting", 0.007), ("maximum-likelihood", 0.002)])
 def test_hidden_effects_are_found_and_the_file_is_written(method, tolerance, logs, tmp_path, capsys):
-    """Wheels of one castor at one voltage work against each other: their slip costs eqs. 1-9 up to 0.7 % of a radius."""
+    """Wheels of a castor at one voltage work against each other: their slip costs eqs. 1-9 up to 0.7 % of a radius."""
     out = tmp_path / "calibrated.json"
     code, text, err = call(capsys, *logs, "--robot", "asoc-prototype", "--out", out, "--method", method, "--json")
     assert code == 0, err

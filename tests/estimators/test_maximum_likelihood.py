@@ -95,7 +95,7 @@ def test_finds_every_parameter_without_reference_and_to_fourth_order(n, exact_mo
     true = wrong(n_castor(n), n)
     motion = wander_of(exact_motion, true, n)
     errors = {}
-    for period in (0.1, 0.05):
+    for period in (0.08, 0.04):
         found = calibrate(n_castor(n), [log_of(motion, period)], noise=NONE)
         assert len(found.unseen) == 0
         assert found.left is None
@@ -103,8 +103,8 @@ def test_finds_every_parameter_without_reference_and_to_fourth_order(n, exact_mo
         np.testing.assert_array_equal(found.before, numbers_of(n_castor(n), found.parameters))
         np.testing.assert_array_equal(found.after, numbers_of(found.calibrated, found.parameters))
         errors[period] = np.abs(off(found, true)).max()
-    assert errors[0.05] < 1e-6
-    assert 9 < errors[0.1] / errors[0.05] < 28  # 16, were there nothing but the fourth order's term
+    assert errors[0.04] < 1e-6
+    assert 9 < errors[0.08] / errors[0.04] < 28  # 16, were there nothing but the fourth order's term
 
 
 def steady(robot, held, sense):
@@ -130,17 +130,19 @@ def turns(exact_motion, robot, seed, theta=None):
     return found
 
 
-@pytest.mark.parametrize("n", [2, 3])
-def test_steady_turns_tell_what_equations_1_to_9_tell(n, exact_motion):
+@pytest.mark.parametrize(("n", "robots"), [(2, 3), (3, 1)])
+def test_steady_turns_tell_what_equations_1_to_9_tell(n, robots, exact_motion):
     """With two castors eqs. 1-9 have one estimate of each, and their standard error is that of rounding alone."""
-    for seed in range(2):
+    for seed in range(robots):
         true = wrong(n_castor(n), seed)
         runs = turns(exact_motion, true, seed)
         closed = pivoting.calibrate(n_castor(n), runs)
         found = calibrate(n_castor(n), [run.log for run in runs])
         offsets = [p.kind == "offset" for p in found.parameters]
         error = found.standard_errors[offsets]
-        assert np.abs((found.after[offsets] - closed.parameters.offset) / error).max() < 0.15
+        apart = (found.after[offsets] - closed.parameters.offset) / error
+        assert np.sqrt(np.mean(apart**2)) < 0.15
+        assert np.abs(apart).max() < 0.2
         if n == 2:
             np.testing.assert_allclose(error, closed.errors.offset, rtol=0.2)
 
@@ -166,8 +168,8 @@ def test_intervals_cover_and_noise_is_found(exact_motion):
     for seed in range(8):
         described = n_castor(2 + seed % 2)
         true, random = wrong(described, seed), np.random.default_rng([seed, 2])
-        motion = wander_of(exact_motion, true, 20 + seed, seconds=90.0, speed=0.2)
-        log = log_of(motion, 0.1, rounded=True, random=random, slip=1e-3, reference=(2e-3, 4e-3))
+        motion = wander_of(exact_motion, true, 20 + seed, seconds=60.0, speed=0.2)
+        log = log_of(motion, 0.12, rounded=True, random=random, slip=1e-3, reference=(2e-3, 4e-3))
         found = calibrate(described, [log])
         assert len(found.unseen) == 0
         z.extend((found.after - numbers_of(true, found.parameters)) / found.standard_errors)
@@ -225,7 +227,7 @@ def differential_log(base=0.345, radii=(0.0742, 0.0756), seed=0, **options):
     return recorded(sides * PERIOD, radii, 2000.0, np.zeros((len(poses), 0)), poses, seed)
 
 
-def tricycle_log(length=0.51, radius=0.0741, zero=np.radians(1.2), seed=0, count=40):
+def tricycle_log(length=0.51, radius=0.0741, zero=0.02094395, seed=0, count=40):
     """The front wheel steers at rest; its place is on the body's x axis, as the preset's."""
     random = np.random.default_rng(seed)
     speed, steering = [], [0.0]
@@ -281,9 +283,13 @@ def test_a_tricycle_is_found_by_reference_poses():
     close = {"pivot_zero": 1e-3, "pivot_x": 1e-3, "pivot_y": 1e-3, "radius": 5e-5}
     assert [p.kind for p in found.parameters] == list(true)
     for p, value, error in zip(found.parameters, found.after, found.standard_errors, strict=True):
-        if p.kind != "pivot_y":  # hardly seen: a front wheel off the centre line looks like a larger one in some turns
+        if p.kind == "pivot_y":  # the origin may stand anywhere on the rear axle, with the tracked point
+            assert value == pytest.approx(0.0, abs=1e-5)
+            assert error < 1e-5
+        else:
             assert 0 < error < close[p.kind]
-        assert value == pytest.approx(true[p.kind], abs=max(min(4 * error, close[p.kind]), 1e-12))
+            assert value == pytest.approx(true[p.kind], abs=min(4 * error, close[p.kind]))
+    assert len(found.unseen) == 1
 
 
 def test_an_omni_robot_is_found_by_reference_poses_but_for_its_frame():
@@ -331,19 +337,30 @@ def nuisance(motion, random, mount, clock, world, seconds):
     return dataclasses.replace(log, reference=noisy)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_tracked_point_axes_and_clock_of_the_reference_are_found(sign, exact_motion):
+@pytest.fixture(scope="module")
+def tracked(exact_motion):
+    """A base on three castors as built, its motion, and what a faultless reference tells."""
     true = wrong(n_castor(3), 4)
     motion = wander_of(exact_motion, true, 30, seconds=62.0, speed=0.15)
-    mount, clock = np.array([0.03, 0.01, np.radians(2.0)]), sign * np.array([0.12, 1e-3])
     plain = calibrate(n_castor(3), [nuisance(motion, np.random.default_rng(1), (0, 0, 0), (0, 0), 0.0, 60.0)])
-    found = calibrate(n_castor(3), [nuisance(motion, np.random.default_rng(1), mount, clock, 1.0, 60.0)])
-    np.testing.assert_allclose(found.mount, mount, atol=[2e-3, 2e-3, 2e-3])
-    np.testing.assert_allclose(plain.mount, 0.0, atol=2e-3)
-    np.testing.assert_allclose(found.clocks, [clock], atol=[[0.03, 1e-3]])
-    np.testing.assert_allclose(plain.clocks, [[0, 0]], atol=[[0.03, 1e-3]])
-    for one in (plain, found):
+    return true, motion, plain
+
+
+@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_tracked_point_axes_and_clock_of_the_reference_are_found(sign, inside, tracked):
+    """inside: no pose was taken before the log's first sample or after its last one, by the log's own clock."""
+    true, motion, plain = tracked
+    mount, clock = np.array([0.03, 0.01, np.radians(2.0)]), sign * np.array([0.12, 1e-3])
+    log = nuisance(motion, np.random.default_rng(1), mount, clock, 1.0, 60.0)
+    if inside:
+        log.reference[[*range(10), *range(-10, 0)]] = np.nan
+    found = calibrate(n_castor(3), [log])
+    for one, place, late in ((plain, 0.0, 0.0), (found, mount, clock)):
         assert np.abs((one.after - numbers_of(true, one.parameters)) / one.standard_errors).max() < 4
+        np.testing.assert_allclose(one.mount, place, atol=3e-3)
+        assert np.all(np.abs(one.clocks - late) < [0.02, 5e-4])
+        assert one.noise.position == pytest.approx(1e-3, rel=0.4)
     assert np.abs((found.after - plain.after) / plain.standard_errors).max() < 0.5
 
 
@@ -455,7 +472,7 @@ CHANNELS = {
 def test_channels_that_contradict_the_robot_are_refused(name, reference, wandered):
     described, _, log = wandered
     bad = dataclasses.replace(log, **CHANNELS[name](log))
-    with pytest.raises(InputError, match="look for channels that are swapped, reversed or wrongly scaled"):
+    with pytest.raises(InputError, match=r"cannot be made to fit .* look for channels that are swapped, reversed"):
         calibrate(described, [bad if reference else dataclasses.replace(bad, reference=None)])
 
 
@@ -463,7 +480,7 @@ def test_channels_that_contradict_the_robot_are_refused(name, reference, wandere
 def test_contradictions_of_a_differential_robot_are_refused(swap):
     log = differential_log(seed=2, count=20)
     bad = dataclasses.replace(log, wheel=log.wheel[:, ::-1] if swap else log.wheel * [1, -1])
-    with pytest.raises(InputError, match="look for channels that are swapped"):
+    with pytest.raises(InputError, match=r"cannot be made to fit .* look for channels that are swapped, reversed"):
         calibrate(preset("differential"), [bad])
 
 
@@ -472,29 +489,34 @@ def thinned(log, rows):
 
 
 def test_logs_of_two_rows_are_taken_or_refused_with_words(wandered):
-    described, _, log = wandered
+    described, true, log = wandered
     short = thinned(log, slice(0, 2))
     found = calibrate(described, [log, short], noise=KNOWN)
     alone = calibrate(described, [log], noise=KNOWN)
     assert np.abs((found.after - alone.after) / alone.standard_errors).max() < 0.5
-    for given in (short, dataclasses.replace(short, reference=None)):
-        try:
-            found = calibrate(described, [given])
-        except InputError as error:
-            assert "none of the robot's numbers" in str(error) or "nothing can be seen" in str(error)
-        else:
-            assert np.isfinite(found.after).all()
-            assert np.abs(found.after / found.before - 1)[found.before != 0].max() < 0.2
+    with pytest.raises(InputError, match="the logs show none of the robot's numbers"):
+        calibrate(described, [short])
+    blind = calibrate(described, [dataclasses.replace(short, reference=None)])
+    assert len(blind.unseen) > 6
+    assert np.abs(off(blind, true)).max() < 0.2
 
 
-@pytest.mark.parametrize("gap", [False, True])
-def test_irregular_samples_and_gaps_do_no_harm(gap, wandered):
-    described, true, log = wandered
+@pytest.mark.parametrize("case", ["even", "a fifth missing", "a gap of 5 s", "two logs"])
+def test_irregular_samples_and_gaps_do_no_harm(case, exact_motion):
+    true = wrong(n_castor(2), 8)
+    motion = wander_of(exact_motion, true, 8)
+    log = log_of(motion, 0.05, rounded=True, random=np.random.default_rng(8), reference=(2e-3, 4e-3))
     rows = np.arange(len(log))
-    keep = (rows < 100) | (rows >= 150) if gap else np.random.default_rng(0).uniform(size=len(log)) < 0.8
-    found = calibrate(described, [thinned(log, rows[keep])])
+    before, after = rows[rows < 200], rows[rows >= 300]
+    parts = {
+        "even": [rows],
+        "a fifth missing": [rows[np.random.default_rng(0).uniform(size=len(log)) < 0.8]],
+        "a gap of 5 s": [np.concatenate([before, after])],
+        "two logs": [before, after],
+    }
+    found = calibrate(n_castor(2), [thinned(log, part) for part in parts[case]])
     assert np.isfinite(found.after).all()
-    assert np.abs(off(found, true)).max() < (0.02 if gap else 0.005)
+    assert np.abs((found.after - numbers_of(true, found.parameters)) / found.standard_errors).max() < 4
 
 
 def test_a_train_is_refused(wandered):
