@@ -488,17 +488,16 @@ def thinned(log, rows):
     return Log(log.t[rows], log.wheel[rows], log.pivot[rows], reference=log.reference[rows])
 
 
-def test_logs_of_two_rows_are_taken_or_refused_with_words(wandered):
+def test_logs_of_two_rows_tell_a_little_and_disturb_nothing(wandered):
     described, true, log = wandered
     short = thinned(log, slice(0, 2))
     found = calibrate(described, [log, short], noise=KNOWN)
     alone = calibrate(described, [log], noise=KNOWN)
     assert np.abs((found.after - alone.after) / alone.standard_errors).max() < 0.5
-    with pytest.raises(InputError, match="the logs show none of the robot's numbers"):
-        calibrate(described, [short])
-    blind = calibrate(described, [dataclasses.replace(short, reference=None)])
-    assert len(blind.unseen) > 6
-    assert np.abs(off(blind, true)).max() < 0.2
+    for step in (short, dataclasses.replace(short, reference=None)):
+        blind = calibrate(described, [step])
+        assert len(blind.unseen) > 6
+        assert np.abs(off(blind, true)).max() < 0.2
 
 
 @pytest.mark.parametrize("case", ["even", "a fifth missing", "a gap of 5 s", "two logs"])
