@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.effects import reference
 from castor_envs.logs import Log, write_log
 from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
@@ -19,6 +20,9 @@ Array = NDArray[np.float64]
 class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     """Records every sample of an episode: counts, pivots or relative poses, commands and, as the reference, the truth.
 
+    Where the robot has effects on the clock of its reference, the reference comes early or late, and is blank after the
+    last sample.
+
     env: one of castor_envs' environments, of robots or of trains, wrapped or not. folder: where each finished episode
     goes as ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None
     keeps the newest episode in memory only (`log`).
@@ -27,6 +31,7 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:
         super().__init__(env)
         self._vehicle = _vehicle_of(env)
+        self._real = getattr(env.unwrapped, "real_robot", None)
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
         self._rows: list[dict[str, Array]] = []
@@ -56,13 +61,14 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     def log(self) -> Log:
         """Return the episode recorded so far; the last row's commands, not yet given, are zero."""
         columns = {key: np.array([row[key] for row in self._rows]) for key in self._rows[0]}
+        pose = columns["reference"]
         return Log(
             t=columns["t"],
             wheel=np.cumsum(columns["wheel"], axis=0),
             pivot=columns["pivot"],
             command=columns["command"],
             steering_command=columns["steering_command"] if columns["steering_command"].shape[1] else None,
-            reference=columns["reference"],
+            reference=pose if self._real is None else reference(self._real, columns["t"], pose),
             gyro=columns.get("gyro"),
             rps=columns.get("rps"),
             rps_age=columns.get("rps_age"),

@@ -35,6 +35,7 @@ class RobotEnv(DrawnEnv):
             raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
         self._sensed = SensedRobot(load_robot(robot), floor, held)
         self.robot = self._sensed.described
+        self.real_robot = self._sensed.robot  # with its effects: for recorders and tests, never for estimators
         self.trajectory = trajectory
         self._samples = int(np.ceil(trajectory.duration / self.robot.sample_period - 1e-9))
         check_drivable(self.robot, trajectory)

@@ -7,6 +7,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from castor_envs.controller import Commands
+from castor_envs.effects import reader_of
 from castor_envs.encoders import Encoders, castor_angles
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
@@ -23,7 +24,8 @@ class SensedRobot:
     """A robot in a world, seen through its encoders (and gyro).
 
     robot: with its effects; `described` is what controllers and estimators may know. held: the castor (from 1) whose
-    wheels are blocked. The state is made anew by `reset`.
+    wheels are blocked. The state is made anew by `reset`. sensed_angles: of wheels (w,) and castors (n,), rad, as
+    effects on sensors leave them for the encoders to round.
     """
 
     def __init__(self, robot: RobotDescription, floor: Floor, held: int | None = None) -> None:
@@ -48,19 +50,23 @@ class SensedRobot:
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
         self._random = random
         self._encoders = Encoders(self._built, Encoders.random_phase(self._built, random))
+        self._read = reader_of(self.robot)
         self.world = World(self.robot, self.floor, castor_angles=theta, held=self._held)
-        self._counts = self._encoders.wheel(self.world.wheel_angles)
-        self._sense(self._counts)
+        self._counts: Array | None = None
+        self._sense()
 
     def advance(self, commands: Commands, drive: Drive = "servo") -> None:
         """Drive for one sample period and read the sensors."""
         self.world.advance(commands.wheel, commands.steering, drive)
-        self._sense(self._encoders.wheel(self.world.wheel_angles))
+        self._sense()
 
-    def _sense(self, counts: Array) -> None:
+    def _sense(self) -> None:
+        world = self.world
+        self.sensed_angles = self._read(world.time, world.wheel_angles, world.castor_angles)
+        counts = self._encoders.wheel(self.sensed_angles[0])
         self.observation: Observation = {
-            "wheel": counts - self._counts,
-            "pivot": self._encoders.pivot(self.world.castor_angles),
+            "wheel": counts - (counts if self._counts is None else self._counts),
+            "pivot": self._encoders.pivot(self.sensed_angles[1]),
             "time": np.array([self.world.time]),
         }
         self._counts = counts

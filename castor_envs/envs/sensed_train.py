@@ -6,6 +6,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from castor_envs.effects import reader_of
 from castor_envs.encoders import Encoders
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.floor import Floor
@@ -35,9 +36,10 @@ class SensedTrain:
     def reset(self, random: np.random.Generator) -> None:
         """Put the train straight, its front axle at the origin, at rest; draws encoder phases and gauge offsets."""
         self._encoders = [Encoders(geometry, Encoders.random_phase(geometry, random)) for geometry in self._geometries]
+        self._readers = [reader_of(module) for module in self.train.modules]
         self._sensors = PostureSensors(self._built, random)
         self.world = TrainWorld(self.train, self.floor)
-        self._counts = self._read_encoders()
+        self._counts: Array | None = None
         self._sense()
 
     def advance(self, command: ArrayLike, drive: Drive = "servo") -> None:
@@ -47,13 +49,17 @@ class SensedTrain:
 
     def _read_encoders(self) -> Array:
         angles = self.world.wheel_angles.reshape(-1, 2)
-        return np.concatenate([own.wheel(pair) for own, pair in zip(self._encoders, angles, strict=True)])
+        seen = [
+            read(self.world.time, pair, geometry.angle)[0]
+            for read, pair, geometry in zip(self._readers, angles, self._geometries, strict=True)
+        ]
+        return np.concatenate([own.wheel(pair) for own, pair in zip(self._encoders, seen, strict=True)])
 
     def _sense(self) -> None:
         counts = self._read_encoders()
         rps, age = self._sensors.read(self.world.joint_angles, self.world.time)
         self.observation: Observation = {
-            "wheel": counts - self._counts,
+            "wheel": counts - (counts if self._counts is None else self._counts),
             "rps": rps.ravel(),
             "rps_age": age,
             "time": np.array([self.world.time]),

@@ -1,0 +1,148 @@
+"""Effects: what a real robot does that its description leaves out. Each is one class, with one meaning everywhere.
+
+An effect stands in the robot file as ``{"name": "pivot_bias", "castor": 2, "value": 0.013}``. It changes the robot that
+the physics builds (`apply`), or what the encoders make of true angles (`readings`), or when the reference is taken
+(`reference`). To add one, add a class to a module of this package: files, catalogue, table and tests find it there.
+"""
+
+import importlib
+import pkgutil
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import TypeAdapter
+
+from castor_envs.effects.dimensions import (
+    AllWheelRadius,
+    CountsPerRev,
+    PivotBias,
+    PivotOffset,
+    PivotPositionX,
+    PivotPositionY,
+    SlipStiffness,
+    Track,
+    WheelRadius,
+)
+from castor_envs.effects.effect import Effect, Reader
+from castor_envs.effects.sensors import (
+    LostRemainders,
+    PivotBacklash,
+    PivotEccentricity,
+    PivotGain,
+    TickLoss,
+    WheelEccentricity,
+)
+from castor_envs.effects.timing import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+
+if TYPE_CHECKING:
+    from castor_envs.robot import RobotDescription
+
+__all__ = [
+    "EFFECTS",
+    "AllLatency",
+    "AllWheelRadius",
+    "CastorOrder",
+    "ClockOffset",
+    "ClockSkew",
+    "CountsPerRev",
+    "Effect",
+    "EncoderLatency",
+    "EncoderReversed",
+    "EncodersSwapped",
+    "LostRemainders",
+    "PivotBacklash",
+    "PivotBias",
+    "PivotEccentricity",
+    "PivotGain",
+    "PivotOffset",
+    "PivotPositionX",
+    "PivotPositionY",
+    "Reader",
+    "SampleJitter",
+    "SlipStiffness",
+    "TickLoss",
+    "Track",
+    "WheelEccentricity",
+    "WheelRadius",
+    "apply_effects",
+    "catalogue",
+    "reader_of",
+    "readings",
+    "reference",
+    "table",
+]
+
+Array = NDArray[np.float64]
+
+for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
+    importlib.import_module(_module.name)
+
+EFFECTS: dict[str, type[Effect]] = {kind.__dataclass_fields__["name"].default: kind for kind in Effect.__subclasses__()}
+"""Every effect by its name."""
+
+
+def catalogue(robot: "RobotDescription") -> tuple[Effect, ...]:
+    """Return every effect that the robot may have, each in the size of its `step`."""
+    return tuple(effect for kind in EFFECTS.values() for effect in kind.variants(robot))
+
+
+def apply_effects(robot: "RobotDescription", effects: tuple[Effect, ...]) -> "RobotDescription":
+    """Return the robot as effects build it, applied in order; raises InputError for one that it cannot have."""
+    for effect in effects:
+        robot = effect.apply(robot)
+    return robot
+
+
+def reader_of(robot: "RobotDescription") -> Reader:
+    """Return the readers of all the robot's effects in one, in order: to be called once a sample, in order of time."""
+    built = robot.as_built()
+    readers = [own for effect in robot.effects if (own := effect.reader(built)) is not None]
+
+    def read(t: float, wheel: Array, castor: Array) -> tuple[Array, Array]:
+        for own in readers:
+            wheel, castor = own(t, wheel, castor)
+        return wheel, castor
+
+    return read
+
+
+def readings(
+    robot: "RobotDescription", t: ArrayLike, wheel_angle: ArrayLike, castor_angle: ArrayLike
+) -> tuple[Array, Array]:
+    """Return what the robot's encoders see, before they round: angles of wheels (K, w) and castors (K, n), rad.
+
+    t (K,), increasing, s. wheel_angle (K, w), castor_angle (K, n): the true angles, unwrapped.
+    """
+    read = reader_of(robot)
+    wheel, castor = np.array(wheel_angle, dtype=float), np.array(castor_angle, dtype=float)
+    for k, now in enumerate(np.asarray(t, dtype=float)):
+        wheel[k], castor[k] = read(float(now), wheel[k], castor[k])
+    return wheel, castor
+
+
+def reference(robot: "RobotDescription", t: ArrayLike, pose: ArrayLike) -> Array:
+    """Return the poses (K, 3) that a log shows as reference in its rows of time t (K,), given the true ones.
+
+    Straight lines between samples; before the first the robot stood still, after the last there is no reference (NaN).
+    """
+    t, pose = np.asarray(t, dtype=float), np.asarray(pose, dtype=float)
+    taken = t
+    for effect in robot.effects:
+        taken = effect.reference_time(taken)
+    columns = [np.interp(taken, t, column, right=np.nan) for column in pose.T]
+    return np.stack(columns, axis=-1)
+
+
+def table() -> str:
+    """Return the table of all effects, as Markdown."""
+    rows = ["| Name | Meaning | Unit | Least | Most | Step | Check |", "|---|---|---|---|---|---|---|"]
+    for name, kind in EFFECTS.items():
+        value = TypeAdapter(kind).json_schema()["properties"]["value"]
+        meaning = (kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+        bounds = f"{value['minimum']:.4g} | {value['maximum']:.4g}"
+        same = [other for other in kind.same_as if other != name]
+        told = f" Not to be told from `{same[0]}`." if same else ""
+        rows.append(f"| `{name}` | {meaning}{told} | {kind.unit} | {bounds} | {kind.step:g} | {kind.check} |")
+    return "\n".join(rows) + "\n"

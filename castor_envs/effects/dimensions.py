@@ -1,0 +1,235 @@
+"""Effects on the robot's dimensions and contact: what is built otherwise than described."""
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from castor_envs.description import CONFIG
+from castor_envs.effects.effect import (
+    Effect,
+    Number,
+    castor_of,
+    pivot_encoders,
+    wheel_channel,
+    wheel_encoders,
+    with_castor,
+    with_wheels,
+)
+
+if TYPE_CHECKING:
+    from castor_envs.robot import RobotDescription
+
+Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
+Metres = Annotated[float, Field(ge=-1.0, le=1.0)]
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class WheelRadius(Effect):
+    """A wheel (castor and wheel counted from 1; wheel 1 is the left one) is larger by the fraction `value`."""
+
+    name: Literal["wheel_radius"] = "wheel_radius"
+    castor: Number
+    wheel: Number
+    value: Fraction
+    title = "wheel radius"
+    unit = "1"
+    step = 1e-3
+    check = "Measure the wheel's diameter under load; look for wear and dirt on the tread."
+    same_as = ("wheel_radius", "counts_per_rev")
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["WheelRadius", ...]:
+        """Return one for each wheel with an encoder."""
+        return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with this wheel's radius scaled by 1 + value."""
+        return with_wheels(robot, self.castor, self.name, self.wheel, radius=1.0 + self.value)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class AllWheelRadius(Effect):
+    """All wheels of the robot are larger by the fraction `value`."""
+
+    name: Literal["all_wheel_radius"] = "all_wheel_radius"
+    value: Fraction
+    title = "radius of all wheels"
+    unit = "1"
+    step = 1e-3
+    check = "Measure the diameters under load; compare a straight drive with a tape measure."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["AllWheelRadius", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with all radii scaled by 1 + value."""
+        for i in range(len(robot.castors)):
+            robot = with_wheels(robot, i + 1, self.name, radius=1.0 + self.value)
+        return robot
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class CountsPerRev(Effect):
+    """A wheel's encoder counts more a turn, by the fraction `value`: as a radius smaller by value/(1 + value)."""
+
+    name: Literal["counts_per_rev"] = "counts_per_rev"
+    castor: Number
+    wheel: Number
+    value: Fraction
+    title = "wheel counts a turn"
+    unit = "1"
+    step = 1e-3
+    check = "Turn the wheel ten times by hand and read the counts; check gear ratio and encoder settings."
+    same_as = ("wheel_radius", "counts_per_rev")
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["CountsPerRev", ...]:
+        """Return one for each wheel with an encoder."""
+        return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with this wheel's counts a turn scaled by 1 + value."""
+        wheel_channel(robot, self.castor, self.wheel, self.name)
+        return with_wheels(robot, self.castor, self.name, self.wheel, counts_per_rev=1.0 + self.value)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Track(Effect):
+    """The wheels of a castor stand wider apart by the fraction `value`."""
+
+    name: Literal["track"] = "track"
+    castor: Number
+    value: Fraction
+    title = "track (distance between the wheels)"
+    unit = "1"
+    step = 1e-3
+    check = "Measure the distance between the wheels' contact lines; look for play along the axle."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["Track", ...]:
+        """Return one for each castor with more than one wheel."""
+        return tuple(cls(castor=i, value=cls.step) for i, c in enumerate(robot.castors, start=1) if len(c.wheels) > 1)
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with all laterals of this castor scaled by 1 + value."""
+        return with_wheels(robot, self.castor, self.name, lateral=1.0 + self.value)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotOffset(Effect):
+    """A castor's axle trails its pivot by `value` (m) more."""
+
+    name: Literal["pivot_offset"] = "pivot_offset"
+    castor: Number
+    value: Metres
+    title = "offset of axle behind pivot"
+    unit = "m"
+    step = 1e-4
+    check = "Measure from the pivot's axis to the wheels' axle; look for play of the pivot's bearing and a bent fork."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotOffset", ...]:
+        """Return one for each castor that turns about a pivot ahead of its axle."""
+        trailing = [i for i, c in enumerate(robot.castors, start=1) if c.steering != "fixed" and c.offset > 0]
+        return tuple(cls(castor=i, value=cls.step) for i in trailing)
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with `value` added to this castor's offset."""
+        offset = castor_of(robot, self.castor, self.name).offset + self.value
+        return with_castor(robot, self.castor, self.name, offset=offset)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotPositionX(Effect):
+    """A castor's pivot stands `value` (m) further forward in the body."""
+
+    name: Literal["pivot_position_x"] = "pivot_position_x"
+    castor: Number
+    value: Metres
+    title = "pivot position, forward"
+    unit = "m"
+    step = 1e-4
+    check = "Measure the pivots' distances from each other and from the point that the reference tracks."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotPositionX", ...]:
+        """Return one for each castor."""
+        return tuple(cls(castor=i + 1, value=cls.step) for i in range(len(robot.castors)))
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with `value` added to this pivot's x."""
+        x, y = castor_of(robot, self.castor, self.name).pivot
+        return with_castor(robot, self.castor, self.name, pivot=(x + self.value, y))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotPositionY(Effect):
+    """A castor's pivot stands `value` (m) further to the left in the body."""
+
+    name: Literal["pivot_position_y"] = "pivot_position_y"
+    castor: Number
+    value: Metres
+    title = "pivot position, to the left"
+    unit = "m"
+    step = 1e-4
+    check = "Measure the pivots' distances from each other and from the point that the reference tracks."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotPositionY", ...]:
+        """Return one for each castor."""
+        return tuple(cls(castor=i + 1, value=cls.step) for i in range(len(robot.castors)))
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with `value` added to this pivot's y."""
+        x, y = castor_of(robot, self.castor, self.name).pivot
+        return with_castor(robot, self.castor, self.name, pivot=(x, y + self.value))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotBias(Effect):
+    """The pivot encoder of a castor (counted from 1) reads `value` (rad) more than the model's `pivot_zero` says."""
+
+    name: Literal["pivot_bias"] = "pivot_bias"
+    castor: Number
+    value: Annotated[float, Field(ge=-math.pi, le=math.pi)]
+    title = "pivot bias"
+    unit = "rad"
+    step = 1e-3
+    check = "Align the castor with the body by a straight edge and read its pivot; check the encoder's clamp."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotBias", ...]:
+        """Return one for each castor with a pivot encoder."""
+        return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with the bias added to the true beta."""
+        zero = castor_of(robot, self.castor, self.name).pivot_zero + self.value
+        return with_castor(robot, self.castor, self.name, pivot_zero=zero)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class SlipStiffness(Effect):
+    """All wheels creep less under drive forces: their longitudinal slip stiffness is larger by the fraction `value`."""
+
+    name: Literal["slip_stiffness"] = "slip_stiffness"
+    value: Annotated[float, Field(ge=-0.9, le=10.0)]
+    title = "slip stiffness of the tyres"
+    unit = "1"
+    step = 0.1
+    check = "Compare wheel counts on a distance driven softly with those driven with hard starts and stops."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["SlipStiffness", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot with `contact.slip_stiffness_long` scaled by 1 + value."""
+        stiffness = robot.contact.slip_stiffness_long * (1.0 + self.value)
+        return dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, slip_stiffness_long=stiffness))

@@ -1,0 +1,185 @@
+"""Effects on time: what is read late, early or unevenly, and clocks that disagree."""
+
+from bisect import bisect_right
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from castor_envs.description import CONFIG
+from castor_envs.effects.effect import (
+    Effect,
+    Number,
+    Reader,
+    all_channels,
+    channel,
+    pivot_encoders,
+    through,
+    wheel_encoders,
+)
+
+if TYPE_CHECKING:
+    from castor_envs.robot import RobotDescription
+
+Array = NDArray[np.float64]
+Latency = Annotated[float, Field(ge=-0.1, le=1.0)]
+
+
+class Past:
+    """Angles sampled so far, to be read at other times: straight lines between samples, standing still before them."""
+
+    def __init__(self) -> None:
+        self._t: list[float] = []
+        self._angle: list[Array] = []
+
+    def add(self, t: float, angle: Array) -> float:
+        """Add a sample; return the time since the one before, 0 for the first."""
+        self._t.append(t)
+        self._angle.append(angle)
+        return t - self._t[-2] if len(self._t) > 1 else 0.0
+
+    def at(self, t: float) -> Array:
+        """Return the angles at time t; after the newest sample they go on as between the last two."""
+        k = bisect_right(self._t, t) - 1
+        if k < 0 or len(self._t) == 1:
+            return self._angle[0]
+        a, b = (k, k + 1) if k + 1 < len(self._t) else (k - 1, k)
+        rate = (self._angle[b] - self._angle[a]) / (self._t[b] - self._t[a])
+        return self._angle[k] + rate * (t - self._t[k])
+
+
+def late(robot: "RobotDescription", channels: list[int], latency: float) -> Reader:
+    """Return a reader that sees some channels as they were `latency` s before."""
+    past = Past()
+
+    def read(t: float, angle: Array) -> Array:
+        past.add(t, angle)
+        return past.at(t - latency)
+
+    return through(robot, channels, read)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class EncoderLatency(Effect):
+    """One encoder is read `value` (s) late: a wheel's, or the castor's pivot encoder where `wheel` is left out.
+
+    Between samples by interpolation; before the start the robot stood still. Below 0 it is read early, as the last two
+    samples go on.
+    """
+
+    name: Literal["encoder_latency"] = "encoder_latency"
+    castor: Number
+    wheel: Number | None = None
+    value: Latency
+    title = "latency of one encoder"
+    unit = "s"
+    step = 1e-3
+    check = "Check this encoder's filter, bus and the order in which the encoders are read."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["EncoderLatency", ...]:
+        """Return one for each encoder."""
+        places = [*wheel_encoders(robot), *((i, None) for i in pivot_encoders(robot))]
+        return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in places)
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that sees this encoder late."""
+        return late(robot, [channel(robot, self.castor, self.wheel, self.name)], self.value)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class AllLatency(Effect):
+    """All encoders are read `value` (s) late, as `encoder_latency` of each."""
+
+    name: Literal["all_latency"] = "all_latency"
+    value: Latency
+    title = "latency of all encoders"
+    unit = "s"
+    step = 1e-3
+    check = "Check what the log's time stamps mean, and the buffers between encoders and log."
+    same_as = ("all_latency", "clock_offset")
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["AllLatency", ...]:
+        """Return one if the robot has encoders."""
+        return (cls(value=cls.step),) if all_channels(robot) else ()
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that sees every encoder late."""
+        return late(robot, all_channels(robot), self.value)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class SampleJitter(Effect):
+    """All encoders are read together at t + value (s) times white noise of standard deviation 1, drawn from `seed`.
+
+    Never more than half a sample early or late, so samples keep their order.
+    """
+
+    name: Literal["sample_jitter"] = "sample_jitter"
+    value: Annotated[float, Field(ge=0.0, le=0.1)]
+    seed: Annotated[int, Field(ge=0)] = 0
+    title = "jitter of sampling"
+    unit = "s"
+    step = 1e-3
+    check = "Look at the differences of time stamps; give the sampling task a fixed period and priority."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["SampleJitter", ...]:
+        """Return one if the robot has encoders."""
+        return (cls(value=cls.step),) if all_channels(robot) else ()
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that sees every encoder a little early or late."""
+        past, random = Past(), np.random.default_rng(self.seed)
+
+        def read(t: float, angle: Array) -> Array:
+            half = past.add(t, angle) / 2
+            return past.at(t + float(np.clip(self.value * random.standard_normal(), -half, half)))
+
+        return through(robot, all_channels(robot), read)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class ClockSkew(Effect):
+    """The reference's clock runs slow: the reference in a log's row of time t was taken at (1 + value) t."""
+
+    name: Literal["clock_skew"] = "clock_skew"
+    value: Annotated[float, Field(ge=-0.1, le=0.1)]
+    title = "skew of the reference's clock"
+    unit = "s/s"
+    step = 1e-4
+    check = "Let both clocks stamp one event at the start and one at the end of a long run; check the sample period."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["ClockSkew", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def reference_time(self, t: Array) -> Array:
+        """Return (1 + value) t."""
+        return (1.0 + self.value) * t
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class ClockOffset(Effect):
+    """The reference comes too early in the log: that in the row of time t was taken at t + value (s)."""
+
+    name: Literal["clock_offset"] = "clock_offset"
+    value: Annotated[float, Field(ge=-10.0, le=10.0)]
+    title = "offset of the reference's clock"
+    unit = "s"
+    step = 1e-3
+    check = "Let both clocks stamp one event, as a tap on the robot; check when the reference system stamps its poses."
+    same_as = ("all_latency", "clock_offset")
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["ClockOffset", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def reference_time(self, t: Array) -> Array:
+        """Return t + value."""
+        return t + self.value
