@@ -1,3 +1,6 @@
+# pyright: reportOptionalIterable=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOptionalSubscript=false, reportOptionalOperand=false, reportOperatorIssue=false
+
 """Calibration by maximum likelihood: against rolling integrated by other code, arcs in closed form and eqs. 1-9."""
 
 import dataclasses
