@@ -1,5 +1,5 @@
 # pyright: reportOptionalIterable=false, reportAttributeAccessIssue=false, reportArgumentType=false
-# pyright: reportOptionalSubscript=false, reportOptionalOperand=false, reportOperatorIssue=false
+# pyright: reportOptionalSubscript=false, reportOptionalOperand=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 """Calibration by maximum likelihood: against rolling integrated by other code, arcs in closed form and eqs. 1-9."""
 
