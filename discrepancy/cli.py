@@ -14,7 +14,10 @@ from castor_envs.logs import read_log
 from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
 from castor_envs.vehicles import load_vehicle
+from discrepancy import trial
+from discrepancy.diagnosis import diagnose
 from discrepancy.inspection import inspect_logs
+from discrepancy.report import as_data, as_lines, write_diagnosis
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
@@ -58,6 +61,69 @@ def inspect(
     console.print(f"robot {found['robot']['name']} ({found['robot']['hash']})")
     for entry in found["logs"]:
         _show(console, entry)
+
+
+@app.command()
+def find(
+    logs: Annotated[list[Path], typer.Argument(help="Logs of the robot: CSV files, or folders: all *.csv in them.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(help="A preset's name, or a robot file (.json). Default: robot.json beside the logs."),
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None, typer.Option(help="A log, or folder of logs, that a name must be borne out by.")
+    ] = None,
+    clean: Annotated[
+        list[Path] | None, typer.Option(help="A log, or folder, of the robot in good order: what is background.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write diagnosis.json, and robot.json with what is named, to this new folder.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/1).")] = False,
+) -> None:
+    """Name the effect that the robot's file is missing, one at a time; run it again with the robot file it writes.
+
+    Verdicts: named; ambiguous (these motions do not tell some effects apart); unconfirmed (held-out logs do not bear it
+    out); unexplained (no effect of the catalogue looks like it); no discrepancy.
+    """
+    if out is not None and out.exists():
+        raise InputError(f"--out {out}: is there already; name a new folder")
+    paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
+    description = _robot(robot) if robot is not None else _robot_beside(paths)
+    read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
+    found = diagnose(description, *([read[path] for path in some] for some in (paths, kept_back, good)))
+    data = as_data(found, [str(path) for path in paths])
+    if out is not None:
+        write_diagnosis(out, found, data)
+    if as_json:
+        print(json.dumps(data, indent=2, allow_nan=False))
+        return
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    for line in as_lines(found, [str(path) for path in paths]):
+        console.print(line)
+    if out is not None:
+        console.print(f"written: {out}")
+
+
+@app.command("trial")
+def trial_command(
+    cases: Annotated[int, typer.Option(help="Cases; every fourth has no effect.", min=1, max=10_000)] = 12,
+    seed: Annotated[int, typer.Option(help="Of all that is drawn.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/1).")] = False,
+) -> None:
+    """Hide effects in simulated logs, one each or none, and show what find makes of them (a quarter minute a case)."""
+    outcomes = []
+    for one in trial.run(cases, seed):
+        outcomes.append(one)
+        if not as_json:
+            hidden = "none" if one.effect is None else f"{one.family} {one.effect.value:.3g}"
+            print(f"{one.case:4d}  {hidden:40s} {one.found.verdict}: {one.found.reason} -> {one.kind}", flush=True)
+    table = trial.rates(outcomes)
+    if as_json:
+        print(json.dumps({"format": "castor-trial/1", "cases": cases, "seed": seed, "outcomes": table}, indent=2))
+        return
+    for name, counts in table.items():
+        print(f"{name:24s}" + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
 
 
 def _robot(spec: str) -> RobotDescription:

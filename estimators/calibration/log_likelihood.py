@@ -103,6 +103,14 @@ class _Rows(NamedTuple):
     end: Array | None = None
     numbers: Array | None = None
 
+    def wider(self, more: int, at: int, size: int) -> "_Rows":
+        """Return rows in which `more` parameters follow the first `at`, of `size` numbers in all; they do not count."""
+        if self.numbers is None:
+            return self
+        numbers = np.zeros((*self.values.shape, size))
+        numbers[..., :at], numbers[..., at + more :] = self.numbers[..., :at], self.numbers[..., at:]
+        return self._replace(numbers=numbers)
+
 
 class LogLikelihood:
     """One log of a robot of a known layout.
@@ -142,6 +150,10 @@ class LogLikelihood:
         self._t, step = log.t, np.diff(log.t)
         even = np.maximum(step[1:] / step[:-1], step[:-1] / step[1:]) < EVEN
         self._even = np.concatenate([[False], even]) & np.concatenate([even, [False]])
+
+    def correct(self, more: Array) -> None:
+        """Take off the counts (K, s + d) what is known to be read more than is true."""
+        self._counts = self._counts - more
 
     @property
     def poses(self) -> int:
@@ -218,14 +230,22 @@ class LogLikelihood:
         mount: Array,
         noise: Noise,
         probes: int = 0,
+        readings: Array | None = None,
     ) -> Reduced:
         """Return what the log says of P parameters around a state (K, m).
 
-        changed: geometries (P,), in each of which one parameter is larger by change (P,). probes: how often residuals
-        are drawn (standard normal, the same ones each time) to learn what sums of squares to expect.
+        changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: how often residuals
+        are drawn (standard normal, the same ones each time) to learn what sums of squares to expect. readings
+        (K, s + d, P - G): of more parameters, how many counts more are read for a unit of each.
         """
         kinds = self._linearised(geometry, changed, change, state, clock, mount, noise)
-        size, p = state.shape[1], len(change) + len(mount)
+        more = 0 if readings is None else readings.shape[-1]
+        size, p = state.shape[1], len(change) + more + len(mount)
+        if readings is not None:
+            kinds = {name: rows.wider(more, len(change), p + len(clock)) for name, rows in kinds.items()}
+            counts, numbers = kinds["counts"], np.zeros((*self._readings.shape, p + len(clock)))
+            numbers[..., len(change) : len(change) + more] = self._readings[..., None] * readings
+            kinds["counts"] = counts._replace(numbers=numbers)
         n = p + len(clock)
         random = np.random.default_rng(0)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))

@@ -101,7 +101,7 @@ def calibrate(
     poses = sum(model.poses for model in models)
     _check(robot, logs, parameters)
     try:
-        at, sizes, solution = _fitted(models, described, parameters, before, noise)
+        at, sizes, solution = fitted(models, described, parameters, before, noise)
         robot_with(robot, parameters, at.found)
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
@@ -129,16 +129,16 @@ def calibrate(
     )
 
 
-def _fitted(
+def fitted(
     models: list[LogLikelihood],
     described: Geometry,
     parameters: tuple[Parameter, ...],
     before: Array,
     noise: Noise | None,
-) -> tuple["_State", Noise, "_Solution"]:
+) -> tuple["State", Noise, "_Solution"]:
     """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well."""
     scale = _scales(parameters)
-    at = _State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
+    at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
     sizes, probes = (Noise(), PROBES) if noise is None else (noise, 0)
     k = 0
     while True:
@@ -150,7 +150,7 @@ def _fitted(
         ]
         solution = _solve(each, scale, at.mount, (at.found - before) / scale, FARTHEST if k >= SETTLING else 0.0)
         finished = [one.finish(np.concatenate([scale[:, None] * solution.step, solution.mount])) for one in each]
-        at = _State(
+        at = State(
             at.found + scale * solution.step[:, 0],
             at.mount + solution.mount[:, 0],
             [state for state, _, _ in finished],
@@ -160,7 +160,7 @@ def _fitted(
         changes = np.array(list(asdict(sizes).values())) / list(asdict(last).values()) - 1
         done = k > SETTLING and solution.moved < CONVERGED and np.abs(changes).max() < SETTLED
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
-        if done or lost or not solution.seen.any() or k + 1 == ROUNDS:
+        if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == ROUNDS:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
         k += 1
 
@@ -207,7 +207,7 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
     return found
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """All that is sought: parameters (P,), mount (3,), and of each log its state and clock."""
 
     found: Array
@@ -245,7 +245,7 @@ def _solve(each: list[Reduced], scale: Array, mount: Array, away: Array, farthes
     seen = strength > UNSEEN**-2
     along = -(way.T @ slope) / np.where(seen, strength, np.inf)[:, None]
     along[~seen, 0] = -(way.T @ away)[~seen]
-    along[:, 0] *= min(1.0, farthest / max(float(np.abs(way @ along[:, 0]).max()), 1e-12))
+    along[:, 0] *= min(1.0, farthest / max(float(np.abs(way @ along[:, 0]).max(initial=0.0)), 1e-12))
     moved = float(np.sqrt(np.sum(along[seen, 0] ** 2 * strength[seen])))
     step = way @ along
     set_by = -(both[:, n:] + both[:, :n] @ (scale[:, None] * step))
@@ -264,7 +264,7 @@ def _resized(sizes: Noise, left: list[Leftover]) -> Noise:
     return Noise(**better)
 
 
-def _left(models: list[LogLikelihood], geometries: list[Geometry], at: _State) -> tuple[float, float] | None:
+def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) -> tuple[float, float] | None:
     """Return the rms distance between odometry and reference by each of two geometries; None without reference."""
     tracked = [one for one in zip(models, at.states, at.clocks, strict=True) if one[0].poses]
     if not tracked:
