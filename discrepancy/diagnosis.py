@@ -24,7 +24,7 @@ from castor_envs.kinematics import Array
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate
-from discrepancy.evidence import Evidence, evidence_of
+from discrepancy.evidence import BURST, Evidence, evidence_of
 from discrepancy.inspection import BLIND
 from discrepancy.parity import parity_residual
 
@@ -33,6 +33,10 @@ Verdict = Literal["named", "ambiguous", "unconfirmed", "unexplained", "no discre
 LEAST_GAIN, LEAST_GAIN_OF_MANY = 30.0, 100.0
 """The deviance that a candidate must take away: five standard errors squared, and ten on robots with more driven wheels
 than motions: creep, by which these come to terms with each other, looks like an effect of up to eight."""
+
+SLIDING, IN_BURSTS = 2e-3, 0.5
+"""m after 1 m, and the share of slip in the worst steps (`BURST`): more of both is sliding in some place, no effect of
+the robot, and would be taken for many."""
 
 MOTIONS = 3
 """Of a body in the plane."""
@@ -125,6 +129,13 @@ def diagnose(
         clocks=seen.state.clocks,
         before=_gap(seen),
     )
+    if seen.noise.along > SLIDING and seen.burst.share > IN_BURSTS:
+        burst = seen.burst
+        reason = (
+            f"wheels slide in bursts, {100 * burst.share:.0f} % of all slip in {100 * BURST:.0f} % of the time; most "
+            f"at {burst.t:.1f} s of log {burst.log + 1}, near x {burst.x:.2f}, y {burst.y:.2f} m: look at the floor there"
+        )
+        return dataclasses.replace(result, verdict="unexplained", reason=reason)
     best = ranks[0]
     if best.gain < least:
         return result
@@ -213,8 +224,23 @@ def _ranks(seen: Evidence) -> list[Rank]:
         strength = seen.information[k, k]
         if strength > 0:
             amplitude = float(seen.pull[k] / strength)
+            if not _possible(candidate, amplitude, float(strength**-0.5)):
+                continue
             ranks.append(Rank(candidate, float(seen.pull[k] ** 2 / strength), amplitude, float(strength**-0.5)))
     return ranks
+
+
+def _possible(candidate: Candidate, amplitude: float, error: float) -> bool:
+    """Whether an effect can have an amplitude within three standard errors of this one."""
+    if candidate.effect is None:
+        return True
+    for value in (amplitude, amplitude - 3 * error, amplitude + 3 * error):
+        try:
+            dataclasses.replace(candidate.effect, value=value)
+        except ValueError:
+            continue
+        return True
+    return False
 
 
 def _beyond(seen: Evidence, clean: Evidence, least: float) -> Evidence:

@@ -12,15 +12,29 @@ from discrepancy.candidates import Candidate, correction_of, signatures_of
 from estimators.calibration.log_likelihood import LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
 
+BURST = 0.05
+"""Part of a log's steps in which slip that comes in bursts is looked for."""
+
 PARAMETERS = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Where most slip is: share of its squares in the worst `BURST` of all steps, and the worst step's log (from 0),
+    time (s) and place (m, in the reference's frame)."""
+
+    share: float
+    log: int
+    t: float
+    x: float
+    y: float
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Of P candidates: information (P, P) and pull (P,), the slope of the log-likelihood, in units of each candidate.
 
-    left: rms of what odometry is off the reference, m and rad; None without one. squares: of all residuals, over their
-    variances.
+    left: rms of what odometry is off the reference, m and rad; None without one.
     """
 
     candidates: tuple[Candidate, ...]
@@ -29,6 +43,7 @@ class Evidence:
     noise: Noise
     state: State
     left: tuple[float, float] | None
+    burst: Burst
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return the best amplitudes of some candidates together (c,), and their covariance (c, c)."""
@@ -71,7 +86,9 @@ def evidence_of(robot: RobotDescription, logs: Sequence[Log], noise: Noise | Non
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
     told = information[:n, :n] - information[:n, n:] @ both[:, :n]
     pull = -(gradient[:n] - information[:n, n:] @ both[:, n])
-    return Evidence(names, (told + told.T) / 2, pull, sizes, at, _left(models, geometry, at))
+    return Evidence(
+        names, (told + told.T) / 2, pull, sizes, at, _left(models, geometry, at), _burst(models, logs, geometry, at)
+    )
 
 
 def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
@@ -80,6 +97,16 @@ def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tup
         return None
     off = np.concatenate([model.errors(geometry, state, clock, at.mount) for model, state, clock in tracked])
     return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(off[:, 2] ** 2)))
+
+
+def _burst(models: Sequence[LogLikelihood], logs: Sequence[Log], geometry: Geometry, at: State) -> Burst:
+    slips = [np.sum(model.missed(geometry, state) ** 2, axis=1) for model, state in zip(models, at.states, strict=True)]
+    ordered = np.sort(np.concatenate(slips))[::-1]
+    share = float(ordered[: max(1, round(BURST * len(ordered)))].sum() / max(ordered.sum(), 1e-30))
+    worst = int(np.argmax([slip.max() for slip in slips]))
+    k = int(np.argmax(slips[worst]))
+    x, y, _ = at.states[worst][k, :3].tolist()
+    return Burst(share, worst, float(logs[worst].t[k]), x, y)
 
 
 def _stacked(geometries: Sequence[Geometry]) -> Geometry:

@@ -17,6 +17,7 @@ from castor_envs import command_line
 from castor_envs.effects import EncoderLatency, PivotBacklash, PivotOffset, TickLoss, WheelRadius, readings
 from castor_envs.encoders import Encoders
 from castor_envs.errors import InputError
+from castor_envs.floor import Floor, Patch
 from castor_envs.importers.optiodom import find_sessions, read_session
 from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log, write_log
@@ -107,6 +108,15 @@ def test_what_has_no_name_is_unexplained():
     found = diagnose(ROBOT, [dataclasses.replace(log, wheel=wheel)])
     assert found.verdict == "unexplained", found.reason
     assert "wheel_2r jumps" in found.reason
+
+
+def test_sliding_in_one_place_is_no_effect_of_the_robot(monkeypatch):
+    """Friction of 0.03 on a patch of the floor: the wheels slide while they cross it."""
+    floor = Floor(patches=(Patch(center=(0.0, 0.0), size=(0.5, 0.5), friction=0.02),))
+    monkeypatch.setattr("discrepancy.trial.Floor", lambda: floor)
+    found = diagnose(ROBOT, [log_at_random(ROBOT, 1, duration=40.0)])
+    assert found.verdict == "unexplained", found.reason
+    assert "look at the floor" in found.reason
 
 
 def test_clean_logs_set_what_is_background():
