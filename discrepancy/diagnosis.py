@@ -133,7 +133,7 @@ def diagnose(
         burst = seen.burst
         reason = (
             f"wheels slide in bursts, {100 * burst.share:.0f} % of all slip in {100 * BURST:.0f} % of the time; most "
-            f"at {burst.t:.1f} s of log {burst.log + 1}, near x {burst.x:.2f}, y {burst.y:.2f} m: look at the floor there"
+            f"at {burst.t:.1f} s of log {burst.log + 1}, near x {burst.x:.2f}, y {burst.y:.2f} m: look at the floor"
         )
         return dataclasses.replace(result, verdict="unexplained", reason=reason)
     best = ranks[0]
