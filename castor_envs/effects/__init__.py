@@ -1,8 +1,10 @@
 """Effects: what a real robot does that its description leaves out. Each is one class, with one meaning everywhere.
 
 An effect stands in the robot file as ``{"name": "pivot_bias", "castor": 2, "value": 0.013}``. It changes the robot that
-the physics builds (`apply`), or what the encoders make of true angles (`readings`), or when the reference is taken
-(`reference`). To add one, add a class to a module of this package: files, catalogue, table and tests find it there.
+the physics builds (`apply_effects`), or what the encoders make of true angles (`readings`), or when and of which point
+the reference is taken (`reference`), or the floor (`floor_of`), or how contacts yield (`yielding_of`). What it makes
+contacts slip in a motion that is known is predicted by `slip_of`. To add one, add a class to a module of this package:
+files, catalogue, table and tests find it there.
 """
 
 import importlib
@@ -13,28 +15,34 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import TypeAdapter
 
+from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
 from castor_envs.effects.dimensions import (
     AllWheelRadius,
     CountsPerRev,
+    LoadRadius,
     PivotBias,
     PivotOffset,
     PivotPositionX,
     PivotPositionY,
-    SlipStiffness,
     Track,
     WheelRadius,
 )
 from castor_envs.effects.effect import Effect, Reader
+from castor_envs.effects.floors import Bump, FloorSlope, FrictionPatch
+from castor_envs.effects.motion import Motion, Slip
+from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
 from castor_envs.effects.sensors import (
     LostRemainders,
     PivotBacklash,
     PivotEccentricity,
     PivotGain,
     TickLoss,
+    TickLossBursts,
     WheelEccentricity,
 )
 from castor_envs.effects.timing import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.floor import Floor
 
 if TYPE_CHECKING:
     from castor_envs.robot import RobotDescription
@@ -43,15 +51,21 @@ __all__ = [
     "EFFECTS",
     "AllLatency",
     "AllWheelRadius",
+    "Bump",
     "CastorOrder",
     "ClockOffset",
     "ClockSkew",
+    "ContactCreep",
     "CountsPerRev",
     "Effect",
     "EncoderLatency",
     "EncoderReversed",
     "EncodersSwapped",
+    "FloorSlope",
+    "FrictionPatch",
+    "LoadRadius",
     "LostRemainders",
+    "Motion",
     "PivotBacklash",
     "PivotBias",
     "PivotEccentricity",
@@ -60,18 +74,27 @@ __all__ = [
     "PivotPositionX",
     "PivotPositionY",
     "Reader",
+    "ReferenceLeverX",
+    "ReferenceLeverY",
+    "ReferenceYaw",
     "SampleJitter",
+    "Slip",
     "SlipStiffness",
+    "SlipStiffnessLateral",
     "TickLoss",
+    "TickLossBursts",
     "Track",
     "WheelEccentricity",
     "WheelRadius",
     "apply_effects",
     "catalogue",
+    "floor_of",
     "reader_of",
     "readings",
     "reference",
+    "slip_of",
     "table",
+    "yielding_of",
 ]
 
 Array = NDArray[np.float64]
@@ -93,6 +116,31 @@ def apply_effects(robot: "RobotDescription", effects: tuple[Effect, ...]) -> "Ro
     for effect in effects:
         robot = effect.apply(robot)
     return robot
+
+
+def floor_of(robot: "RobotDescription", floor: Floor) -> Floor:
+    """Return the floor as it really is under the robot: with its effects on the floor, in order."""
+    for effect in robot.effects:
+        floor = effect.floor(robot, floor)
+    return floor
+
+
+def yielding_of(robot: "RobotDescription") -> float:
+    """Return how fast (m/s) each contact of the robot slips for every N on it, beside its creep in rolling."""
+    return sum(effect.yielding() for effect in robot.effects)
+
+
+def slip_of(robot: "RobotDescription", motion: Motion) -> Slip:
+    """Return by how much contacts slip more in a motion than those of the robot as described, by all its effects.
+
+    Each effect meets the robot as those before it have built it.
+    """
+    total, built = Slip.none(motion), robot.as_described()
+    for effect in robot.effects:
+        own = effect.slip(built, motion)
+        total = total if own is None else total + own
+        built = effect.apply(built)
+    return total
 
 
 def reader_of(robot: "RobotDescription") -> Reader:
@@ -126,11 +174,13 @@ def reference(robot: "RobotDescription", t: ArrayLike, pose: ArrayLike) -> Array
     """Return the poses (K, 3) that a log shows as reference in its rows of time t (K,), given the true ones.
 
     Straight lines between samples; before the first the robot stood still, after the last there is no reference (NaN).
+    Effects on the tracked point act in order, each on the axes that those before it leave.
     """
     t, pose = np.asarray(t, dtype=float), np.asarray(pose, dtype=float)
     taken = t
     for effect in robot.effects:
         taken = effect.reference_time(taken)
+        pose = effect.reference_pose(pose)
     columns = [np.interp(taken, t, column, right=np.nan) for column in pose.T]
     return np.stack(columns, axis=-1)
 

@@ -1,9 +1,9 @@
-"""Effects on the robot's dimensions and contact: what is built otherwise than described."""
+"""Effects on the robot's dimensions: what is built otherwise than described."""
 
-import dataclasses
 import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -13,11 +13,13 @@ from castor_envs.effects.effect import (
     Number,
     castor_of,
     pivot_encoders,
+    standing_loads,
     wheel_channel,
     wheel_encoders,
     with_castor,
     with_wheels,
 )
+from castor_envs.errors import InputError
 
 if TYPE_CHECKING:
     from castor_envs.robot import RobotDescription
@@ -214,22 +216,30 @@ class PivotBias(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class SlipStiffness(Effect):
-    """All wheels creep less under drive forces: their longitudinal slip stiffness is larger by the fraction `value`."""
+class LoadRadius(Effect):
+    """All tyres give way: each wheel's radius is smaller by `value` (m/N) times the load that stands on it at rest."""
 
-    name: Literal["slip_stiffness"] = "slip_stiffness"
-    value: Annotated[float, Field(ge=-0.9, le=10.0)]
-    title = "slip stiffness of the tyres"
-    unit = "1"
-    step = 0.1
-    check = "Compare wheel counts on a distance driven softly with those driven with hard starts and stops."
+    name: Literal["load_radius"] = "load_radius"
+    value: Annotated[float, Field(ge=0.0, le=1e-3)]
+    title = "tyres that give way under load"
+    unit = "m/N"
+    step = 1e-6
+    check = "Measure the height of the axles above the floor, with and without a known weight on the robot."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["SlipStiffness", ...]:
-        """Return one."""
-        return (cls(value=cls.step),)
+    def variants(cls, robot: "RobotDescription") -> tuple["LoadRadius", ...]:
+        """Return one if wheels with encoders carry loads that differ by over 1 %; else it is `all_wheel_radius`."""
+        try:
+            loads = standing_loads(robot)[list(robot.driven_wheels)]
+        except InputError:  # its weight is not described well enough for it to stand
+            return ()
+        return (cls(value=cls.step),) if loads.size and np.ptp(loads) > 0.01 * np.mean(loads) else ()
 
     def apply(self, robot: "RobotDescription") -> "RobotDescription":
-        """Return the robot with `contact.slip_stiffness_long` scaled by 1 + value."""
-        stiffness = robot.contact.slip_stiffness_long * (1.0 + self.value)
-        return dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, slip_stiffness_long=stiffness))
+        """Return the robot with the radii under load."""
+        loads = iter(standing_loads(robot).tolist())
+        for i, castor in enumerate(robot.castors, start=1):
+            for j, wheel in enumerate(castor.wheels, start=1):
+                scale = 1.0 - self.value * next(loads) / wheel.radius
+                robot = with_wheels(robot, i, self.name, j, radius=scale)
+        return robot

@@ -10,7 +10,9 @@ from pydantic import Field, GetCoreSchemaHandler, ValidationError
 from pydantic_core import CoreSchema
 
 from castor_envs.description import explain
+from castor_envs.effects.motion import Motion, Slip
 from castor_envs.errors import InputError
+from castor_envs.floor import Floor
 
 if TYPE_CHECKING:
     from castor_envs.robot import Castor, RobotDescription
@@ -43,7 +45,10 @@ class Effect:
 
     @classmethod
     def variants(cls, robot: "RobotDescription") -> tuple[Self, ...]:
-        """Return one instance of size `step` for everything on the robot that may have this effect."""
+        """Return one instance of size `step` for everything on the robot that may have this effect.
+
+        None for effects at a place or at times that the robot's file cannot tell: those have to be found first.
+        """
         raise NotImplementedError
 
     def apply(self, robot: "RobotDescription") -> "RobotDescription":
@@ -61,6 +66,25 @@ class Effect:
     def reference_time(self, t: Array) -> Array:
         """Return when (s, on the log's clock) the reference pose in the row of time `t` was really taken."""
         return t
+
+    def reference_pose(self, pose: Array) -> Array:
+        """Return the poses (K, 3) that the reference shows of a body that truly stands at `pose` (K, 3)."""
+        return pose
+
+    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+        """Return the floor as it really is under this robot, given how it is described."""
+        return floor
+
+    def yielding(self) -> float:
+        """Return how fast (m/s) each contact slips for every N on it, beside its creep in rolling."""
+        return 0.0
+
+    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip | None:
+        """Return by how much contacts slip more by this effect in a motion than the robot as given; None: nothing.
+
+        Effects on dimensions need none: they change what rolling without slip is.
+        """
+        return None
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -96,8 +120,18 @@ def with_wheels(
         raise InputError(f"effect {effect}: castor {castor} has no wheel {wheel}")
     for k in range(len(wheels)) if wheel is None else [wheel - 1]:
         changes = {name: getattr(wheels[k], name) * scale for name, scale in scales.items()}
-        wheels[k] = dataclasses.replace(wheels[k], **changes)
+        try:
+            wheels[k] = dataclasses.replace(wheels[k], **changes)
+        except ValidationError as error:
+            raise InputError(f"effect {effect} is too large for castor {castor}: {explain(error)}") from None
     return with_castor(robot, castor, effect, wheels=tuple(wheels))
+
+
+def standing_loads(robot: "RobotDescription") -> Array:
+    """Return the load on each wheel (w,) on a level floor, N; raises InputError where the robot would tip."""
+    from castor_envs.physics.statics import wheel_loads  # physics is built on effects
+
+    return wheel_loads(robot, Floor().normal_gravity)
 
 
 def wheel_channel(robot: "RobotDescription", castor: int, wheel: int, effect: str) -> int:

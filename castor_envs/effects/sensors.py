@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.description import CONFIG, NotNegative
+from castor_envs.description import CONFIG, NotNegative, Positive
 from castor_envs.effects.effect import (
     Effect,
     Number,
@@ -189,17 +189,71 @@ class TickLoss(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
+class TickLossBursts(Effect):
+    """A wheel's encoder loses the fraction `value` of what the wheel turns in bursts: `width` (s) every `period` (s).
+
+    The first burst begins at `start` (s), the others `period` after the one before; with a `seed` their distances are
+    drawn, evenly from 0 to twice the period. In part of a sample, that part is lost.
+    """
+
+    name: Literal["tick_loss_bursts"] = "tick_loss_bursts"
+    castor: Number
+    wheel: Number
+    value: Annotated[float, Field(ge=0.0, le=1.0)]
+    period: Positive
+    width: Positive
+    start: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] | None = None
+    title = "counts lost in bursts"
+    unit = "1"
+    step = 0.1
+    check = "Look for a loose plug or cable; watch the counts while shaking it and while other devices switch on."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["TickLossBursts", ...]:
+        """Return none: when counts may be lost has to be found first."""
+        return ()
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that leaves out what was lost so far."""
+        own = wheel_channel(robot, self.castor, self.wheel, self.name)
+        random = None if self.seed is None else np.random.default_rng(self.seed)
+        before: list[tuple[float, Array]] = []
+        bursts = [self.start]
+        lost = np.zeros(1)
+
+        def read(t: float, angle: Array) -> Array:
+            while bursts[-1] < t:
+                bursts.append(bursts[-1] + self.period * (1.0 if random is None else random.uniform(0.0, 2.0)))
+            if before:
+                since, turned = before[0][0], angle - before[0][1]
+                while len(bursts) > 1 and bursts[1] <= since:
+                    del bursts[0]
+                begins = np.array(bursts)
+                edges = np.minimum(begins[:-1] + self.width, begins[1:])
+                shared = np.clip(np.minimum(edges, t) - np.maximum(begins[:-1], since), 0.0, None).sum()
+                lost[:] += self.value * turned * (shared / (t - since))
+            before[:] = [(t, angle)]
+            return angle - lost
+
+        return through(robot, [own], read)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class LostRemainders(Effect):
-    """A wheel's counts are rounded sample by sample, and the fraction `value` of every remainder is lost (1: all)."""
+    """A wheel's counts are cut to whole ones, toward zero, sample by sample, and what is left over is lost.
+
+    It is there or not: its value is always 1.
+    """
 
     name: Literal["lost_remainders"] = "lost_remainders"
     castor: Number
     wheel: Number
-    value: Annotated[float, Field(ge=0.0, le=1.0)]
+    value: Annotated[float, Field(ge=1.0, le=1.0)] = 1.0
     title = "remainders lost between samples"
     unit = "1"
     step = 1.0
-    check = "Look in the motor driver's code for increments or speeds rounded to whole counts each period."
+    check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."
 
     @classmethod
     def variants(cls, robot: "RobotDescription") -> tuple["LostRemainders", ...]:
@@ -218,8 +272,8 @@ class LostRemainders(Effect):
         def read(t: float, angle: Array) -> Array:
             if before:
                 turned = angle - before[0]
-                lost[:] += turned - np.round(turned / count) * count
+                lost[:] += turned - np.trunc(turned / count) * count
             before[:] = [angle]
-            return angle - self.value * lost
+            return angle - lost
 
         return through(robot, [own], read)

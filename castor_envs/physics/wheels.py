@@ -7,11 +7,12 @@ A wheel touches the floor through bristles (a single-point brush tyre with relax
 and Vehicle Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r
 omega| and bristle deflection z,
 
-    dz/dt = s - V z / sigma          F = -k z - c dz/dt          |F| <= friction * load
+    dz/dt = s - (V / sigma + k y) z          F = -k z - c dz/dt          |F| <= friction * load
 
 so at rest the contact is a spring (no creep), in steady rolling F = -k sigma s / V (slip in proportion to
-force, with slip stiffness k sigma), and beyond the friction circle the bristles slide. Each substep is
-implicit in z and in the wheel's spin.
+force, with slip stiffness k sigma), and beyond the friction circle the bristles slide. A contact that yields
+by y (m/s for each N) lets its bristles go at y k z more, so that at rest s = -y F. Each substep is implicit
+in z and in the wheel's spin.
 
 On a cable the centre of the wheel rises by h(p), p the distance in plan from the cable's axis: the wheel
 rolls sqrt(1 + h'^2) times its plan path and, by virtual work, pays the climbing force -load * grad h.
@@ -36,7 +37,7 @@ WHEEL = np.dtype(
         ("y", float),
         ("cos", float),
         ("sin", float),
-        # what: radius, spin inertia, load, grip, bristles (stiffness k and damping c along and across), sigma
+        # what: radius, spin inertia, load, grip, bristles (stiffness k and damping c along and across), sigma, y
         ("radius", float),
         ("inertia", float),
         ("load", float),
@@ -48,6 +49,7 @@ WHEEL = np.dtype(
         ("damping_long", float),
         ("damping_lat", float),
         ("relaxation", float),
+        ("yielding", float),
         # motor: mode, gains, limits, command (rad/s; as voltage, a fraction of the full one)
         ("drive", np.int64),
         ("proportional", float),
@@ -149,6 +151,8 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
         v_long = v_long + wheel.roller * v_lat
     radius, inertia, spin = wheel.radius, wheel.inertia, wheel.speed
     relaxing = 1.0 + dt * abs(radius * spin) / wheel.relaxation
+    relaxing_lat = relaxing + dt * wheel.stiffness_lat * wheel.yielding
+    relaxing += dt * wheel.stiffness_long * wheel.yielding
 
     # Motor: torque = a - b * spin at the end of the substep, within +-max_torque.
     a, b = 0.0, 0.0
@@ -167,7 +171,7 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
     f1 = stiff * dt * radius / relaxing
     lateral, share = 0.0, 1.0
     if wheel.grip == STANDARD:
-        lateral = held_lat - stiff_lat * (wheel.stretch_lat + dt * v_lat) / relaxing
+        lateral = held_lat - stiff_lat * (wheel.stretch_lat + dt * v_lat) / relaxing_lat
     else:
         share = math.sqrt(1.0 + wheel.roller * wheel.roller)
     speed, torque, force_long, force_lat = spin, 0.0, 0.0, 0.0

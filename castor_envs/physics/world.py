@@ -5,6 +5,7 @@ import pymunk
 from numpy.typing import ArrayLike, NDArray
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
+from castor_envs.effects import floor_of, yielding_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry, castor_rates, inverse
@@ -25,10 +26,11 @@ class World:
     bodies: each has a spin, a motor and a contact force (`castor_envs.physics.wheels`). Loads are constant, from the
     static balance of the chassis on its pivots.
 
-    robot: effects are folded in. pose: of B in N. castor_angles (n,): theta at the start, those of fixed castors
-    ignored. twist: (v_x, v_y, omega) in B at the start; castors and wheels start in rolling motion with it. stepper:
-    "compiled" or "reference" (plain Python). substeps: a sample period; None takes as many as the robot's stiffest
-    contact needs. held: the castor (from 1) whose driven wheels are blocked, whatever they are commanded.
+    robot: effects are folded in. floor: as described; the robot's effects on it are added. pose: of B in N.
+    castor_angles (n,): theta at the start, those of fixed castors ignored. twist: (v_x, v_y, omega) in B at the start;
+    castors and wheels start in rolling motion with it. stepper: "compiled" or "reference" (plain Python). substeps: a
+    sample period; None takes as many as the robot's stiffest contact needs. held: the castor (from 1) whose driven
+    wheels are blocked, whatever they are commanded.
     """
 
     def __init__(
@@ -44,9 +46,10 @@ class World:
         held: int | None = None,
     ) -> None:
         self.robot = robot.as_built()
-        self.floor = floor or Floor()
+        self.floor = floor_of(robot, floor or Floor())
         self.geometry = Geometry.of(self.robot)
         self.wheels = wheel_records(self.robot, self.floor)
+        self.wheels["yielding"] = yielding_of(robot)
         self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
         own = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
         self._held_wheels = self._driven_wheels[own == held]

@@ -1,0 +1,95 @@
+"""Effects on the reference: where on the body the tracked point is, and how its axes stand."""
+
+import math
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from castor_envs.description import CONFIG
+from castor_envs.effects.effect import Effect
+from castor_envs.effects.motion import turned_by
+
+if TYPE_CHECKING:
+    from castor_envs.robot import RobotDescription
+
+Array = NDArray[np.float64]
+Metres = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class ReferenceYaw(Effect):
+    """The reference's axes are turned against the body: its heading is larger by `value` (rad).
+
+    As biases of all pivots and pivots that are all turned about the body's origin.
+    """
+
+    name: Literal["reference_yaw"] = "reference_yaw"
+    value: Annotated[float, Field(ge=-math.pi, le=math.pi)]
+    title = "reference's axes turned against the body"
+    unit = "rad"
+    step = 1e-3
+    check = "Push the robot straight along a ruler and compare the reference's heading with its path."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["ReferenceYaw", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def reference_pose(self, pose: Array) -> Array:
+        """Return the poses with headings larger by `value`."""
+        return pose + np.array([0.0, 0.0, self.value])
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class ReferenceLeverX(Effect):
+    """The point that the reference tracks stands `value` (m) further forward than the body's origin.
+
+    As if all pivots stood further back.
+    """
+
+    name: Literal["reference_lever_x"] = "reference_lever_x"
+    value: Metres
+    title = "lever arm of the reference, forward"
+    unit = "m"
+    step = 1e-3
+    check = "Measure from the robot's origin to the tracked point; turn on the spot and fit a circle to the reference."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["ReferenceLeverX", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def reference_pose(self, pose: Array) -> Array:
+        """Return the poses of a point `value` ahead."""
+        return _moved(pose, self.value, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class ReferenceLeverY(Effect):
+    """The point that the reference tracks stands `value` (m) further to the left than the body's origin.
+
+    As if all pivots stood further to the right.
+    """
+
+    name: Literal["reference_lever_y"] = "reference_lever_y"
+    value: Metres
+    title = "lever arm of the reference, to the left"
+    unit = "m"
+    step = 1e-3
+    check = "Measure from the robot's origin to the tracked point; turn on the spot and fit a circle to the reference."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["ReferenceLeverY", ...]:
+        """Return one."""
+        return (cls(value=cls.step),)
+
+    def reference_pose(self, pose: Array) -> Array:
+        """Return the poses of a point `value` to the left."""
+        return _moved(pose, 0.0, self.value)
+
+
+def _moved(pose: Array, x: float, y: float) -> Array:
+    return np.column_stack([pose[:, :2] + turned_by(np.array([x, y]), pose[:, 2]), pose[:, 2]])
