@@ -96,6 +96,17 @@ class LogColumns(NamedTuple):
         train = re.fullmatch(r"rps_(age_)?[A-J](_x|_y|_phi)?|ref_\d+_(x|y|psi)", name) is not None
         return train or (bool(self.rps) and re.fullmatch(r"wheel_\d+[lr]", name) is not None)
 
+    @staticmethod
+    def check_castors(path: Path, line: int, names: Sequence[str], vehicle: Vehicle) -> None:
+        """Raise InputError for encoders of castors that a robot does not have."""
+        if isinstance(vehicle, TrainDescription):
+            return
+        for name in names:
+            own = re.fullmatch(r"(?:wheel|pivot)_(\d+)(?:[lr]|_\d+)?", name)
+            if own is not None and int(own[1]) > len(vehicle.castors):
+                message = f"{vehicle.name!r} has no castor {int(own[1])}; give the robot that made the log"
+                raise complaint(path, line, name, message)
+
     def _hint(self, missing: str, names: Sequence[str]) -> str:
         unknown = {name.lower(): name for name in names if name not in self.known}
         near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)

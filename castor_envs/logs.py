@@ -109,15 +109,17 @@ class Log:
 def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     """Read and check a log of a robot or a train; a train's log without rps columns has rps of NaN.
 
-    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns,
-    lines of the wrong width, cells that are not finite numbers, half-blank poses, fewer than two rows, times
-    that do not increase, pivot counts that jump by over half a turn (see `pivot_jumps`), wrapped headings.
+    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns, encoders
+    of castors that the robot does not have, lines of the wrong width, cells that are not finite numbers, half-blank
+    poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
+    `pivot_jumps`), wrapped headings.
     """
     path = Path(path)
     header, *rows = read_lines(path)
     names = [name.strip() for name in header.cells]
     columns = LogColumns.of(vehicle)
     columns.check_header(path, header.number, names)
+    columns.check_castors(path, header.number, names, vehicle)
     for row in rows:
         check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
@@ -165,6 +167,7 @@ def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle) -> None:
         names.append(name)
         cells.append(column)
     columns.check_header(path, 1, names)
+    columns.check_castors(path, 1, names, vehicle)
     _check_values(path, range(2, len(log) + 2), log, vehicle)
     rows = [names, *zip(*cells, strict=True)]
     write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
@@ -270,7 +273,11 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
     if log.reference is not None:
         for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
             name = columns.reference[3 * axle + 2]
-            raise complaint(path, lines[k + 1], name, "steps by over half a turn; unwrap the heading (rad)")
+            step = float(np.diff(log.reference[k : k + 2, 3 * axle + 2])[0])
+            degrees = (
+                "" if abs(abs(step) - 2 * np.pi) < np.pi / 2 else f" by {step:.4g} rad, or are these degrees? give rad"
+            )
+            raise complaint(path, lines[k + 1], name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
 
 
 def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:

@@ -259,6 +259,9 @@ MISTAKES = [
     (f"{HEADER}\n{ROWS}0.1,6,5,0,,0\n", r"log.csv:4: column 'ref_y': is blank, but not all of ref_x, ref_y, ref_psi"),
     (f"{HEADER}\n{ROWS}0.02,6,5,0,0,0\n", r"log.csv:4: column 't': goes back from 0.05 to 0.02; sort the rows"),
     (f"{HEADER}\n{ROWS}0.05,6,5,0,0,0\n", r"log.csv:4: column 't': repeats 0.05"),
+    ("t,wheel_1l,wheel_1r,wheel_2l\n0,0,0,0\n1,1,1,1\n", r"log.csv:1: column 'wheel_2l': .* has no castor 2; give the"),
+    ("t,wheel_1l,wheel_1r,pivot_3\n0,0,0,0\n1,1,1,1\n", r"log.csv:1: column 'pivot_3': .* has no castor 3; give the"),
+    (f"{HEADER}\n{ROWS}0.1,6,5,0,0,40\n", r"log.csv:4: column 'ref_psi': steps .* are these degrees\? give rad"),
     (f"{HEADER}\n{ROWS}0.1,6,5,0,0,3.2\n", r"log.csv:4: column 'ref_psi': steps by over half a turn; unwrap"),
     (f'{HEADER}\n{ROWS}0.1,6,5,0,0,"3\n', r"log.csv:4: is not CSV"),
 ]

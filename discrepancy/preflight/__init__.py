@@ -1,0 +1,146 @@
+"""The pre-flight: gross mistakes, found first and told loudly, before any small effect is looked for.
+
+Builders of such bases report mistakes of assembly most: encoders swapped or reversed, castors in the wrong order,
+counts a turn wrong by a factor, degrees for radians. Each is a hypothesis about how the log was read (`hypotheses`);
+the simplest that makes encoders, and reference, agree with rolling is named (`search`), with all that do so as well.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from castor_envs.log_columns import LogColumns
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy.preflight.findings import Mistake, Preflight
+from discrepancy.preflight.misfit import Misfit, Misfits
+from discrepancy.preflight.reading import Reading
+from discrepancy.preflight.sanity import (
+    Named,
+    dead_channels,
+    not_finite,
+    remarks,
+    time_mistakes,
+    wrapped_counts,
+)
+from discrepancy.preflight.search import MUCH, SEEN, YAW, Candidate, Found, search
+
+__all__ = ["Mistake", "Preflight", "preflight"]
+
+OUTLIER, OUTLIER_PART = 8.0, 0.2
+"""A pose is off if odometry misses it by so many times the usual, and by this part of the way."""
+
+CONTRADICTED = 0.05
+"""The part (rms) of a motion that is left unexplained, from which on that is told."""
+
+AGREED = 0.1
+"""The part (rms) up to which encoders and reference agree well enough to say how the reference is turned."""
+
+
+def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str] = ()) -> Preflight:
+    """Return the gross mistakes in logs of a robot, and what else must be told of them.
+
+    names: what the logs are called; "log 1" and so on if left out. What small effects do is no matter here.
+    """
+    called = [Named(name, log) for name, log in zip(names or _numbered(logs), logs, strict=True)]
+    broken = [mistake for one in called for mistake in not_finite(robot, one)]
+    if broken:
+        return Preflight(tuple(broken))
+    told = [remark for one in called for remark in remarks(robot, one)]
+    mistakes = [mistake for one in called for kind in (time_mistakes, wrapped_counts) for mistake in kind(robot, one)]
+    if mistakes:
+        return Preflight(tuple(mistakes), tuple(told))
+    dead = dead_channels(robot, logs)
+    misfits = Misfits(robot, logs, dead)
+    if not misfits.sees:
+        told.append(
+            "too little motion, or too few encoders and reference poses, to look for swapped or reversed encoders"
+        )
+        return Preflight((), tuple(told))
+    found = search(robot, misfits)
+    mistakes = [*_dead(robot, logs, misfits, found, dead), *_mistakes(robot, misfits, found)]
+    told += _poses_off(called, misfits, found.best.reading)
+    left = found.best.misfit
+    if left.rms > CONTRADICTED and not mistakes:
+        told.append(f"{_contradiction(left)}, and no swap, sign, factor or unit explains it")
+    return Preflight(tuple(mistakes), tuple(told))
+
+
+def _numbered(logs: Sequence[Log]) -> list[str]:
+    return ["the log"] if len(logs) == 1 else [f"log {k + 1}" for k in range(len(logs))]
+
+
+def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterator[Mistake]:
+    """Yield what was found; several that come together one by one."""
+    nominal, best = found.nominal, found.best
+    for hypothesis in best.mistakes:
+        others = [candidate for candidate in found.alike if hypothesis not in candidate.mistakes]
+        evidence = f"{_contradiction(nominal.misfit)}, and by {_parts(best.misfit)} if so"
+        if len(best.mistakes) > 1:
+            evidence += f" ({len(best.mistakes)} mistakes together)"
+        what = f"{hypothesis.what}: {evidence}; {hypothesis.remedy}"
+        yield Mistake(what, hypothesis.effects, tuple(_named(one) for one in others))
+    yaw = best.misfit.yaw
+    if misfits.poses is not None and abs(yaw) > YAW and best.misfit.rms < AGREED:
+        straight = [one for one in found.alike if abs(one.misfit.yaw) < YAW]
+        side = "left" if yaw > 0 else "right"
+        yield Mistake(
+            f"the reference's heading points {abs(np.degrees(yaw)):.0f} degrees to the {side} of the robot's front: it "
+            "then agrees with the encoders; correct ref_psi, or what the robot file takes for the front",
+            rivals=tuple(_named(one) for one in straight),
+        )
+
+
+def _dead(
+    robot: RobotDescription, logs: Sequence[Log], misfits: Misfits, found: Found, dead: frozenset[int]
+) -> Iterator[Mistake]:
+    """Yield channels that never change although the others say that they must."""
+    columns = LogColumns.of(robot)
+    names = (*columns.wheel, *columns.pivot)
+    for channel in sorted(dead):
+        without = Misfits(robot, logs, dead - {channel}).of(found.best.reading)
+        if max(without.total, SEEN) > max(MUCH, 4 * found.best.left):
+            yield Mistake(
+                f"{names[channel]} never changes, although the other encoders say that it must: with it "
+                f"{_contradiction(without)}; check its cable and its column, or give it no encoder in the robot file"
+            )
+
+
+def _poses_off(called: Sequence[Named], misfits: Misfits, reading: Reading) -> list[str]:
+    """Return the reference's jumps and outliers: where odometry misses a pose far more than elsewhere."""
+    poses = misfits.poses
+    if poses is None or not misfits.sees_poses:
+        return []
+    missed, way = misfits.missed(reading)
+    usual = 1.4826 * float(np.median(missed))
+    off = np.flatnonzero((missed > OUTLIER * usual) & (missed > OUTLIER_PART * np.median(way)))
+    told = []
+    for number, one in enumerate(called):
+        places = [
+            f"{1e3 * missed[k]:.0f} mm between rows {poses.rows[k, 0] + 1} and {poses.rows[k, 1] + 1} "
+            f"(t {one.log.t[poses.rows[k, 0]]:.6g} to {one.log.t[poses.rows[k, 1]]:.6g} s)"
+            for k in off[poses.log[off] == number]
+        ]
+        if places:
+            more = f"; and {len(places) - 3} more" if len(places) > 3 else ""
+            told.append(f"{one.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{more}")
+    return told
+
+
+def _named(one: Candidate) -> str:
+    return " and ".join(mistake.what for mistake in one.mistakes) or "the reference is turned"
+
+
+def _contradiction(misfit: Misfit) -> str:
+    return f"as read, the encoders contradict {_parts(misfit)} of the motion (rms)"
+
+
+def _parts(misfit: Misfit) -> str:
+    shares = {"each other": misfit.parity, "the reference": misfit.reference}
+    return " and ".join(f"{whom} by {_percent(share)}" for whom, share in shares.items() if share > 0) or "nothing"
+
+
+def _percent(share: float) -> str:
+    """Return the rms of a share of squares as people read it."""
+    percent = 100 * float(np.sqrt(share))
+    return f"{percent:.0f} %" if percent >= 10 else f"{percent:.1g} %"

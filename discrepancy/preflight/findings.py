@@ -1,0 +1,39 @@
+"""What the pre-flight says."""
+
+from dataclasses import dataclass
+
+from castor_envs.effects import Effect
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A gross mistake. what: where, evidence in numbers, and what to do, in one sentence.
+
+    effects: of wiring and the like that explain it, for the robot file; empty where log or robot file must be mended.
+    rivals: other mistakes that would explain it as well, or nearly.
+    """
+
+    what: str
+    effects: tuple[Effect, ...] = ()
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """What stands out before any small effect is looked for.
+
+    remarks: no mistakes, but to be told.
+    """
+
+    mistakes: tuple[Mistake, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def fatal(self) -> bool:
+        """Whether nothing else can be said before log or robot file are mended: effects do not do it."""
+        return any(not mistake.effects for mistake in self.mistakes)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of all mistakes, in order: with them, the robot's simulation reads like the log."""
+        return tuple(effect for mistake in self.mistakes for effect in mistake.effects)

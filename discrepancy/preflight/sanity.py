@@ -1,0 +1,182 @@
+"""What single channels, times and reference poses show, without any model of motion."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.log_columns import LogColumns
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy.preflight.findings import Mistake
+
+Array = NDArray[np.float64]
+
+SHORT = 10.0
+"""s: a log below shows hardly anything."""
+
+GAP = 3.0
+"""Median periods between two samples, or two reference poses, from which on something is missing."""
+
+PERIOD = 0.2
+"""The part by which the sample period may differ from the robot's without a remark."""
+
+UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+
+FAST, OFTEN = 3.0, 0.05
+"""Times max_wheel_speed that no wheel turns; the part of the steps from which on it is no matter of single steps."""
+
+WORDS = range(8, 33)
+"""Bits of counters that wrap."""
+
+TOLD = 3
+"""Places that are named of each kind."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """A log and what it is called."""
+
+    name: str
+    log: Log
+
+
+def dead_channels(robot: RobotDescription, logs: Sequence[Log]) -> frozenset[int]:
+    """Return the channels, wheels before pivots, that never change in any log though others do."""
+    counts = [np.concatenate([log.wheel, log.pivot], axis=1) for log in logs]
+    still = np.all([np.ptp(part, axis=0) == 0 for part in counts], axis=0)
+    return frozenset(np.flatnonzero(still).tolist()) if not still.all() else frozenset()
+
+
+def time_mistakes(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
+    """Yield times in another unit than seconds."""
+    period = float(np.median(np.diff(one.log.t)))
+    for unit, size in UNITS.items():
+        if 0.2 < period / size / robot.sample_period < 5:
+            yield Mistake(
+                f"{one.name}: t is in {unit}, not in s: samples are {period:g} apart, and the robot file says "
+                f"{robot.sample_period:g} s; divide t by {size:g}"
+            )
+
+
+def not_finite(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
+    """Yield the first number of each column that is not finite."""
+    columns = LogColumns.of(robot)
+    parts = ((("t",), one.log.t[:, None]), (columns.wheel, one.log.wheel), (columns.pivot, one.log.pivot))
+    for names, values in parts:
+        for j, name in enumerate(names):
+            for k in np.flatnonzero(~np.isfinite(values[:, j]))[:1]:
+                yield Mistake(f"{one.name}: column {name!r}, row {k + 1}: {values[k, j]} is not finite; give a number")
+
+
+def wrapped_counts(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
+    """Yield wheels whose counter wraps at a power of two: steps that are a turn of it off what the wheel can do."""
+    for name, steps, limit in _wheels(robot, one.log):
+        for bits in WORDS:
+            size = 2.0**bits
+            off = np.flatnonzero((np.abs(np.abs(steps) - size) <= limit) & (2 * limit < size))
+            if off.size and np.ptp(_column(robot, one.log, name)) < size:
+                k = off[0]
+                yield Mistake(
+                    f"{one.name}: {name} wraps at {size:.0f} ({bits} bits), {off.size} times, first in row {k + 2} "
+                    f"(t {one.log.t[k + 1]:g} s), where it steps by {steps[k]:.0f}: unwrap it, counts must go on"
+                )
+                break
+
+
+def remarks(robot: RobotDescription, one: Named) -> Iterator[str]:
+    """Yield what is to be told of one log."""
+    log, name = one.log, one.name
+    steps = np.diff(log.t)
+    period = float(np.median(steps))
+    if log.t[-1] - log.t[0] < SHORT:
+        yield f"{name}: only {log.t[-1] - log.t[0]:.3g} s long ({len(log)} rows): little can be seen"
+    if abs(period / robot.sample_period - 1) > PERIOD:
+        yield f"{name}: samples are {period:.4g} s apart, the robot file says {robot.sample_period:.4g} s"
+    gaps = np.flatnonzero(steps > GAP * period)
+    if gaps.size:
+        places = [f"{steps[k]:.3g} s after row {k + 1} (t {log.t[k]:.6g} s)" for k in gaps]
+        yield f"{name}: {_times(gaps.size, 'gap')} between samples: {_places(places)}"
+    yield from _still(robot, one)
+    yield from _fast(robot, one)
+    fractional = [
+        column
+        for column, values in zip(_names(robot), np.concatenate([log.wheel, log.pivot], axis=1).T, strict=True)
+        if np.any(values != np.round(values))
+    ]
+    if fractional:
+        yield f"{name}: {', '.join(fractional)}: not whole numbers, and so no counts as encoders give them"
+    yield from _reference(one)
+
+
+def _reference(one: Named) -> Iterator[str]:
+    log, name = one.log, one.name
+    taken = np.empty(0, dtype=np.intp)
+    if log.reference is not None:
+        taken = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
+    if taken.size < 2:
+        yield f"{name}: no reference poses: encoders can only contradict each other, and scale cannot be seen"
+        return
+    between = np.diff(log.t[taken])
+    usual = float(np.median(between))
+    missing = np.flatnonzero(between > GAP * usual)
+    if missing.size:
+        places = [f"{between[k]:.3g} s after row {taken[k] + 1} (t {log.t[taken[k]]:.6g} s)" for k in missing]
+        yield f"{name}: the reference drops out {_often(missing.size)}: {_places(places)}"
+    late = log.t[taken[0]] - log.t[0], log.t[-1] - log.t[taken[-1]]
+    for part, edge in (("first", late[0]), ("last", late[1])):
+        if edge > max(GAP * usual, 1.0):
+            yield f"{name}: no reference poses in the {part} {edge:.3g} s"
+
+
+def _still(robot: RobotDescription, one: Named) -> Iterator[str]:
+    counts = np.concatenate([one.log.wheel, one.log.pivot], axis=1)
+    names = _names(robot)
+    still = [column for column, values in zip(names, counts.T, strict=True) if np.ptp(values) == 0]
+    if len(still) == len(names):
+        yield f"{one.name}: nothing moves"
+    elif still:
+        yield f"{one.name}: {', '.join(still)} never change{'s' if len(still) == 1 else ''}"
+
+
+def _fast(robot: RobotDescription, one: Named) -> Iterator[str]:
+    for column, steps, limit in _wheels(robot, one.log):
+        over = np.flatnonzero(np.abs(steps) > FAST * limit + 2)
+        if over.size > OFTEN * len(steps):
+            ratio = float(np.max(np.abs(steps) / limit))
+            yield (
+                f"{one.name}: {column} turns at up to {ratio:.3g} times max_wheel_speed: "
+                "that, counts_per_rev or the unit is wrong"
+            )
+        elif over.size:
+            places = [f"by {steps[k]:.0f} counts in row {k + 2} (t {one.log.t[k + 1]:.6g} s)" for k in over]
+            yield f"{one.name}: {column} jumps {_often(over.size)}, faster than the robot can: {_places(places)}"
+
+
+def _wheels(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Array]]:
+    """Yield each wheel's column, its steps (N - 1,), and the steps that max_wheel_speed allows (N - 1,), counts."""
+    for j, (column, k) in enumerate(zip(LogColumns.of(robot).wheel, robot.driven_wheels, strict=True)):
+        speed = robot.max_wheel_speed * (robot.wheels[k].counts_per_rev or np.nan) / (2 * np.pi)
+        yield column, np.diff(log.wheel[:, j]), speed * np.diff(log.t)
+
+
+def _column(robot: RobotDescription, log: Log, name: str) -> Array:
+    return log.wheel[:, LogColumns.of(robot).wheel.index(name)]
+
+
+def _names(robot: RobotDescription) -> tuple[str, ...]:
+    columns = LogColumns.of(robot)
+    return (*columns.wheel, *columns.pivot)
+
+
+def _places(places: list[str]) -> str:
+    return "; ".join(places[:TOLD]) + ("; ..." if len(places) > TOLD else "")
+
+
+def _times(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _often(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

@@ -1,0 +1,151 @@
+"""The simplest mistake, or two or three together, that makes a log agree with its robot."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from castor_envs.robot import RobotDescription
+from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, places_to_scale, scale, wiring
+from discrepancy.preflight.misfit import Misfit, Misfits
+from discrepancy.preflight.reading import Channels, Reading
+
+SEEN = 5e-4
+"""The share of squares that contradicts a robot: 2 % of a motion."""
+
+MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
+"""A mistake must take away nearly all: leave a tenth, or a quarter where more than `MUCH` was there, as the motion of
+a robot that was steered by wrong readings is rough."""
+
+FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.05
+"""Shares below are all the same; shares within the factors are alike, or the same."""
+
+GROSS = 1.5
+"""Factors of counts a turn below are no gross mistake."""
+
+GRID = 1.25 ** np.arange(-31.0, 32.0)
+"""Factors tried: a thousandth to a thousand."""
+
+YAW = np.radians(20.0)
+"""A reference turned by more is told."""
+
+TOGETHER, KEPT = 3, 8
+"""So many mistakes together are looked for; so many of the best are carried on."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Mistakes made together, how the log then reads, and what it leaves unexplained."""
+
+    mistakes: tuple[Hypothesis, ...]
+    reading: Reading
+    misfit: Misfit
+
+    @property
+    def left(self) -> float:
+        """The share that is left; below `FLOOR`, `FLOOR`."""
+        return max(self.misfit.total, FLOOR)
+
+    @property
+    def rank(self) -> tuple[bool, int]:
+        """How simple it is; the simplest first."""
+        return abs(self.misfit.yaw) > YAW, sum(not one.plain for one in self.mistakes)
+
+
+@dataclass(frozen=True)
+class Found:
+    """nominal: the log as it is. best: the simplest explanation, and what explains it as well; nominal if none does."""
+
+    nominal: Candidate
+    best: Candidate
+    alike: tuple[Candidate, ...] = ()
+
+
+def search(robot: RobotDescription, misfits: Misfits) -> Found:
+    """Return the simplest mistakes that explain a log; none where nothing is wrong, or nothing explains it."""
+    plain = Channels(robot).nominal()
+    nominal = Candidate((), plain, misfits.of(plain))
+    if nominal.left < SEEN and abs(nominal.misfit.yaw) < YAW:
+        return Found(nominal, nominal)
+    single = [_with(misfits, nominal, one) for one in hypotheses(robot)]
+    single += [_scaled(robot, misfits, nominal, *place) for place in places_to_scale(robot).items()]
+    level = _different(single)
+    if nominal.left < SEEN:
+        return Found(nominal, nominal, tuple(one for one in level if _alike(one, nominal) and _straight(one)))
+    best, chosen, partners = nominal, level, wiring(robot)
+    for depth in range(TOGETHER):
+        if depth > 0:
+            by_rest = sorted(level, key=lambda one: one.left)
+            # Two mistakes may hide each other, so that neither of them helps alone.
+            names = {one.what for one in partners}
+            starts = [
+                one for k, one in enumerate(by_rest) if k < KEPT or (depth == 1 and one.mistakes[0].what in names)
+            ]
+            level = _different(
+                _with(misfits, start, partner)
+                for start in starts
+                for partner in partners
+                if partner.what not in [one.what for one in start.mistakes]
+            )
+        first = min(level, key=lambda one: one.left, default=nominal)
+        if _explains(first, best):
+            near = [one for one in level if _alike(one, first)]
+            best = _simplest(near)
+            # Whatever needs a reference that is turned besides is one mistake more.
+            chosen = [one for one in near if _straight(one) or not _straight(best)]
+        if best.left < SEEN:
+            break
+    return Found(nominal, best, tuple(one for one in chosen if one is not best) if best is not nominal else ())
+
+
+def _simplest(near: list[Candidate]) -> Candidate:
+    """Return the simplest; of several the one that explains most or, where they hardly differ, the first."""
+    simple = [one for one in near if one.rank == min(other.rank for other in near)]
+    least = min(one.left for one in simple)
+    return next(one for one in simple if one.left <= SAME * least)
+
+
+def _explains(one: Candidate, other: Candidate) -> bool:
+    return other.left >= (BETTER_OF_MUCH if other.left > MUCH else BETTER) * one.left
+
+
+def _alike(one: Candidate, other: Candidate) -> bool:
+    return one.left <= ALIKE * other.left
+
+
+def _straight(one: Candidate) -> bool:
+    return abs(one.misfit.yaw) < YAW
+
+
+def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:
+    reading = mistake.read(start.reading)
+    return Candidate((*start.mistakes, mistake), reading, misfits.of(reading))
+
+
+def _scaled(
+    robot: RobotDescription, misfits: Misfits, start: Candidate, place: str, channels: tuple[int, ...]
+) -> Candidate:
+    """Return the best factor, other than about one, on the counts of some wheels."""
+
+    def left(log_factor: float) -> float:
+        return misfits.of(start.reading.scaled(channels, float(np.exp(log_factor)))).total
+
+    grid = [np.log(factor) for factor in GRID if abs(np.log(factor)) > np.log(GROSS)]
+    at = min(grid, key=left)
+    step = np.log(GRID[1] / GRID[0])
+    bounds = (at - step, at + step)
+    fine = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    factor = float(np.exp(fine.x))
+    if abs(np.log(factor)) < np.log(GROSS):
+        factor = float(np.exp(at))
+    return _with(misfits, start, scale(robot, place, channels, factor))
+
+
+def _different(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return one candidate for each reading."""
+    found: dict[Reading, Candidate] = {}
+    for one in candidates:
+        if one.reading not in found or one.rank < found[one.reading].rank:
+            found[one.reading] = one
+    return list(found.values())
