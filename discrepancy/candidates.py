@@ -4,8 +4,10 @@ Each candidate has a signature: what it changes in a log for a unit of it, at wh
 (smoothed: the differences of single counts would make one effect look like another).
 """
 
+import dataclasses
 import itertools
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -35,20 +37,50 @@ SOUGHT_OTHERWISE = frozenset(
 change; jitter has no mean."""
 
 
+DITHERED = frozenset(("lost_remainders",))
+"""Effects that hang on parts of a count, which a log does not tell: their signature is the mean over such parts."""
+
+DITHERS = (np.arange(8) - 3.5) / 8
+"""Counts a sample."""
+
+
 @dataclass(frozen=True)
 class Candidate:
-    """A possible cause. effect: of the catalogue, in the size of its step; None: a rival without a name, as `what`."""
+    """A possible cause.
+
+    kinds: of the catalogue, in the size of its step; two that differ by a quarter turn of `phase` are one effect of any
+    phase; none: a rival without a name, as `what`. columns: amplitudes that it takes.
+    """
 
     what: str
-    effect: Effect | None = None
+    kinds: tuple[Effect, ...] = ()
+    columns: int = 1
 
     @property
     def family(self) -> str:
         """The same for all that no log can tell apart: the name to report, and where on the robot."""
-        if self.effect is None:
-            return self.what
-        name = self.effect.same_as[0] if self.effect.same_as else self.effect.name
-        return " ".join([name, *(str(value) for key, value in place_of(self.effect).items() if key != "phase")])
+        return family_of(self.kinds[0]) if self.kinds else self.what
+
+    def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
+        """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
+        kind, size = self.kinds[0], float(amplitudes[0])
+        if self.columns == 1:
+            return dataclasses.replace(kind, value=size)
+        phase = math.atan2(float(amplitudes[1]), size)
+        return dataclasses.replace(kind, value=math.hypot(*amplitudes), phase=phase)
+
+    def amplitudes(self, effect: Effect) -> Array:
+        """Return the amplitudes (columns,) of an effect of this kind."""
+        if self.columns == 1:
+            return np.array([effect.value])
+        phase = getattr(effect, "phase")  # noqa: B009
+        return effect.value * np.array([math.cos(phase), math.sin(phase)])
+
+    def is_of(self, effect: Effect) -> bool:
+        """Whether an effect is of this kind and place, whatever its size and phase."""
+        return any(
+            type(kind) is type(effect) and _place_but_phase(kind) == _place_but_phase(effect) for kind in self.kinds
+        )
 
 
 def place_of(effect: Effect) -> dict[str, object]:
@@ -56,10 +88,26 @@ def place_of(effect: Effect) -> dict[str, object]:
     return {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in ("name", "value")}
 
 
+def family_of(effect: Effect) -> str:
+    """Return the name to report of all effects that no log can tell from this one, and where on the robot it is."""
+    name = effect.same_as[0] if effect.same_as else effect.name
+    return " ".join([name, *(str(value) for value in _place_but_phase(effect).values())])
+
+
+def described(effect: Effect) -> str:
+    """Return an effect and its place in words."""
+    place = place_of(effect)
+    where = [f"{key} {value}" for key, value in place.items() if key in ("castor", "wheel") and value is not None]
+    return ", ".join([effect.title, *where])
+
+
 @dataclass(frozen=True, eq=False)
 class Signatures:
-    """The signatures of P candidates in one log: of the first G `geometries`, changed by `steps` (G,), of the others
-    `readings` (K, s + d, P - G), counts for a unit."""
+    """What candidates do to one log, a column each or two.
+
+    The first G columns are of `geometries`, changed by `steps` (G,); the others of `readings` (K, s + d, R): counts
+    read more for a unit.
+    """
 
     candidates: tuple[Candidate, ...]
     geometries: tuple[Geometry, ...]
@@ -67,7 +115,7 @@ class Signatures:
     readings: Array
 
 
-class _Channels:
+class Channels:
     """The pivot and wheel encoders of a robot, in the order of a state's counts."""
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -97,24 +145,35 @@ class _Channels:
 
 def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures:
     """Return the signatures of all candidates beyond the robot's own effects, at a state (K, 3 + s + d)."""
-    channels = _Channels(robot)
+    channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
-    plain = channels.read(robot, log, counts)
+    plain = {0.0: channels.read(robot, log, counts)}
+    every = np.arange(len(counts))[:, None]
+
+    def added(changed: RobotDescription, dithers: Array) -> Array:
+        """Return the counts that are read more, on average."""
+        total = np.zeros_like(counts)
+        for dither in dithers.tolist():
+            seen = counts + dither * every
+            if dither not in plain:
+                plain[dither] = channels.read(robot, log, seen)
+            total += channels.read(changed, log, seen) - plain[dither]
+        return total / len(dithers)
+
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, Array]] = []
-    for effect in catalogue(robot.as_described()):
-        if effect.name in SOUGHT_OTHERWISE:
-            continue
-        candidate = Candidate(_described(effect), effect)
+    for candidate in candidates_of(robot):
+        kind = candidate.kinds[0]
         try:
-            changed = robot.with_effects(effect)
-            geometry = Geometry.of(changed.as_built())
+            changed = [robot.with_effects(one) for one in candidate.kinds]
+            geometry = Geometry.of(changed[0].as_built())
         except InputError:
             continue
-        if _differ(channels.geometry, geometry):
-            built.append((candidate, geometry, effect.value))
+        if differ(channels.geometry, geometry):
+            built.append((candidate, geometry, kind.value))
         else:
-            more = (channels.read(changed, log, counts) - plain) / effect.value
+            dithers = DITHERS if kind.name in DITHERED else np.zeros(1)
+            more = np.stack([added(one, dithers) for one in changed], axis=-1) / kind.value
             if np.any(more):
                 read.append((candidate, more))
     read += _rivals(channels, log, counts)
@@ -122,39 +181,40 @@ def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures
         (*(one for one, _, _ in built), *(one for one, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
-        np.stack([more for _, more in read], axis=-1),
+        np.concatenate([more for _, more in read], axis=-1),
     )
 
 
-def correction_of(robot: RobotDescription, log: Log, state: Array) -> Array:
-    """Return how many counts more (K, s + d) the robot's effects on sensors make of a state than it holds."""
-    channels = _Channels(robot)
-    counts = state[:, 3 : 3 + len(channels.names)]
-    return channels.read(robot, log, counts) - counts
+def candidates_of(robot: RobotDescription) -> list[Candidate]:
+    """Return the effects that a robot may have, those of all phases as one."""
+    found: dict[str, list[Effect]] = {}
+    for effect in catalogue(robot.as_described()):
+        if effect.name not in SOUGHT_OTHERWISE:
+            found.setdefault(f"{effect.name} {_place_but_phase(effect)}", []).append(effect)
+    return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 
 
-def _described(effect: Effect) -> str:
-    place = place_of(effect)
-    where = [f"{key} {value}" for key, value in place.items() if key in ("castor", "wheel") and value is not None]
-    return ", ".join([effect.title, *where])
-
-
-def _differ(one: Geometry, other: Geometry) -> bool:
+def differ(one: Geometry, other: Geometry) -> bool:
+    """Whether two robots are built differently."""
     names = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
     return any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
 
 
-def _rivals(channels: _Channels, log: Log, counts: Array) -> Iterator[tuple[Candidate, Array]]:
+def _place_but_phase(effect: Effect) -> dict[str, object]:
+    return {key: value for key, value in place_of(effect).items() if key != "phase"}
+
+
+def _rivals(channels: Channels, log: Log, counts: Array) -> Iterator[tuple[Candidate, Array]]:
     """Yield rivals without a name: of one channel at a time, what comes and goes, jumps, repeats, or grows."""
     edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
     speed = np.gradient(counts, log.t, axis=0)
     every = np.arange(len(counts))
     for c, name in enumerate(channels.names):
 
-        def alone(what: str, values: Array, c: int = c, name: str = name) -> tuple[Candidate, Array]:
-            more = np.zeros_like(counts)
-            more[:, c] = values - values[0]
-            return Candidate(f"{name} {what}"), more
+        def alone(what: str, *values: Array, c: int = c, name: str = name) -> tuple[Candidate, Array]:
+            more = np.zeros((*counts.shape, len(values)))
+            more[:, c] = np.stack(values, axis=-1) - [value[0] for value in values]
+            return Candidate(f"{name} {what}", columns=len(values)), more
 
         own, angle = counts[:, c], counts[:, c] * 2 * np.pi / channels.per_rev[c]
         for first, last in itertools.pairwise(edges):
@@ -163,7 +223,6 @@ def _rivals(channels: _Channels, log: Log, counts: Array) -> Iterator[tuple[Cand
             if first:
                 yield alone(f"jumps at {log.t[first]:.0f} s", (every >= first) * 1.0)
         for times in (2, 3):
-            for shape in (np.sin, np.cos):
-                yield alone(f"repeats {times} times a turn ({shape.__name__})", shape(times * angle))
+            yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))
         yield alone("drifts with time", log.t - log.t[0])

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
+from typer.core import TyperCommand, TyperGroup
 
 from castor_envs import command_line
 from castor_envs.errors import InputError
@@ -19,7 +20,40 @@ from discrepancy.diagnosis import diagnose
 from discrepancy.inspection import inspect_logs
 from discrepancy.report import as_data, as_lines, write_diagnosis
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+class _FindUnlessTold(TyperGroup):
+    """Takes `castor-diagnose LOG...` as `castor-diagnose find LOG...`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in {*self.commands, *self.get_help_option_names(ctx), "--version"}:
+            args = ["find", *args]
+        return super().parse_args(ctx, args)
+
+
+class _SeveralEach(TyperCommand):
+    """Lets every option that may come several times take several values: --holdout a.csv b.csv."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        several = {name for option in self.params if getattr(option, "multiple", False) for name in option.opts}
+        spelled: list[str] = []
+        last, values = None, 0
+        for arg in args:
+            if arg.startswith("-") and arg != "-":
+                last, values = (arg if arg in several else None), 0
+            elif last is not None:
+                values += 1
+                spelled += [last] if values > 1 else []
+            spelled.append(arg)
+        return super().parse_args(ctx, spelled)
+
+
+app = typer.Typer(
+    cls=_FindUnlessTold,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
 NO_TRAINS = "is a train; castor-diagnose serves single robots"
@@ -63,7 +97,7 @@ def inspect(
         _show(console, entry)
 
 
-@app.command()
+@app.command(cls=_SeveralEach)
 def find(
     logs: Annotated[list[Path], typer.Argument(help="Logs of the robot: CSV files, or folders: all *.csv in them.")],
     robot: Annotated[
@@ -71,17 +105,18 @@ def find(
         typer.Option(help="A preset's name, or a robot file (.json). Default: robot.json beside the logs."),
     ] = None,
     holdout: Annotated[
-        list[Path] | None, typer.Option(help="A log, or folder of logs, that a name must be borne out by.")
+        list[Path] | None, typer.Option(help="Logs, or folders of logs, that a name must be borne out by.")
     ] = None,
     clean: Annotated[
-        list[Path] | None, typer.Option(help="A log, or folder, of the robot in good order: what is background.")
+        list[Path] | None, typer.Option(help="Logs, or folders, of the robot in good order: what is background.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Write diagnosis.json, and robot.json with what is named, to this new folder.")
+        Path | None,
+        typer.Option(help="Write report.html, diagnosis.json and robot.json with what is named to this new folder."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/1).")] = False,
 ) -> None:
-    """Name the effect that the robot's file is missing, one at a time; run it again with the robot file it writes.
+    """Name the effects that the robot's file is missing; `find` may be left out.
 
     Verdicts: named; ambiguous (these motions do not tell some effects apart); unconfirmed (held-out logs do not bear it
     out); unexplained (no effect of the catalogue looks like it); no discrepancy.
@@ -92,14 +127,14 @@ def find(
     description = _robot(robot) if robot is not None else _robot_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
     found = diagnose(description, *([read[path] for path in some] for some in (paths, kept_back, good)))
-    data = as_data(found, [str(path) for path in paths])
+    data = as_data(found, {str(path): read[path] for path in paths})
     if out is not None:
-        write_diagnosis(out, found, data)
+        write_diagnosis(out, data, found.found)
     if as_json:
         print(json.dumps(data, indent=2, allow_nan=False))
         return
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    for line in as_lines(found, [str(path) for path in paths]):
+    for line in as_lines(data):
         console.print(line)
     if out is not None:
         console.print(f"written: {out}")

@@ -1,21 +1,39 @@
-"""What logs say for and against every candidate, all else eliminated: one linear problem."""
+"""What logs say for and against every candidate, all else eliminated: one linear problem.
+
+Driven wheels that disagree creep until they come to terms (`LogLikelihood.fought`), and hide a part of what is wrong.
+That part differs from robot to robot and from effect to effect: it is found, between none and all.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate, correction_of, signatures_of
-from estimators.calibration.log_likelihood import LogLikelihood, Noise
+from discrepancy.candidates import Candidate, Channels, differ, signatures_of
+from estimators.calibration.log_likelihood import LogLikelihood, More, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
 
 BURST = 0.05
 """Part of a log's steps in which slip that comes in bursts is looked for."""
 
+PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of an effect that wheels may hide by coming to terms: what is tried."""
+
+DOUBT = 0.5
+"""Standard deviation of the part that known effects are hidden by, around what was found."""
+
+CREEP = 3e-4
+"""Standard deviation of what a wheel may always roll too much, as a part of its way, and a castor to the side: contact
+is not as rigid as rolling. Beyond this something is significant."""
+
 PARAMETERS = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
+
+Chosen = Sequence[tuple[int, float]]
+"""Candidates, each with the part of it that wheels hide."""
 
 
 @dataclass(frozen=True)
@@ -32,63 +50,169 @@ class Burst:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Of P candidates: information (P, P) and pull (P,), the slope of the log-likelihood, in units of each candidate.
+    """Of candidates with C columns in all: columns of each; information (2C, 2C) and pull (2C,), the slope of the log-
+    likelihood, by the amplitudes and then by what wheels hide of each; plain: where contact is rigid, sober: where all
+    wheels may creep by `CREEP`.
 
-    left: rms of what odometry is off the reference, m and rad; None without one.
+    left: rms of what odometry is off the reference, m and rad; None without one. hidden: the part of each of the
+    robot's effects that wheels hide.
     """
 
     candidates: tuple[Candidate, ...]
-    information: Array
-    pull: Array
+    columns: tuple[NDArray[np.intp], ...]
+    plain: tuple[Array, Array]
+    sober: tuple[Array, Array]
     noise: Noise
     state: State
     left: tuple[float, float] | None
     burst: Burst
+    hidden: tuple[float, ...]
 
-    def best(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """Return the best amplitudes of some candidates together (c,), and their covariance (c, c)."""
-        covariance = np.linalg.pinv(self.information[np.ix_(chosen, chosen)], rcond=1e-9, hermitian=True)
-        return covariance @ self.pull[list(chosen)], np.asarray(covariance, dtype=float)
+    def best(self, chosen: Chosen, sober: bool = False) -> tuple[Array, Array, float]:
+        """Return the best amplitudes of some candidates together (c,), their covariance (c, c), and what they gain:
 
-    def gain(self, chosen: Sequence[int]) -> float:
-        """Return the deviance that some candidates take away together: twice the log-likelihood that they add."""
+        the deviance that they take away, twice the log-likelihood that they add.
+        """
         if not chosen:
-            return 0.0
-        amplitudes, _ = self.best(chosen)
-        return float(amplitudes @ self.pull[list(chosen)])
+            return np.zeros(0), np.zeros((0, 0)), 0.0
+        information, pull = self.sober if sober else self.plain
+        columns = np.concatenate([self.columns[k] for k, _ in chosen])
+        parts = np.concatenate([np.full(len(self.columns[k]), part) for k, part in chosen])
+        half = len(pull) // 2
+        mix = np.concatenate([np.eye(len(columns)), np.diag(parts)])
+        both = np.concatenate([columns, columns + half])
+        own, slope = mix.T @ information[np.ix_(both, both)] @ mix, mix.T @ pull[both]
+        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        covariance = np.linalg.pinv(own / np.outer(scale, scale), rcond=1e-8, hermitian=True) / np.outer(scale, scale)
+        amplitudes = covariance @ slope
+        return amplitudes, np.asarray(covariance, dtype=float), float(amplitudes @ slope)
+
+    def parted(self, k: int, others: Chosen = ()) -> float:
+        """Return the part of candidate k that wheels hide most likely, beside others."""
+        return max(PARTS, key=lambda part: self.best([*others, (k, part)])[2])
+
+    def index(self, candidate: Candidate) -> int | None:
+        """Return the place of a candidate; None where the motion leaves it without any trace."""
+        return next((k for k, one in enumerate(self.candidates) if one == candidate), None)
+
+    def less(self, known: Sequence[tuple[Candidate, float, Array]]) -> "Evidence":
+        """Return the evidence without what some candidates, with hidden parts and amplitudes, account for."""
+        both = []
+        for information, pull in (self.plain, self.sober):
+            taken = np.zeros(len(pull))
+            for candidate, part, amplitudes in known:
+                if (k := self.index(candidate)) is not None:
+                    taken[self.columns[k]] += amplitudes
+                    taken[self.columns[k] + len(pull) // 2] += part * amplitudes
+            both.append((information, pull - information @ taken))
+        return replace(self, plain=both[0], sober=both[1])
 
 
-def evidence_of(robot: RobotDescription, logs: Sequence[Log], noise: Noise | None = None) -> Evidence:
+def evidence_of(
+    robot: RobotDescription, logs: Sequence[Log], noise: Noise | None = None, start: Evidence | None = None
+) -> Evidence:
     """Return what logs say of all candidates beyond the effects that the robot's file has.
 
-    noise: sizes to hold to; None: found. Raises InputError for logs that the robot cannot have made.
+    noise: sizes to hold to; None: found. start: evidence of the same logs, to begin with what it found.
+    Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log) for log in logs]
-    at, sizes, _ = fitted(models, geometry, (), np.zeros(0), noise)
+    none, begin = np.zeros(0), None if start is None else (start.state, start.noise)
+    at, sizes, _ = fitted(models, geometry, (), none, noise, begin)
+    known = [np.zeros((len(log) - 1, len(model.rows), 0)) for model, log in zip(models, logs, strict=True)]
+    hidden = np.zeros(0)
     if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
+        channels = Channels(robot)
         for model, log, state in zip(models, logs, at.states, strict=True):
-            model.correct(correction_of(robot, log, state))
-        at, sizes, _ = fitted(models, geometry, (), np.zeros(0), noise)
-    information, gradient, names = np.zeros(()), np.zeros(()), ()
-    for model, log, state, clock in zip(models, logs, at.states, at.clocks, strict=True):
+            counts = state[:, 3:]
+            model.correct(channels.read(robot, log, counts) - counts)
+        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
+        known = [
+            _fought_by_effects(robot, model, log, state)
+            for model, log, state in zip(models, logs, at.states, strict=True)
+        ]
+        hidden = np.clip(_parts_of(models, geometry, at, sizes, known), 0.0, 1.0)
+        for model, slips in zip(models, known, strict=True):
+            model.expect(slips @ hidden)
+        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
+
+    information, gradient, found = np.zeros(()), np.zeros(()), None
+    for model, log, state, clock, own in zip(models, logs, at.states, at.clocks, known, strict=True):
         found = signatures_of(robot, log, state)
-        changed = _stacked(found.geometries)
-        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, found.readings)
-        information, gradient, names = (
-            information + reduced.information,
-            gradient + reduced.gradient[:, 0],
-            found.candidates,
-        )
-    n = len(names)
-    information[n:, n:] += np.diag(MOUNT**-2.0)
-    gradient[n:] += at.mount / MOUNT**2
+        changed = _stacked(geometry, found.geometries)
+        fought = model.fought(geometry, changed, found.steps, state, found.readings)
+        always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
+        slips = np.concatenate([np.zeros((*fought.shape[:2], found.readings.shape[-1])), fought, own, always], axis=-1)
+        more = slips.shape[-1] - found.readings.shape[-1]
+        readings = np.pad(found.readings, ((0, 0), (0, 0), (0, more)))
+        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, More(readings, slips))
+        information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
+    assert found is not None, "there is a log"
+    n, e, r = 2 * (len(found.steps) + found.readings.shape[-1]), len(hidden), len(models[0].rows)
+    information[n + e + r :, n + e + r :] += np.diag(MOUNT**-2.0)
+    gradient[n + e + r :] += at.mount / MOUNT**2
+    information[n : n + e, n : n + e] += np.eye(e) / DOUBT**2
+    creep = np.arange(n + e, n + e + r)
+    rigid, sober = np.delete(np.arange(len(gradient)), creep), np.arange(len(gradient))
+    plain = _without(information[np.ix_(rigid, rigid)], gradient[rigid], n)
+    information[creep, creep] += CREEP**-2.0
+    return Evidence(
+        candidates=found.candidates,
+        columns=_columns(found.candidates),
+        plain=plain,
+        sober=_without(information[np.ix_(sober, sober)], gradient[sober], n),
+        noise=sizes,
+        state=at,
+        left=_left(models, geometry, at),
+        burst=_burst(models, logs, geometry, at),
+        hidden=tuple(hidden.tolist()),
+    )
+
+
+def _without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
+    """Return information (n, n) and pull (n,) of the first n numbers, the others eliminated."""
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
     told = information[:n, :n] - information[:n, n:] @ both[:, :n]
-    pull = -(gradient[:n] - information[:n, n:] @ both[:, n])
-    return Evidence(
-        names, (told + told.T) / 2, pull, sizes, at, _left(models, geometry, at), _burst(models, logs, geometry, at)
-    )
+    return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ both[:, n])
+
+
+def _columns(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
+    ends = np.cumsum([one.columns for one in candidates])
+    return tuple(np.arange(end - one.columns, end) for one, end in zip(candidates, ends, strict=True))
+
+
+def _fought_by_effects(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> Array:
+    """Return the slips (K - 1, rows, e) by which wheels would hide each of the robot's effects altogether."""
+    channels, slips = Channels(robot), []
+    counts = state[:, 3:]
+    read = channels.read(robot, log, counts)
+    for k in range(len(robot.effects)):
+        without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
+        geometry = Geometry.of(without.as_built())
+        if differ(channels.geometry, geometry):
+            none = np.zeros((*counts.shape, 0))
+            slips.append(model.fought(channels.geometry, _stacked(geometry, [geometry]), np.array([-1.0]), state, none))
+        else:
+            more = (read - channels.read(without, log, counts))[..., None]
+            slips.append(model.fought(channels.geometry, _stacked(channels.geometry, []), np.zeros(0), state, more))
+    return np.concatenate(slips, axis=-1)
+
+
+def _parts_of(
+    models: Sequence[LogLikelihood], geometry: Geometry, at: State, noise: Noise, known: Sequence[Array]
+) -> Array:
+    """Return the part (e,) of each of the robot's effects that wheels hide, as far as the logs tell."""
+    none, e = _stacked(geometry, []), known[0].shape[-1]
+    information, gradient = np.zeros(()), np.zeros(())
+    for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
+        more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
+        reduced = model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)
+        information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
+    information[e:, e:] += np.diag(MOUNT**-2.0)
+    gradient[e:] += at.mount / MOUNT**2
+    told, pull = _without(information, gradient, e)
+    return np.linalg.solve(told + np.eye(e) / DOUBT**2, pull + DOUBT / DOUBT**2)
 
 
 def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
@@ -109,6 +233,10 @@ def _burst(models: Sequence[LogLikelihood], logs: Sequence[Log], geometry: Geome
     return Burst(share, worst, float(logs[worst].t[k]), x, y)
 
 
-def _stacked(geometries: Sequence[Geometry]) -> Geometry:
+def _stacked(layout: Geometry, geometries: Sequence[Geometry]) -> Geometry:
     """Return several geometries of one layout as one, with a leading axis."""
-    return replace(geometries[0], **{name: np.stack([getattr(one, name) for one in geometries]) for name in PARAMETERS})
+    numbers = {
+        name: np.array([getattr(one, name) for one in geometries]).reshape(-1, *getattr(layout, name).shape)
+        for name in PARAMETERS
+    }
+    return replace(layout, **numbers)

@@ -8,74 +8,45 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from castor_envs.description import fingerprint
+from castor_envs.effects import Effect
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
-from discrepancy.diagnosis import Diagnosis, Gap, Rank
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy.candidates import described
+from discrepancy.cost import WAY, cost_of
+from discrepancy.diagnosis import Diagnosis, Finding, Gap, Rank
+from discrepancy.separation import separating_drive
 
 FORMAT = "castor-diagnosis/1"
 COVERAGE = 1.96
 """Standard errors on either side of a 95 % interval."""
 
-SHOWN = 8
-"""Candidates that are shown, best first."""
+SHOWN = 5
+"""Rivals that are shown, best first."""
+
+READ_AS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "s": ("ms", 1e3), "1": ("%", 1e2), "s/s": ("ms/s", 1e3)}
+"""Units, and what people read instead, so many to one."""
+
+Data = dict[str, Any]
 
 
-def as_lines(found: Diagnosis, logs: Sequence[str]) -> list[str]:
-    """Return what people read, line by line."""
-    lines = [f"{found.robot.name}: {found.verdict}", found.reason]
-    if found.effect is not None and found.error is not None:
-        kind = type(found.effect)
-        unit = "" if kind.unit == "1" else f" {kind.unit}"
-        lines.append(f"value {found.effect.value:.4g} ± {COVERAGE * found.error:.2g}{unit} (95 %)")
-        lines.append(f"to check: {kind.check}")
-    lines.append(
-        f"slip beside it: {1e3 * found.before.along:.2g} mm along, {1e3 * found.before.across:.2g} across, after 1 m"
-    )
-    if found.before.position is not None:
-        x, y, turned = found.mount
-        lines.append(
-            f"reference: tracked point at x {1e3 * x:.1f}, y {1e3 * y:.1f} mm, turned by {np.degrees(turned):.2f} deg"
-        )
-        lines += [
-            f"{name}: the reference is {1e3 * abs(ahead):.0f} ms {'ahead of' if ahead > 0 else 'behind'} the counts "
-            f"at the start, and gains {1e3 * rate:.1f} ms/s"
-            for name, (ahead, rate) in zip(logs, found.clocks, strict=True)
-        ]
-        lines.append(
-            f"odometry off the reference: {_gap(found.before)}"
-            + (f", after {_gap(found.after)}" if found.after else "")
-        )
-    if found.held_out is not None and found.held_out[0].position is not None:
-        before, after = found.held_out
-        lines.append(f"on the held-out logs: {_gap(before)}, after {_gap(after)}")
-    lines.append("deviance that each candidate alone would take away, and its size:")
-    lines += [
-        f"  {one.gain:9.1f}  {one.candidate.what}: {one.amplitude:.4g} ± {COVERAGE * one.error:.2g}"
-        for one in found.ranks[:SHOWN]
-    ]
-    return lines
-
-
-def as_data(found: Diagnosis, logs: Sequence[str]) -> dict[str, Any]:
-    """Return plain data for JSON; SI units, every number finite or null."""
+def as_data(found: Diagnosis, logs: dict[str, Log]) -> Data:
+    """Return plain data for JSON; SI units, every number finite or null. logs: by their names."""
     robot = found.found
     return {
         "format": FORMAT,
+        "robot": found.robot.name,
         "robot_hash": found.robot.hash(),
         "logs": list(logs),
         "verdict": found.verdict,
         "reason": found.reason,
-        "effect": None if robot is None else robot.to_dict()["effects"][-1],
-        "standard_error": found.error if robot is not None else None,
-        "cannot_be_told_apart": list(found.families),
-        "reference": {
-            "mount": {"x_m": float(found.mount[0]), "y_m": float(found.mount[1]), "psi_rad": float(found.mount[2])},
-            "clocks": [{"ahead_s": float(ahead), "rate": float(rate)} for ahead, rate in found.clocks],
-        }
-        if found.before.position is not None
-        else None,
+        "effects": [] if robot is None else robot.to_dict()["effects"][len(found.robot.effects) :],
+        "findings": [_finding_data(found.robot, one, list(logs.values())) for one in found.findings],
+        "reference": _reference_data(found),
         "gap": {"before": _gap_data(found.before), "after": _gap_data(found.after)},
         "gap_held_out": None
         if found.held_out is None
@@ -84,26 +55,100 @@ def as_data(found: Diagnosis, logs: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def write_diagnosis(out: Path, found: Diagnosis, data: dict[str, Any]) -> None:
-    """Write diagnosis.json, and robot.json with the named effect, to a new folder, all or nothing."""
+def as_lines(data: Data) -> list[str]:
+    """Return what people read, line by line, of the data of a diagnosis."""
+    lines = [*data.get("preflight", []), f"{data['robot']}: {data['verdict']}"]
+    if not data["findings"]:
+        lines.append(data["reason"])
+    for one in data["findings"]:
+        lines += _finding_lines(one)
+    slip = data["gap"]["before"]
+    lines.append(
+        f"slip beside it: {1e3 * slip['slip_along_m']:.2g} mm along, {1e3 * slip['slip_across_m']:.2g} mm across, "
+        "after 1 m"
+    )
+    if (reference := data["reference"]) is not None:
+        mount = reference["mount"]
+        lines.append(
+            f"reference: tracked point at x {1e3 * mount['x_m']:.1f}, y {1e3 * mount['y_m']:.1f} mm, "
+            f"turned by {np.degrees(mount['psi_rad']):.2f} deg"
+        )
+        lines += [
+            f"{name}: the reference is {1e3 * abs(clock['ahead_s']):.0f} ms "
+            f"{'ahead of' if clock['ahead_s'] > 0 else 'behind'} the counts at the start, and gains "
+            f"{1e3 * clock['rate']:.1f} ms/s"
+            for name, clock in zip(data["logs"], reference["clocks"], strict=True)
+        ]
+        lines.append(f"odometry off the reference: {_gap(data['gap'])}")
+    if data["gap_held_out"] is not None and data["gap_held_out"]["before"]["odometry_rms_m"] is not None:
+        lines.append(f"on the held-out logs: {_gap(data['gap_held_out'])}")
+    if not data["findings"]:
+        lines.append("deviance that each candidate alone would take away, and its size:")
+        lines += [f"  {_rival_line(one)}" for one in data["candidates"][:SHOWN]]
+    return lines
+
+
+def write_diagnosis(out: Path, data: Data, robot: RobotDescription | None, page: str | None = None) -> None:
+    """Write diagnosis.json, robot.json with what is named, and report.html to a new folder, all or nothing."""
     partial = out.with_name(f".{out.name}.{fingerprint(data)}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)
         os.makedirs(partial)
         write_atomically(partial / "diagnosis.json", json.dumps(data, indent=2, allow_nan=False) + "\n")
-        if found.found is not None:
-            found.found.save(partial / "robot.json")
+        if robot is not None:
+            robot.save(partial / "robot.json")
+        if page is not None:
+            write_atomically(partial / "report.html", page)
         partial.rename(out)
     except OSError as error:
         shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
 
 
-def _gap(gap: Gap) -> str:
-    return f"{1e3 * (gap.position or 0.0):.1f} mm and {1e3 * (gap.heading or 0.0):.1f} mrad (rms)"
+def _finding_data(robot: RobotDescription, one: Finding, logs: Sequence[Log]) -> Data:
+    effect, error = one.effect, one.error
+    separating = None
+    if one.verdict == "ambiguous":
+        posed = any(log.reference is not None and np.isfinite(log.reference).any() for log in logs)
+        rivals = [(rank.candidate, np.array(rank.amplitudes)) for rank in one.chosen]
+        separating = separating_drive(robot, rivals, "all" if posed else "none")
+    return {
+        "verdict": one.verdict,
+        "reason": one.reason,
+        "title": described(effect) if effect is not None else one.chosen[0].candidate.what,
+        "effect": None if effect is None else TypeAdapter(Effect).dump_python(effect, mode="json"),
+        "unit": None if effect is None else effect.unit,
+        "standard_error": error,
+        "interval": None
+        if effect is None or error is None
+        else [effect.value - COVERAGE * error, effect.value + COVERAGE * error],
+        "check": None if effect is None else effect.check,
+        "same_as": [] if effect is None else [name for name in effect.same_as if name != effect.name],
+        "deviance": one.gain,
+        "hidden_by_creep": one.chosen[0].part,
+        "cost": _cost_data(robot, effect, logs),
+        "cannot_be_told_apart": list(one.families),
+        "separating_motion": separating,
+        "rivals": [_rank_data(rank) for rank in one.beaten[:SHOWN]],
+    }
 
 
-def _gap_data(gap: Gap | None) -> dict[str, float | None] | None:
+def _cost_data(robot: RobotDescription, effect: Effect | None, logs: Sequence[Log]) -> Data | None:
+    cost = None if effect is None else cost_of(robot, effect, logs)
+    return None if cost is None else {"m_per_10_m": cost}
+
+
+def _reference_data(found: Diagnosis) -> Data | None:
+    if found.before.position is None:
+        return None
+    x, y, psi = found.mount.tolist()
+    return {
+        "mount": {"x_m": x, "y_m": y, "psi_rad": psi},
+        "clocks": [{"ahead_s": float(ahead), "rate": float(rate)} for ahead, rate in found.clocks],
+    }
+
+
+def _gap_data(gap: Gap | None) -> Data | None:
     if gap is None:
         return None
     return {
@@ -114,11 +159,45 @@ def _gap_data(gap: Gap | None) -> dict[str, float | None] | None:
     }
 
 
-def _rank_data(one: Rank) -> dict[str, Any]:
+def _rank_data(one: Rank) -> Data:
     return {
         "what": one.candidate.what,
-        "name": None if one.candidate.effect is None else one.candidate.effect.name,
+        "name": one.candidate.kinds[0].name if one.candidate.kinds else None,
         "deviance": one.gain,
-        "amplitude": one.amplitude,
+        "deviance_if_wheels_creep": one.sober,
+        "amplitude": one.size,
         "standard_error": one.error,
     }
+
+
+def _finding_lines(one: Data) -> list[str]:
+    lines = [f"{one['verdict']}: {one['title']}"]
+    if one["reason"] != one["title"]:
+        lines.append(f"  {one['reason']}")
+    if one["effect"] is not None and one["interval"] is not None:
+        unit, scale = READ_AS.get(one["unit"], (one["unit"], 1.0))
+        half = (one["interval"][1] - one["interval"][0]) / 2
+        lines.append(f"  value {scale * one['effect']['value']:.4g} ± {scale * half:.2g} {unit} (95 %)")
+    if one["same_as"]:
+        lines.append(f"  no log tells it from: {', '.join(one['same_as'])}")
+    if one["cost"] is not None:
+        lines.append(f"  it costs {1e3 * one['cost']['m_per_10_m']:.1f} mm per {WAY:.0f} m of odometry")
+    if one["check"]:
+        lines.append(f"  to check: {one['check']}")
+    if one["separating_motion"] is not None:
+        lines.append(f"  to tell them apart, drive {one['separating_motion']}")
+    lines.append(f"  takes away a deviance of {one['deviance']:.0f}; beaten:")
+    lines += [f"    {_rival_line(rival)}" for rival in one["rivals"]]
+    return lines
+
+
+def _rival_line(one: Data) -> str:
+    return f"{one['deviance']:9.1f}  {one['what']}: {one['amplitude']:.4g} ± {COVERAGE * one['standard_error']:.2g}"
+
+
+def _gap(gaps: Data) -> str:
+    before, after = (
+        None if gap is None else f"{1e3 * gap['odometry_rms_m']:.1f} mm and {1e3 * gap['odometry_rms_rad']:.1f} mrad"
+        for gap in (gaps["before"], gaps["after"])
+    )
+    return f"{before} (rms)" + (f", after {after}" if after else "")

@@ -118,7 +118,7 @@ def rates(outcomes: list[Outcome]) -> dict[str, Counter[str]]:
 
 
 def _kind(family: str | None, found: Diagnosis) -> str:
-    said = found.families if found.verdict in ("named", "ambiguous") else ()
+    said = [name for one in found.findings if one.verdict in ("named", "ambiguous") for name in one.families]
     if family is None:
         return "wrong" if said else "exact"
     if not said:

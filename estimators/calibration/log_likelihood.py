@@ -103,13 +103,16 @@ class _Rows(NamedTuple):
     end: Array | None = None
     numbers: Array | None = None
 
-    def wider(self, more: int, at: int, size: int) -> "_Rows":
-        """Return rows in which `more` parameters follow the first `at`, of `size` numbers in all; they do not count."""
-        if self.numbers is None:
-            return self
-        numbers = np.zeros((*self.values.shape, size))
-        numbers[..., :at], numbers[..., at + more :] = self.numbers[..., :at], self.numbers[..., at:]
-        return self._replace(numbers=numbers)
+
+class More(NamedTuple):
+    """R parameters beside those of the geometry, by what a unit of each does.
+
+    readings (K, s + d, R): counts read more than is true. slips (K - 1, rows, R): metres by which a step misses its
+    constraints.
+    """
+
+    readings: Array
+    slips: Array
 
 
 class LogLikelihood:
@@ -142,6 +145,7 @@ class LogLikelihood:
         self._reference = np.full((len(log), 3), np.nan) if log.reference is None else log.reference
         self._posed = np.isfinite(self._reference[:, 0])
         self._used_poses = _apart(np.flatnonzero(self._posed), log.t)
+        self._expected = np.zeros((len(log) - 1, len(self._used)))
 
         self._rests = tuple(
             bool(np.ptp(some, axis=0).max() <= 1) for some in (self._counts[:REST], self._counts[-REST:])
@@ -154,6 +158,28 @@ class LogLikelihood:
     def correct(self, more: Array) -> None:
         """Take off the counts (K, s + d) what is known to be read more than is true."""
         self._counts = self._counts - more
+
+    def expect(self, slips: Array) -> None:
+        """Take steps to miss their constraints by `slips` (K - 1, rows), m, and not by nothing."""
+        self._expected = slips
+
+    def rows_of(self, rolling: Array, side: Array) -> Array:
+        """Return slips of wheels (K - 1, w) and, to the side, of castors (K - 1, n) as the rows of `missed`."""
+        first = len(self._rolling)
+        return np.concatenate([rolling[:, self._rolling], side[:, self._castor[first:]]], axis=1)
+
+    def rolled(self, geometry: Geometry, state: Array) -> Array:
+        """Return what every row's wheel rolled in every step (K - 1, rows), m; of side slip: its castor on average."""
+        rolled = self._rolled(geometry, state[:, 3:])
+        first = len(self._rolling)
+        own = self._castor[:first] == self._castor[first:, None]
+        rolled[:, first:] = rolled[:, :first] @ (own / np.maximum(own.sum(axis=1, keepdims=True), 1)).T
+        return rolled
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """The rows of the constraints in use, by their place in `constraint_matrix`."""
+        return self._used
 
     @property
     def poses(self) -> int:
@@ -230,22 +256,17 @@ class LogLikelihood:
         mount: Array,
         noise: Noise,
         probes: int = 0,
-        readings: Array | None = None,
+        more: More | None = None,
     ) -> Reduced:
         """Return what the log says of P parameters around a state (K, m).
 
         changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: how often residuals
-        are drawn (standard normal, the same ones each time) to learn what sums of squares to expect. readings
-        (K, s + d, P - G): of more parameters, how many counts more are read for a unit of each.
+        are drawn (standard normal, the same ones each time) to learn what sums of squares to expect. more: of the other
+        P - G parameters.
         """
-        kinds = self._linearised(geometry, changed, change, state, clock, mount, noise)
-        more = 0 if readings is None else readings.shape[-1]
-        size, p = state.shape[1], len(change) + more + len(mount)
-        if readings is not None:
-            kinds = {name: rows.wider(more, len(change), p + len(clock)) for name, rows in kinds.items()}
-            counts, numbers = kinds["counts"], np.zeros((*self._readings.shape, p + len(clock)))
-            numbers[..., len(change) : len(change) + more] = self._readings[..., None] * readings
-            kinds["counts"] = counts._replace(numbers=numbers)
+        more = more or More(np.zeros((*self._readings.shape, 0)), np.zeros((len(state) - 1, len(self._used), 0)))
+        kinds = self._linearised(geometry, changed, change, state, clock, mount, noise, more)
+        size, p = state.shape[1], len(change) + more.slips.shape[-1] + len(mount)
         n = p + len(clock)
         random = np.random.default_rng(0)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
@@ -299,22 +320,27 @@ class LogLikelihood:
         clock: Array,
         mount: Array,
         noise: Noise,
+        more: More,
     ) -> dict[str, _Rows]:
         """Return all equations around a state, by what they are weighed by: "counts", or a field of `Noise`."""
-        every, eye = np.arange(len(state)), np.eye(state.shape[1])
-        off = self._readings * (state[:, 3:] - self._counts)
-        kinds = {"counts": _Rows(every, off, self._readings[..., None] * eye[3:])}
+        every, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
+        placed, others = len(mount) + len(clock), more.slips.shape[-1]
+        off, read = self._readings * (state[:, 3:] - self._counts), None
+        if others:
+            read = np.pad(self._readings[..., None] * more.readings, ((0, 0), (0, 0), (first, placed)))
+        kinds = {"counts": _Rows(every, off, self._readings[..., None] * eye[3:], numbers=read)}
 
         missed, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
         by_parameters = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
-        by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, len(mount) + len(clock))))
+        by_parameters = np.concatenate([by_parameters, -more.slips], axis=-1)
+        by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, placed)))
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         unsure = self._unsure(geometry, state)
         rolling = len(self._rolling)
         for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
             weight = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, own] ** 2)
             parts = (weight[..., None] * part[:, own] for part in (*derivatives, by_parameters))
-            kinds[name] = _Rows(every[:-1], weight * missed[:, own], *parts)
+            kinds[name] = _Rows(every[:-1], weight * (missed - self._expected)[:, own], *parts)
         if not self.poses:
             kinds["pinned"] = _Rows(every[:1], state[:1, :3] / PINNED, eye[None, :3] / PINNED)
             return kinds
@@ -333,7 +359,7 @@ class LogLikelihood:
         by_mount = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([one, since])[:, None, :]
-        numbers = np.concatenate([np.zeros((len(at), 3, len(change))), by_mount, by_clock], axis=-1)
+        numbers = np.concatenate([np.zeros((len(at), 3, first + others)), by_mount, by_clock], axis=-1)
         parts = (seen - self._reference[self._used_poses], (1 - part)[..., None] * by_body, part[..., None] * by_body)
         for name, own in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = known[..., None] / getattr(noise, name)
@@ -369,6 +395,23 @@ class LogLikelihood:
             length = 2 * np.pi * geometry.radius[wheel] / geometry.counts_per_rev[wheel]
             start[:, row, column], end[:, row, column] = length, -length
         return start * self._magnified(geometry), end * self._magnified(geometry)
+
+    def fought(self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array) -> Array:
+        """Return the slips (K - 1, rows, G + R) by which wheels come to terms with what contradicts their counts.
+
+        Wheels that hold their counts against each other creep until the forces between them are least: by the least
+        squares that no motion of body and castors takes away. For units of the changes of the geometry (as in
+        `reduce`) and of what is read more (K, s + d, R).
+        """
+        missed, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
+        by_change = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
+        by_reading = start[..., 3:] @ readings[:-1] + end[..., 3:] @ readings[1:]
+        missing = np.concatenate([by_change, -by_reading], axis=-1)
+        angle = self._angles(geometry, state[:, 3:])
+        a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
+        turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
+        moved = np.concatenate([a, turning], axis=-1)
+        return missing - moved @ (np.linalg.pinv(moved, rcond=1e-10) @ missing)
 
     def _angles(self, geometry: Geometry, counts: Array) -> Array:
         """Return the castors' angles (..., K, n) at counts (K, s + d)."""

@@ -135,11 +135,17 @@ def fitted(
     parameters: tuple[Parameter, ...],
     before: Array,
     noise: Noise | None,
+    start: tuple["State", Noise] | None = None,
 ) -> tuple["State", Noise, "_Solution"]:
-    """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well."""
+    """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well.
+
+    noise: known sizes; None: they are found. start: what to begin with, of the same logs; None: what the counts say.
+    """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
-    sizes, probes = (Noise(), PROBES) if noise is None else (noise, 0)
+    at, sizes = start or (at, Noise())
+    sizes, probes = (sizes, PROBES) if noise is None else (noise, 0)
+    settling = SETTLING if parameters and start is None else 0
     k = 0
     while True:
         geometry = geometry_with(described, parameters, at.found)
@@ -148,7 +154,7 @@ def fitted(
             model.reduce(geometry, changed, CHANGE * scale, state, clock, at.mount, sizes, probes)
             for model, state, clock in zip(models, at.states, at.clocks, strict=True)
         ]
-        solution = _solve(each, scale, at.mount, (at.found - before) / scale, FARTHEST if k >= SETTLING else 0.0)
+        solution = _solve(each, scale, at.mount, (at.found - before) / scale, FARTHEST if k >= settling else 0.0)
         finished = [one.finish(np.concatenate([scale[:, None] * solution.step, solution.mount])) for one in each]
         at = State(
             at.found + scale * solution.step[:, 0],
@@ -158,7 +164,7 @@ def fitted(
         )
         last, sizes = sizes, sizes if noise else _resized(sizes, [left for _, _, left in finished])
         changes = np.array(list(asdict(sizes).values())) / list(asdict(last).values()) - 1
-        done = k > SETTLING and solution.moved < CONVERGED and np.abs(changes).max() < SETTLED
+        done = k > settling and solution.moved < CONVERGED and np.abs(changes).max() < SETTLED
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == ROUNDS:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution

@@ -5,14 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from castor_envs.encoders import Encoders
 from castor_envs.errors import InputError
-from castor_envs.kinematics import Array, Geometry
-from castor_envs.logs import Log
+from castor_envs.kinematics import Array
 from castor_envs.robot import RobotDescription
-from castor_envs.rolling import roll
-from castor_envs.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
-from estimators.calibration.log_likelihood import Noise
+from castor_envs.trajectories import Trajectory
+from estimators.calibration.drives import DRIVES, REFERENCE, TYPICAL, Poses, log_of
 from estimators.calibration.maximum_likelihood import Calibration, information_of
 from estimators.calibration.parameters import Parameter
 
@@ -21,9 +18,6 @@ WHOLLY, HARDLY = 0.99, 0.3
 
 WELL = 0.01
 """Standard error, as `UNSEEN`, of the maximum-likelihood method, that a drive must leave to be proposed."""
-
-TYPICAL = Noise(along=1e-3, across=1e-3, position=2e-3, heading=5e-3)
-"""Of the drives that are proposed."""
 
 
 class Unseen(NamedTuple):
@@ -103,12 +97,8 @@ class _Drives:
 
     def showing(self, changes: Array) -> str | None:
         """Return the first drive after which all of some changes (c, P) would be seen."""
-        for reference, poses in (
-            ("without reference poses", None),
-            ("with reference poses at start and end", "ends"),
-            ("with reference poses throughout", "all"),
-        ):
-            for drive, make in _DRIVES.items():
+        for poses, reference in REFERENCE.items():
+            for drive, make in DRIVES.items():
                 name = f"{drive} {reference}"
                 if name not in self._told:
                     self._told[name] = self._tell(make, poses)
@@ -120,52 +110,10 @@ class _Drives:
                     return name
         return None
 
-    def _tell(self, make: Callable[[RobotDescription], list[Trajectory]], poses: str | None) -> Array | None:
+    def _tell(self, make: Callable[[RobotDescription], list[Trajectory]], poses: Poses) -> Array | None:
         """Return the information (P, P) of a drive; None if the robot cannot drive it."""
         try:
-            logs = [_log(self._robot, trajectory, poses) for trajectory in make(self._robot)]
+            logs = [log_of(self._robot, trajectory, poses) for trajectory in make(self._robot)]
         except InputError:
             return None
         return information_of(self._robot, self._calibration.parameters, logs, TYPICAL)
-
-
-def _log(robot: RobotDescription, trajectory: Trajectory, poses: str | None) -> Log:
-    rolled, geometry = roll(robot, trajectory), Geometry.of(robot)
-    encoders = Encoders(geometry, np.zeros(len(robot.driven_wheels)))
-    reference = np.full((len(rolled.t), 3), np.nan)
-    rows = {None: [], "ends": [0, -1], "all": slice(None)}[poses]
-    reference[rows] = rolled.pose[rows]
-    return Log(rolled.t, encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle), reference=reference)
-
-
-def _straight(_: RobotDescription) -> list[Trajectory]:
-    return [Trajectory("a straight line", (Run((Leg((1.0, 0.0, 0.0), 2.0),), 0.25, 0.5),))]
-
-
-def _turns(_: RobotDescription) -> list[Trajectory]:
-    return [pivoting((0.0, 0.0), way) for way in ("cw", "ccw")]
-
-
-def _squares(_: RobotDescription) -> list[Trajectory]:
-    return [umbmark(way) for way in ("cw", "ccw")]
-
-
-def _about_castors(robot: RobotDescription) -> list[Trajectory]:
-    return [pivoting(castor.pivot, way) for castor in robot.castors for way in ("cw", "ccw")]
-
-
-def _random_path(robot: RobotDescription) -> list[Trajectory]:
-    holonomic = not any(
-        castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
-        for castor in robot.castors
-    )
-    return [wander(np.random.default_rng(0), holonomic=holonomic)]
-
-
-_DRIVES: dict[str, Callable[[RobotDescription], list[Trajectory]]] = {
-    "a straight line of 2 m": _straight,
-    "a turn on the spot, both ways,": _turns,
-    "squares of 1.5 m, both ways,": _squares,
-    "turns about each castor, both ways,": _about_castors,
-    "a random path of 60 s": _random_path,
-}

@@ -1,0 +1,70 @@
+"""Drives that a robot may be asked for, simple ones first, and what it would log on them."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from castor_envs.encoders import Encoders
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from castor_envs.rolling import roll
+from castor_envs.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
+from estimators.calibration.log_likelihood import Noise
+
+TYPICAL = Noise(along=1e-3, across=1e-3, position=2e-3, heading=5e-3)
+"""Of the drives that are proposed."""
+
+Poses = Literal["none", "ends", "all"]
+
+REFERENCE: dict[Poses, str] = {
+    "none": "without reference poses",
+    "ends": "with reference poses at start and end",
+    "all": "with reference poses throughout",
+}
+"""Where poses are taken, in words."""
+
+
+def log_of(robot: RobotDescription, trajectory: Trajectory, poses: Poses) -> Log:
+    """Return what the robot would log if it rolled perfectly."""
+    rolled, geometry = roll(robot, trajectory), Geometry.of(robot)
+    encoders = Encoders(geometry, np.zeros(len(robot.driven_wheels)))
+    reference = np.full((len(rolled.t), 3), np.nan)
+    rows = {"none": [], "ends": [0, -1], "all": slice(None)}[poses]
+    reference[rows] = rolled.pose[rows]
+    return Log(rolled.t, encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle), reference=reference)
+
+
+def _straight(_: RobotDescription) -> list[Trajectory]:
+    return [Trajectory("a straight line", (Run((Leg((1.0, 0.0, 0.0), 2.0),), 0.25, 0.5),))]
+
+
+def _turns(_: RobotDescription) -> list[Trajectory]:
+    return [pivoting((0.0, 0.0), way) for way in ("cw", "ccw")]
+
+
+def _squares(_: RobotDescription) -> list[Trajectory]:
+    return [umbmark(way) for way in ("cw", "ccw")]
+
+
+def _about_castors(robot: RobotDescription) -> list[Trajectory]:
+    return [pivoting(castor.pivot, way) for castor in robot.castors for way in ("cw", "ccw")]
+
+
+def _random_path(robot: RobotDescription) -> list[Trajectory]:
+    holonomic = not any(
+        castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
+        for castor in robot.castors
+    )
+    return [wander(np.random.default_rng(0), holonomic=holonomic)]
+
+
+DRIVES: dict[str, Callable[[RobotDescription], list[Trajectory]]] = {
+    "a straight line of 2 m": _straight,
+    "a turn on the spot, both ways,": _turns,
+    "squares of 1.5 m, both ways,": _squares,
+    "turns about each castor, both ways,": _about_castors,
+    "a random path of 60 s": _random_path,
+}
+"""What to ask for, and what it is for a robot; raises InputError where the robot cannot."""
