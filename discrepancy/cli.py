@@ -1,5 +1,6 @@
 """The console script castor-diagnose: thin, it reads, calls and prints."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,9 +17,9 @@ from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
 from castor_envs.vehicles import load_vehicle
 from discrepancy import trial
-from discrepancy.diagnosis import diagnose
+from discrepancy.examination import examine
 from discrepancy.inspection import inspect_logs
-from discrepancy.report import as_data, as_lines, write_diagnosis
+from discrepancy.report import as_lines, write_diagnosis
 
 
 class _FindUnlessTold(TyperGroup):
@@ -126,10 +127,10 @@ def find(
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = _robot(robot) if robot is not None else _robot_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
-    found = diagnose(description, *([read[path] for path in some] for some in (paths, kept_back, good)))
-    data = as_data(found, {str(path): read[path] for path in paths})
+    examined = examine(description, *({str(path): read[path] for path in some} for some in (paths, kept_back, good)))
+    data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
     if out is not None:
-        write_diagnosis(out, data, found.found)
+        write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
     if as_json:
         print(json.dumps(data, indent=2, allow_nan=False))
         return

@@ -29,6 +29,8 @@ from discrepancy.candidates import Candidate
 from discrepancy.evidence import BURST, Evidence, evidence_of
 from discrepancy.inspection import BLIND
 from discrepancy.parity import parity_residual
+from estimators.calibration.log_likelihood import Noise
+from estimators.calibration.maximum_likelihood import State
 
 Verdict = Literal["named", "ambiguous", "unconfirmed", "unexplained", "no discrepancy"]
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named")
@@ -88,14 +90,15 @@ class Rank:
         return max(self.errors)
 
 
-@dataclass(frozen=True)
-class Gap:
-    """How far odometry is off the reference (rms, m, rad; None without one), and the slip that explains the rest, m."""
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What a robot's description leaves of logs: how far odometry is off the reference (rms, m, rad; None without one),
+    noise, and state: what truly happened, most likely, with clocks and mount of the reference."""
 
     position: float | None
     heading: float | None
-    along: float
-    across: float
+    noise: Noise
+    state: State
 
 
 @dataclass(frozen=True)
@@ -130,8 +133,8 @@ class Diagnosis:
     """What was found. verdict: the weakest of all effects', "unexplained" only where there are none.
 
     ranks: all candidates beside nothing, the best first.
-    before, after: the gap on the logs and, if there are such, on held-out ones. mount, clocks: of the reference, as in
-    `maximum_likelihood.Calibration`.
+    before, after: what is left of the logs without and with the effects that were found, and of held-out logs if there
+    are such.
     """
 
     robot: RobotDescription
@@ -139,11 +142,9 @@ class Diagnosis:
     reason: str
     findings: tuple[Finding, ...]
     ranks: tuple[Rank, ...]
-    mount: Array
-    clocks: Array
-    before: Gap
-    after: Gap | None = None
-    held_out: tuple[Gap, Gap] | None = None
+    before: Left
+    after: Left | None = None
+    held_out: tuple[Left, Left] | None = None
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -194,9 +195,7 @@ def diagnose(
         reason="no candidate takes away more than robots without any effect leave",
         findings=(),
         ranks=ranks,
-        mount=first.state.mount,
-        clocks=first.state.clocks,
-        before=_gap(first),
+        before=_left(first),
     )
     if first.noise.along > SLIDING and first.burst.share > IN_BURSTS:
         burst = first.burst
@@ -221,9 +220,7 @@ def diagnose(
         verdict=weakest,
         reason="; ".join(one.reason for one in findings),
         findings=tuple(findings),
-        after=_gap(left) if found else None,
-        mount=left.state.mount,
-        clocks=left.state.clocks,
+        after=_left(left) if found else None,
     )
 
 
@@ -333,7 +330,7 @@ def _nameless(left: Evidence, best: Rank) -> Finding:
 
 def _borne_out(
     robot: RobotDescription, held_out: Sequence[Log], found: list[_Found], findings: list[Finding]
-) -> tuple[list[Finding], tuple[Gap, Gap]]:
+) -> tuple[list[Finding], tuple[Left, Left]]:
     """Return the findings, those that held-out logs do not bear out as unconfirmed, and the gaps on these logs."""
     nominal, with_all = evidence_of(robot, held_out), evidence_of(_with(robot, found), held_out)
     judged = []
@@ -347,7 +344,7 @@ def _borne_out(
         if reason is not None and finding.verdict == "named":
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
         judged.append(finding)
-    return judged, (_gap(nominal), _gap(with_all))
+    return judged, (_left(nominal), _left(with_all))
 
 
 def _wanted(with_all: Evidence, one: _Found) -> tuple[float, float]:
@@ -442,6 +439,6 @@ def _background(clean: Evidence) -> list[tuple[Candidate, float, Array]]:
     return [(clean.candidates[k], part, size) for (k, part), size in zip(chosen, sizes, strict=True)]
 
 
-def _gap(seen: Evidence) -> Gap:
+def _left(seen: Evidence) -> Left:
     position, heading = seen.left or (None, None)
-    return Gap(position, heading, seen.noise.along, seen.noise.across)
+    return Left(position, heading, seen.noise, seen.state)

@@ -18,7 +18,8 @@ from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import described
 from discrepancy.cost import WAY, cost_of
-from discrepancy.diagnosis import Diagnosis, Finding, Gap, Rank
+from discrepancy.diagnosis import Diagnosis, Finding, Left, Rank
+from discrepancy.preflight import Mistake
 from discrepancy.separation import separating_drive
 
 FORMAT = "castor-diagnosis/1"
@@ -57,7 +58,7 @@ def as_data(found: Diagnosis, logs: dict[str, Log]) -> Data:
 
 def as_lines(data: Data) -> list[str]:
     """Return what people read, line by line, of the data of a diagnosis."""
-    lines = [*data.get("preflight", []), f"{data['robot']}: {data['verdict']}"]
+    lines = [*(f"pre-flight: {line}" for line in data["preflight"]), f"{data['robot']}: {data['verdict']}"]
     if not data["findings"]:
         lines.append(data["reason"])
     for one in data["findings"]:
@@ -82,6 +83,8 @@ def as_lines(data: Data) -> list[str]:
         lines.append(f"odometry off the reference: {_gap(data['gap'])}")
     if data["gap_held_out"] is not None and data["gap_held_out"]["before"]["odometry_rms_m"] is not None:
         lines.append(f"on the held-out logs: {_gap(data['gap_held_out'])}")
+    for key, what in (("", "the logs"), ("held_out_", "the held-out logs")):
+        lines += _replay_lines(data["replay"], key, what)
     if not data["findings"]:
         lines.append("deviance that each candidate alone would take away, and its size:")
         lines += [f"  {_rival_line(one)}" for one in data["candidates"][:SHOWN]]
@@ -133,6 +136,29 @@ def _finding_data(robot: RobotDescription, one: Finding, logs: Sequence[Log]) ->
     }
 
 
+def mistake_data(mistake: Mistake) -> Data:
+    """Return the data of a gross mistake, as of a finding."""
+    effects = [TypeAdapter(Effect).dump_python(effect, mode="json") for effect in mistake.effects]
+    return {
+        "verdict": "ambiguous" if mistake.rivals else "named",
+        "reason": mistake.what,
+        "title": mistake.what.split(":")[0],
+        "effect": effects[0] if len(effects) == 1 else None,
+        "effects": effects,
+        "unit": None,
+        "standard_error": None,
+        "interval": None,
+        "check": mistake.effects[0].check,
+        "same_as": [],
+        "deviance": None,
+        "hidden_by_creep": None,
+        "cost": None,
+        "cannot_be_told_apart": [mistake.what.split(":")[0], *mistake.rivals],
+        "separating_motion": None,
+        "rivals": [],
+    }
+
+
 def _cost_data(robot: RobotDescription, effect: Effect | None, logs: Sequence[Log]) -> Data | None:
     cost = None if effect is None else cost_of(robot, effect, logs)
     return None if cost is None else {"m_per_10_m": cost}
@@ -141,21 +167,22 @@ def _cost_data(robot: RobotDescription, effect: Effect | None, logs: Sequence[Lo
 def _reference_data(found: Diagnosis) -> Data | None:
     if found.before.position is None:
         return None
-    x, y, psi = found.mount.tolist()
+    at = (found.after or found.before).state
+    x, y, psi = at.mount.tolist()
     return {
         "mount": {"x_m": x, "y_m": y, "psi_rad": psi},
-        "clocks": [{"ahead_s": float(ahead), "rate": float(rate)} for ahead, rate in found.clocks],
+        "clocks": [{"ahead_s": float(ahead), "rate": float(rate)} for ahead, rate in at.clocks],
     }
 
 
-def _gap_data(gap: Gap | None) -> Data | None:
+def _gap_data(gap: Left | None) -> Data | None:
     if gap is None:
         return None
     return {
         "odometry_rms_m": gap.position,
         "odometry_rms_rad": gap.heading,
-        "slip_along_m": gap.along,
-        "slip_across_m": gap.across,
+        "slip_along_m": gap.noise.along,
+        "slip_across_m": gap.noise.across,
     }
 
 
@@ -186,9 +213,26 @@ def _finding_lines(one: Data) -> list[str]:
         lines.append(f"  to check: {one['check']}")
     if one["separating_motion"] is not None:
         lines.append(f"  to tell them apart, drive {one['separating_motion']}")
-    lines.append(f"  takes away a deviance of {one['deviance']:.0f}; beaten:")
+    if one["cannot_be_told_apart"][1:] and one["deviance"] is None:
+        lines.append(f"  or: {'; '.join(one['cannot_be_told_apart'][1:])}")
+    if one["deviance"] is not None:
+        lines.append(f"  takes away a deviance of {one['deviance']:.0f}; beaten:")
     lines += [f"    {_rival_line(rival)}" for rival in one["rivals"]]
     return lines
+
+
+def _replay_lines(replays: Data | None, key: str, what: str) -> list[str]:
+    before, after = ((replays or {}).get(f"{key}{when}") for when in ("before", "after"))
+    if before is None:
+        return []
+    said = f"simulation driven as {what}, {before['window_s']:.0f} s at a time, misses them by"
+    return [f"{said} {_miss(before)} (rms)" + (f", after {_miss(after)}" if after else "")]
+
+
+def _miss(summary: Data) -> str:
+    parts = (("position_rms_mm", "mm"), ("heading_rms_mrad", "mrad"), ("wheels_rms_mm", "mm of roll"))
+    known = [f"{summary[key]:.2g} {unit}" for key, unit in parts if summary[key] is not None]
+    return ", ".join(known) or "nothing that was measured"
 
 
 def _rival_line(one: Data) -> str:

@@ -86,7 +86,7 @@ def test_hidden_effects_are_named_and_the_gap_shrinks(effect):
     (named,) = found.effects
     assert dataclasses.replace(named, value=effect.value) == effect
     assert 0.85 < named.value / effect.value < 1.2
-    before, after = found.held_out
+    before, after = (one.noise for one in found.held_out)
     assert after.along + after.across < 0.8 * (before.along + before.across)
 
 
@@ -249,7 +249,7 @@ def test_a_measured_base_that_was_told_too_large_is_named():
     assert found.verdict == "named", found.reason
     assert found.effects[0].name == "track"
     assert 0.205 * (1 + found.effects[0].value) == pytest.approx(0.2013, abs=0.001)
-    before, after = found.held_out
+    before, after = (one.noise for one in found.held_out)
     assert after.position < before.position / 2
 
 

@@ -1,0 +1,177 @@
+"""From logs to a report: the pre-flight, the diagnosis, the replay through the full simulation, the page.
+
+Mistakes of wiring that the pre-flight finds are undone in the logs before anything else is looked for, and stand in the
+robot file that is written: encoders are exchanged after all else that they do.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from castor_envs.effects import CastorOrder, Effect, EncoderReversed, EncodersSwapped, readings
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy import pictures
+from discrepancy.diagnosis import WEAKEST_FIRST, Diagnosis, Left, diagnose
+from discrepancy.html_report import html_of
+from discrepancy.preflight import Mistake, Preflight, preflight
+from discrepancy.replay import Replay, joined, replay
+from discrepancy.report import Data, as_data, mistake_data
+from discrepancy.traces import traces_of
+
+WIRING = (CastorOrder, EncoderReversed, EncodersSwapped)
+
+Logs = Mapping[str, Log]
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """What was found: as data (castor-diagnosis/1), and the robot with it; None if nothing is named."""
+
+    data: Data
+    found: RobotDescription | None
+    diagnosis: Diagnosis
+    logs: Logs
+    replays: tuple[Replay, Replay | None] | None
+
+    def page(self) -> str:
+        """Return the report as one HTML page."""
+        log, diagnosis = next(iter(self.logs.values())), self.diagnosis
+        before = _traces(diagnosis.robot, log, diagnosis.before)
+        after = None
+        if diagnosis.after is not None and diagnosis.found is not None:
+            after = _traces(diagnosis.found, log, diagnosis.after)
+        named = [one.chosen[0].candidate.what for one in diagnosis.findings]
+        shown = [
+            pictures.paths(before, after),
+            pictures.errors(before, after),
+            pictures.slip(before, after),
+            pictures.floor(before),
+            pictures.candidates(self.data["candidates"], named),
+        ]
+        if self.replays is not None:
+            shown.append(pictures.replays(*self.replays))
+        return html_of(self.data, shown)
+
+
+def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Examination:
+    """Return what logs, by their names, say of a robot, as `diagnosis.diagnose` does with what surrounds it.
+
+    Raises InputError for logs of which nothing can be said before they, or the robot file, are mended.
+    """
+    checked = preflight(robot, list(logs.values()), list(logs))
+    for one in (checked, *(preflight(robot, list(some.values()), list(some)) for some in (held_out, clean) if some)):
+        if one.fatal:
+            raise InputError("; ".join(mistake.what for mistake in one.mistakes))
+    wiring = [effect for effect in checked.effects if isinstance(effect, WIRING)]
+    mended = robot.with_effects(*(effect for effect in checked.effects if not isinstance(effect, WIRING)))
+    straight, kept_back, good = (
+        {name: _unwired(robot, wiring, log) for name, log in some.items()} for some in (logs, held_out, clean)
+    )
+    diagnosis = diagnose(mended, *(list(some.values()) for some in (straight, kept_back, good)))
+    found = _found(robot, checked, wiring, diagnosis)
+    data = as_data(diagnosis, straight) | {
+        "robot_hash": robot.hash(),
+        "held_out_logs": list(held_out),
+        "clean_logs": list(clean),
+        "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
+        "effects": [] if found is None else found.to_dict()["effects"][len(robot.effects) :],
+    }
+    _add_mistakes(data, checked.mistakes)
+    data["where"] = _where(mended, straight, diagnosis)
+    replays = _replays(diagnosis.robot, diagnosis.found, straight, diagnosis.before, diagnosis.after)
+    held = _replays(diagnosis.robot, diagnosis.found, kept_back, *(diagnosis.held_out or (None, None)))
+    data["replay"] = _replay_data(diagnosis, replays, held)
+    return Examination(data, found, diagnosis, straight, replays)
+
+
+def _found(
+    robot: RobotDescription, checked: Preflight, wiring: Sequence[Effect], diagnosis: Diagnosis
+) -> RobotDescription | None:
+    doubtful = {effect for mistake in checked.mistakes if mistake.rivals for effect in mistake.effects}
+    built = [effect for effect in checked.effects if not isinstance(effect, WIRING) and effect not in doubtful]
+    effects = [*built, *diagnosis.effects, *(effect for effect in wiring if effect not in doubtful)]
+    return robot.with_effects(*effects) if effects else None
+
+
+def _add_mistakes(data: Data, mistakes: Sequence[Mistake]) -> None:
+    """Put gross mistakes before the other findings."""
+    if not mistakes:
+        return
+    told = [mistake_data(mistake) for mistake in mistakes]
+    verdicts = [one["verdict"] for one in told] + [data["verdict"]] * bool(data["findings"])
+    data["reason"] = "; ".join([mistake.what for mistake in mistakes] + [data["reason"]] * bool(data["findings"]))
+    data["findings"] = [*told, *data["findings"]]
+    data["verdict"] = min(verdicts, key=WEAKEST_FIRST.index)
+
+
+def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log:
+    """Return the log as it would be with its encoders where they belong; each such mistake undoes itself."""
+    if not wiring:
+        return log
+    geometry, driven, sensed = Geometry.of(robot.as_built()), list(robot.driven_wheels), list(robot.pivot_encoders)
+    turn, per_rev = geometry.pivot_counts_per_rev[sensed], geometry.counts_per_rev[driven]
+    wheel, castor = np.zeros((len(log), len(robot.wheels))), np.zeros((len(log), len(robot.castors)))
+    wheel[:, driven] = log.wheel * 2 * np.pi / per_rev
+    unwrapped = np.column_stack(
+        [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
+    ).reshape(len(log), -1)
+    castor[:, sensed] = unwrapped * 2 * np.pi / turn - geometry.pivot_zero[sensed]
+    for effect in reversed(wiring):
+        wheel, castor = readings(robot.with_effects(effect), log.t, wheel, castor)
+    pivot = (castor[:, sensed] + geometry.pivot_zero[sensed]) * turn / (2 * np.pi)
+    return dataclasses.replace(
+        log, wheel=np.round(wheel[:, driven] * per_rev / (2 * np.pi), 6), pivot=np.round(pivot, 6)
+    )
+
+
+def _where(robot: RobotDescription, logs: Logs, diagnosis: Diagnosis) -> Data:
+    """Return where most slip is: its channel, time and place, of the log that has most."""
+    worst = []
+    for k, (name, log) in enumerate(logs.items()):
+        traces = traces_of(robot, log, diagnosis.before.state.states[k])
+        worst.append({"log": name, **traces.worst()})
+    return max(worst, key=lambda one: one["most_slip_m"])
+
+
+def _traces(robot: RobotDescription, log: Log, left: Left) -> Any:
+    return traces_of(robot, log, left.state.states[0], left.state.clocks[0], left.state.mount)
+
+
+def _replays(
+    robot: RobotDescription, found: RobotDescription | None, logs: Logs, before: Left | None, after: Left | None
+) -> tuple[Replay, Replay | None] | None:
+    """Return what the full simulation leaves, without and with what was found; None where it cannot be told."""
+    if before is None or not logs:
+        return None
+    try:
+        first = _replay(robot, logs, before)
+        return first, _replay(found, logs, after) if found is not None and after is not None else None
+    except InputError:
+        return None
+
+
+def _replay(robot: RobotDescription, logs: Logs, left: Left) -> Replay:
+    mount, clocks = left.state.mount, left.state.clocks
+    return joined([replay(robot, log, clock=clocks[k], mount=mount) for k, log in enumerate(logs.values())])
+
+
+def _replay_data(
+    diagnosis: Diagnosis,
+    replays: tuple[Replay, Replay | None] | None,
+    held_out: tuple[Replay, Replay | None] | None,
+) -> Data | None:
+    if replays is None:
+        return None
+    noise, data = diagnosis.before.noise, {}
+    for before, after, pair in (("before", "after", replays), ("held_out_before", "held_out_after", held_out)):
+        for key, one in zip((before, after), pair or (None, None), strict=True):
+            data[key] = None if one is None else one.summary()
+    if diagnosis.before.position is not None:
+        data["before"]["expected"] = replays[0].expected(noise.position, noise.heading)
+    return data
