@@ -48,6 +48,21 @@ def curvature_at_gauges(frame: Frame, joint_angles: ArrayLike) -> Array:
     return (1.0 - share) * curvature[..., before] + share * curvature[..., before + 1]
 
 
+def sensed(frame: Frame, curvature: ArrayLike, errors: ArrayLike, time: ArrayLike) -> Array:
+    """Return what a frame's sensor makes of true curvature (..., gauges), 1/m: a pose (..., 3) as of `posture`.
+
+    frame: as it is built; its gauges' gains, drift and deaths count, and what its program leaves out. errors
+    (..., gauges): offsets and noise, 1/m. time (...): s.
+    """
+    gains = np.array(frame.gauge_gains or (1.0,))
+    drift = frame.gauge_drift * np.asarray(time, dtype=float)[..., None]
+    reading = gains * np.asarray(curvature, dtype=float) + np.asarray(errors, dtype=float) + drift
+    reading[..., [number - 1 for number in frame.dead_gauges]] = 0.0
+    pose = posture(frame, reading)
+    pose[..., 0] += frame.foreshortening_left_out * (frame.length - pose[..., 0])
+    return pose
+
+
 class PostureSensors:
     """The relative posture sensors of a train, one a frame; read once every sample period.
 
@@ -72,9 +87,6 @@ class PostureSensors:
             noise = frame.gauge_noise * self._random.standard_normal(len(frame.gauge_positions))
             stopped = frame.rps_stops is not None and time > frame.rps_stops and np.isfinite(self._last[f, 0])
             if not stopped:
-                gains = np.array(frame.gauge_gains or (1.0,))
-                reading = gains * curvature_at_gauges(frame, angles) + self._offsets[f] + noise
-                reading = reading + frame.gauge_drift * time
-                reading[[number - 1 for number in frame.dead_gauges]] = 0.0
-                self._last[f], self._taken[f] = posture(frame, reading), time
+                curvature = curvature_at_gauges(frame, angles)
+                self._last[f], self._taken[f] = sensed(frame, curvature, self._offsets[f] + noise, time), time
         return self._last.copy(), time - self._taken

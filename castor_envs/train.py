@@ -34,8 +34,9 @@ class Frame:
     gauge_offset: standard deviation of each gauge's constant offset, drawn anew for every episode, 1/m.
 
     What effects disturb, and a description leaves alone: gauge_gains, the factor of every gauge (empty: all 1);
-    gauge_drift, growth of all readings, 1/m a second; dead_gauges, numbers (from 1) of gauges that read 0; rps_stops,
-    time after which the sensor repeats its last reading, s.
+    gauge_drift, growth of all readings, 1/m a second; dead_gauges, numbers (from 1) of gauges that read 0;
+    foreshortening_left_out, share of the bent frame's shortening that the computed x lacks; rps_stops, time after which
+    the sensor repeats its last reading, s.
     """
 
     length: Annotated[float, Field(ge=1e-3, le=1e3)]
@@ -49,6 +50,7 @@ class Frame:
     gauge_gains: tuple[float, ...] = ()
     gauge_drift: Annotated[float, Field(ge=-10, le=10)] = 0.0
     dead_gauges: tuple[Annotated[int, Field(ge=1)], ...] = ()
+    foreshortening_left_out: Annotated[float, Field(ge=0, le=1)] = 0.0
     rps_stops: NotNegative | None = None
 
     @property

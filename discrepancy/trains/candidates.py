@@ -1,0 +1,192 @@
+"""What may be missing in a train's description, and rivals without a name that may look like it."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from castor_envs.effects import AllWheelRadius, Effect, Track, WheelRadius
+from castor_envs.kinematics import Array
+from castor_envs.train import TrainDescription
+from castor_envs.train_effects import (
+    AxleSlip,
+    DeadGauge,
+    EffectOfTrain,
+    ForeshorteningLeftOut,
+    GaugeDrift,
+    GaugeGain,
+)
+from discrepancy.trains.rows import TrainLog
+
+OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)
+OF_AXLES = (Track, WheelRadius, AllWheelRadius)
+
+BLOCKS = 8
+"""Parts of a log, equally long, in which something without a name may have gone on."""
+
+
+PARTS = (("x", "m"), ("y", "m"), ("heading", "rad"))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An effect, and the axle (from 1) whose module has it; None for effects of the train."""
+
+    effect: EffectOfTrain | Effect
+    axle: int | None = None
+
+    @property
+    def value(self) -> float:
+        """The amplitude; 1 for effects that have none."""
+        return getattr(self.effect, "value", 1.0)
+
+    def sized(self, value: float) -> "Placed":
+        """Return the effect with this amplitude; raises ValueError if it cannot have it."""
+        if not hasattr(self.effect, "value"):
+            return self
+        return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
+
+    def same(self, other: "Placed") -> bool:
+        """Whether the two are the same but for their amplitudes."""
+        return self.axle == other.axle and self.where() == other.where()
+
+    def where(self) -> tuple[object, ...]:
+        """Return all that the effect is but its amplitude."""
+        fields = [field.name for field in dataclasses.fields(self.effect)]
+        return tuple((name, getattr(self.effect, name)) for name in sorted(fields) if name != "value")
+
+    def added(self, train: TrainDescription) -> TrainDescription:
+        """Return the train with this effect beside those it has."""
+        if self.axle is None:
+            return train.with_effects(self.effect)  # type: ignore[arg-type]
+        modules = list(train.modules)
+        modules[self.axle - 1] = modules[self.axle - 1].with_effects(self.effect)  # type: ignore[arg-type]
+        return dataclasses.replace(train, modules=tuple(modules))
+
+    def more(self, train: TrainDescription) -> tuple["TrainDescription", float]:
+        """Return the train with a little more of this effect than it has, and how much more.
+
+        A train that has it gets it larger, or less large where it cannot be any larger; others get it in the size of
+        its step.
+        """
+        step = self.effect.step
+        effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
+        for k, own in enumerate(effects):
+            mine = Placed(own, self.axle)
+            if own.name == self.effect.name and mine.same(self):
+                for change in (step, -step):
+                    try:
+                        changed = mine.sized(mine.value + change).effect
+                    except ValueError:
+                        continue
+                    rest = (*effects[:k], changed, *effects[k + 1 :])
+                    if self.axle is None:
+                        return dataclasses.replace(train, effects=rest), change
+                    modules = list(train.modules)
+                    modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=rest)
+                    return dataclasses.replace(train, modules=tuple(modules)), change
+        return self.sized(step).added(train), step
+
+    def what(self, train: TrainDescription) -> str:
+        """Return in words what it is and where."""
+        effect, place = self.effect, ""
+        frame, gauge = getattr(effect, "frame", None), getattr(effect, "gauge", None)
+        if frame is not None:
+            place = f"frame {train.frame_names[frame - 1]}"
+        if gauge is not None:
+            place = f"gauge {gauge} of {place}"
+        if self.axle is not None or isinstance(effect, AxleSlip):
+            axle = self.axle or getattr(effect, "axle", 0)
+            wheel = getattr(effect, "wheel", None)
+            place = f"axle {axle}" if wheel is None else f"{'left' if wheel == 1 else 'right'} wheel of axle {axle}"
+        return f"{effect.title}, {place}"
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Something without a name. log: from 0. kind: of the equations that show it; change: what a unit of it adds."""
+
+    what: str
+    unit: str
+    log: int
+    kind: str
+    change: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What may be missing: an effect, or a rival without a name. what: in words. unit: of its amplitude."""
+
+    what: str
+    unit: str
+    placed: Placed | None = None
+    rival: Rival | None = None
+
+    @property
+    def frame(self) -> int | None:
+        """The frame (from 1) whose sensor it is about, if it is about one."""
+        if self.placed is not None:
+            return getattr(self.placed.effect, "frame", None)
+        if self.rival is not None and self.rival.kind.startswith("gauges"):
+            return int(self.rival.kind.removeprefix("gauges")) + 1
+        return None
+
+
+def named_candidates(train: TrainDescription) -> list[Candidate]:
+    """Return every effect that the train may have and readings show in their mean, each in the size of its step."""
+    placed = [Placed(effect) for kind in OF_TRAINS for effect in kind.variants(train)]
+    for i, module in enumerate(train.modules, start=1):
+        placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
+    dead = train.as_built()
+    gone = {(f, gauge) for f, frame in enumerate(dead.frames, start=1) for gauge in frame.dead_gauges}
+    live = [one for one in placed if (getattr(one.effect, "frame", 0), getattr(one.effect, "gauge", None)) not in gone]
+    return [Candidate(one.what(train), one.effect.unit, one) for one in live]
+
+
+def dead_gauges(train: TrainDescription) -> list[Candidate]:
+    """Return every gauge that may be dead."""
+    return [Candidate(Placed(effect).what(train), "1", Placed(effect)) for effect in DeadGauge.variants(train)]
+
+
+def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
+    """Return rivals without a name in a log, `number` from 0."""
+    found: list[Rival] = []
+    t, name = log.t, f"log {number + 1}"
+    edges = np.linspace(0.0, t[-1], BLOCKS + 1)
+
+    def add(what: str, unit: str, kind: str, width: int, at: int, course: Array) -> None:
+        change = np.zeros((len(course), width))
+        change[:, at] = -course
+        if kind.startswith("gauges"):
+            change *= log.read[:, int(kind.removeprefix("gauges")), None]
+        found.append(Rival(what, unit, number, kind, change))
+
+    for b in range(BLOCKS):
+        inside = ((t >= edges[b]) & (t < edges[b + 1] + (b == BLOCKS - 1))).astype(float)
+        since = (t >= edges[b]).astype(float)
+        ramp = np.clip((t - edges[b]) / (edges[b + 1] - edges[b]), 0.0, 1.0)
+        span = f"from {edges[b]:.1f} to {edges[b + 1]:.1f} s of {name}"
+        for w, wheel in enumerate(train.wheel_names):
+            add(f"wheel {wheel} counts otherwise {span}", "counts", "counts", 2 * log.n, w, ramp)
+        for i in range(log.n):
+            add(f"axle {i + 1} slips to its side {span}", "m", "side", log.n, i, np.diff(ramp))
+        for f, letter in enumerate(train.frame_names):
+            for j, (part, unit) in enumerate(PARTS):
+                sensor = f"{part} of frame {letter}'s sensor"
+                add(f"{sensor} is off {span}", unit, f"gauges{f}", 3, j, inside)
+                if b:
+                    add(f"{sensor} jumps at {edges[b]:.1f} s of {name}", unit, f"gauges{f}", 3, j, since)
+    for f, letter in enumerate(train.frame_names):
+        for j, (part, unit) in enumerate(PARTS):
+            what = f"{part} of frame {letter}'s sensor drifts in {name}"
+            add(what, f"{unit}/s", f"gauges{f}", 3, j, t - t.mean())
+    speed = np.abs(np.gradient(_middle(log.signed_travel), t, axis=0))
+    for w, wheel in enumerate(train.wheel_names):
+        course = np.cumsum(np.append(0.0, speed[1:, w // 2] * log.signed_travel[:, w // 2]))
+        add(f"wheel {wheel} counts otherwise with speed in {name}", "counts s/m2", "counts", 2 * log.n, w, course)
+    return found
+
+
+def _middle(steps: Array) -> Array:
+    """Return how far each axle has gone at every sample, from its steps (K - 1, N)."""
+    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])

@@ -1,0 +1,246 @@
+"""What logs say for and against every candidate, the trains' motion and all nuisances eliminated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse import csr_array, vstack
+
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Array
+from castor_envs.train import TrainDescription
+from discrepancy.trains.candidates import Candidate, Rival, named_candidates, rivals
+from discrepancy.trains.rows import FITTED, LEAST_SIZE, Motion, Sizes, TrainLog
+
+PROBES = 8
+"""Random vectors by which the part of each kind of equations that the motion takes up is learned."""
+
+SETTLING, WARM = 10, 3
+"""Rounds until motion and sizes have settled, from nothing and from those of a similar train."""
+
+FIRST = 3
+"""Rounds from nothing before sizes are looked at."""
+
+LEAST_GAUGES = 0.3
+"""Of the noise that a description gives to gauges: less is not believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The motions that logs tell of, and the sizes of what is not known.
+
+    deviance: minus twice the logarithm of the likelihood, all else integrated out, up to a constant of the logs.
+    """
+
+    motions: tuple[Motion, ...]
+    sizes: Sizes
+    deviance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Of P candidates: information (P, P) and pull (P,), the slope of the log-likelihood, in the candidates' units."""
+
+    candidates: tuple[Candidate, ...]
+    information: Array
+    pull: Array
+    settled: Settled
+
+    def best(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """Return the best amplitudes of some candidates together (c,), and their covariance (c, c)."""
+        covariance = np.linalg.pinv(self.information[np.ix_(chosen, chosen)], rcond=1e-12, hermitian=True)
+        return covariance @ self.pull[list(chosen)], np.asarray(covariance, dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """One log's equations around a motion, weighed: residual (R,), derivatives by samples and numbers (R, n)."""
+
+    kinds: dict[str, slice]
+    residual: Array
+    by_sample: csr_array
+    by_number: Array
+    factor: tuple[Array, bool]
+    rows: dict[str, int]
+
+    def weighed(self, kind: str, change: Array, weights: dict[str, Array], sizes: Sizes) -> Array:
+        """Return the column (R,) of something that adds `change` to the residuals of one kind of equations."""
+        column = np.zeros(len(self.residual))
+        column[self.kinds[kind]] = _weighed(change.reshape(-1, 1), weights[kind] / sizes.of(kind))[:, 0]
+        return column
+
+    def solved(self, right: Array) -> Array:
+        """Return the samples' unknowns whose equations have the least squares with `right` (R, ...)."""
+        return np.asarray(cho_solve_banded(self.factor, np.asarray(self.by_sample.T @ right), check_finite=False))
+
+
+def _weighed(values: Array, weight: Array) -> Array:
+    """Return values (rows, ...) of a kind, each multiplied by its weight; gauges' (K, 3, 3) by matrices."""
+    if weight.ndim == 3 and weight.shape[1:] == (3, 3):
+        k = len(weight)
+        return np.asarray(weight @ values.reshape(k, 3, -1)).reshape(3 * k, -1)
+    return values * weight.reshape(-1, 1)
+
+
+def _problem(
+    log: TrainLog, built: TrainDescription, motion: Motion, sizes: Sizes
+) -> tuple[_Problem, dict[str, Array], dict[str, Array], Array]:
+    """Return a log's equations, their residuals and weights by kinds, and the curvatures at the frames' ends."""
+    bends = log.bends(built, motion)
+    weights = log.weights(built, bends)
+    left, derivatives = log.residuals(built, motion, bends.ends), log.jacobians(built, motion, bends)
+    kinds, parts, matrices, numbers, rows, at = {}, [], [], [], {}, 0
+    for kind, values in left.items():
+        weight, own = weights[kind] / sizes.of(kind), derivatives[kind]
+        part = _weighed(values.reshape(-1, 1), weight)[:, 0]
+        matrices.append(_sparse_weighed(own.by_sample, weight))
+        numbers.append(_weighed(own.by_number, weight))
+        parts.append(part)
+        kinds[kind] = slice(at, at + len(part))
+        rows[kind] = int(np.count_nonzero(np.any(weight.reshape(len(part), -1) != 0, axis=1)))
+        at += len(part)
+    matrix = csr_array(vstack(matrices, format="csr"))
+    factor = _banded(matrix, log.block)
+    problem = _Problem(kinds, np.concatenate(parts), matrix, np.concatenate(numbers), factor, rows)
+    return problem, left, weights, bends.ends
+
+
+def _sparse_weighed(matrix: csr_array, weight: Array) -> csr_array:
+    if weight.ndim == 3 and weight.shape[1:] == (3, 3):
+        k = len(weight)
+        places = np.arange(3 * k).reshape(k, 1, 3)
+        indices = np.broadcast_to(places, (k, 3, 3)).ravel()
+        blocks = csr_array((weight.ravel(), indices, np.arange(0, 9 * k + 1, 3)), shape=(3 * k, 3 * k))
+        return csr_array(blocks @ matrix)
+    return csr_array(matrix * weight.reshape(-1, 1))
+
+
+def _banded(matrix: csr_array, block: int) -> tuple[Array, bool]:
+    normal = (matrix.T @ matrix).tocoo()
+    row, column = normal.coords
+    lower = row >= column
+    band = np.zeros((2 * block, normal.shape[0]))
+    band[(row - column)[lower], column[lower]] = normal.data[lower]
+    try:
+        return cholesky_banded(band, lower=True), True
+    except (np.linalg.LinAlgError, ValueError):
+        raise InputError(
+            "the logs do not fit the train at all; check the order of wheels and frames, their signs, and counts a turn"
+        ) from None
+
+
+def settled(
+    train: TrainDescription,
+    logs: Sequence[TrainLog],
+    start: Settled | None = None,
+    sizes: Sizes | None = None,
+    rival: Rival | None = None,
+) -> Settled:
+    """Return the likeliest motions in logs of a train with its effects, and the sizes that go with them.
+
+    start: those of a similar train. sizes: to hold to; None: found. rival: one without a name, of any amplitude.
+    """
+    amount = 0.0
+    built = train.as_built()
+    motions = [log.start(built) for log in logs] if start is None else list(start.motions)
+    now = sizes or (Sizes(gauges=(1.0,) * len(train.frames)) if start is None else start.sizes)
+    deviance = 0.0
+    rounds = SETTLING if start is None else WARM
+    for turn in range(rounds):
+        squares: dict[str, float] = {}
+        free: dict[str, float] = {}
+        deviance = 0.0
+        for j, log in enumerate(logs):
+            problem, _, weights, _ = _problem(log, built, motions[j], now)
+            prior, number, columns = log.prior(train) ** -2.0, log.nuisances(motions[j]), problem.by_number
+            residual = problem.residual
+            if rival is not None and rival.log == j:
+                own = problem.weighed(rival.kind, rival.change, weights, now)
+                residual, columns = residual + amount * own, np.column_stack([columns, own])
+                prior, number = np.append(prior, 0.0), np.append(number, 0.0)
+            states = problem.solved(np.column_stack([residual, columns]))
+            apart = np.column_stack([residual, columns]) - problem.by_sample @ states
+            strength = columns.T @ apart[:, 1:] + np.diag(prior)
+            by_number: Array = -np.linalg.solve(strength, columns.T @ apart[:, 0] + prior * number).astype(float)
+            by_sample = -(states[:, 0] + states[:, 1:] @ by_number)
+            left = apart[:, 0] + apart[:, 1:] @ by_number
+            motions[j] = motions[j].moved(by_sample.reshape(log.k, log.block), by_number[: log.numbers])
+            amount += float(by_number[log.numbers :].sum())
+            deviance += float(left @ left + np.sum(prior * (number + by_number) ** 2))
+            shared = strength[: log.numbers, : log.numbers]
+            deviance += float(np.linalg.slogdet(shared)[1] - np.sum(np.log(prior[: log.numbers])))
+            deviance += 2 * float(np.sum(np.log(problem.factor[0][0])))
+            for kind, rows in problem.rows.items():
+                deviance += 2 * rows * np.log(now.of(kind))
+            for f in range(log.f):
+                scale = np.linalg.det(weights[f"gauges{f}"][log.read[:, f]])
+                deviance -= 2 * float(np.sum(np.log(scale)))
+            if sizes is None:
+                probes = np.random.default_rng(0).choice([-1.0, 1.0], (len(left), PROBES))
+                taken = probes * (problem.by_sample @ problem.solved(probes))
+                for kind, own in problem.kinds.items():
+                    squares[kind] = squares.get(kind, 0.0) + float(left[own] @ left[own])
+                    dof = problem.rows[kind] - float(taken[own].sum()) / PROBES
+                    free[kind] = free.get(kind, 0.0) + max(dof, 1.0)
+        if sizes is None and (start is not None or turn >= FIRST) and turn < rounds - 1:
+            now = _resized(now, squares, free)
+    return Settled(tuple(motions), now, deviance)
+
+
+def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) -> Sizes:
+    for kind in squares:
+        if kind not in FITTED and not kind.startswith("gauges"):
+            continue
+        least = LEAST_SIZE.get(kind, LEAST_GAUGES)
+        change = np.clip((squares[kind] / free[kind]) ** 0.5, 0.2, 5.0)
+        sizes = sizes.with_size(kind, float(max(sizes.of(kind) * change, least)))
+    return sizes
+
+
+def evidence_of(
+    train: TrainDescription, logs: Sequence[TrainLog], found: Settled, only: Sequence[Candidate] | None = None
+) -> Evidence:
+    """Return what logs say of all candidates beyond the effects that the train's file has, around a settled motion.
+
+    only: the candidates to look at; None: all there are, and rivals without a name.
+    """
+    built = train.as_built()
+    named = named_candidates(train) if only is None else list(only)
+    others: list[Candidate] = []
+    blocks = []
+    for j, log in enumerate(logs):
+        motion = found.motions[j]
+        problem, zero, weights, ends = _problem(log, built, motion, found.sizes)
+        columns = []
+        for candidate in named:
+            placed = candidate.placed
+            assert placed is not None
+            other, step = placed.more(train)
+            changed = log.residuals(other.as_built(), motion, ends)
+            changes = {kind: (changed[kind] - zero[kind]) / step for kind in zero}
+            parts = [problem.weighed(kind, own, weights, found.sizes) for kind, own in changes.items() if own.any()]
+            columns.append(np.sum([np.zeros(len(problem.residual)), *parts], axis=0))
+        for rival in rivals(train, log, j) if only is None else ():
+            others.append(Candidate(rival.what, rival.unit, rival=rival))
+            columns.append(problem.weighed(rival.kind, rival.change, weights, found.sizes))
+        numbers = problem.by_number.shape[1]
+        every = np.column_stack([problem.by_number, *columns])
+        apart = every - problem.by_sample @ problem.solved(every)
+        strength, slope = every.T @ apart, -(apart.T @ problem.residual)
+        prior = log.prior(train) ** -2.0
+        strength[:numbers, :numbers] += np.diag(prior)
+        slope[:numbers] -= prior * log.nuisances(motion)
+        taken = np.linalg.solve(strength[:numbers, :numbers], strength[:numbers, numbers:])
+        information = strength[numbers:, numbers:] - strength[numbers:, :numbers] @ taken
+        blocks.append((information, slope[numbers:] - taken.T @ slope[:numbers]))
+    n = len(named)
+    information, pull = np.zeros((n + len(others),) * 2), np.zeros(n + len(others))
+    at = n
+    for own, slope in blocks:
+        more = len(slope) - n
+        place = np.concatenate([np.arange(n), np.arange(at, at + more)])
+        information[np.ix_(place, place)] += own
+        pull[place] += slope
+        at += more
+    return Evidence((*named, *others), information, pull, found)

@@ -1,0 +1,72 @@
+"""How far a train's model is off what was measured: relative poses, and the axles' poses if there is a reference."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from castor_envs.kinematics import Array
+from castor_envs.se2 import compose, inverse, relative_pose
+from castor_envs.train import TrainDescription
+from discrepancy.trains.evidence import Settled
+from discrepancy.trains.rows import Motion, TrainLog
+
+HORIZON = 5.0
+"""s for which wheel counts alone carry the train on, before it is put again where it was."""
+
+MEAN = 1.0
+"""s over which the difference of relative poses is averaged, as their readings are noisy."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What wheel counts, with the creep that a train's contacts say, get wrong within `HORIZON` (rms).
+
+    posture_position, posture_heading: of the relative poses as sensors should read them, m and rad, averaged over
+    `MEAN`. position, heading: of the axles against the reference; None without one.
+    """
+
+    posture_position: float
+    posture_heading: float
+    position: float | None
+    heading: float | None
+
+
+def gap_of(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> Gap:
+    """Return the gap of a train with its effects on logs, from the motions that go with them."""
+    built = train.as_built()
+    sensors, poses = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for log, motion in zip(logs, state.motions, strict=True):
+        slip = log.creep(built, log.ends(built, motion.relative))
+        carried = _carried(log.start(built, slip).pose, motion, log.t)
+        relative = relative_pose(carried[:, 1:], carried[:, :-1])
+        moved = Motion(carried, motion.roll, motion.pull, motion.offsets, motion.mount, motion.clock, motion.creep)
+        left = log.residuals(built, moved, log.ends(built, relative))
+        block = np.floor(log.t / MEAN).astype(int)
+        for f in range(log.f):
+            own = log.read[:, f]
+            counts = np.bincount(block[own])
+            sums = [np.bincount(block[own], left[f"gauges{f}"][own, j]) for j in range(3)]
+            sensors.append(np.stack(sums, axis=1)[counts > 0] / counts[counts > 0, None])
+        if len(log.at):
+            both = np.concatenate([left["position"], left["heading"][..., None]], axis=-1)
+            poses.append(both.reshape(-1, 3))
+    posture, pose = np.concatenate(sensors), np.concatenate(poses)
+    none = len(pose) == 0
+    return Gap(
+        _rms(posture[:, :2]),
+        _rms(posture[:, 2:]),
+        None if none else _rms(pose[:, :2]),
+        None if none else _rms(pose[:, 2:]),
+    )
+
+
+def _carried(odometry: Array, motion: Motion, t: Array) -> Array:
+    """Return poses (K, N, 3) by odometry (K, N, 3) alone, put back where the motion was every `HORIZON`."""
+    start = np.searchsorted(t, np.floor(t / HORIZON) * HORIZON - 1e-9)
+    return compose(compose(motion.pose[start], inverse(odometry[start])), odometry)
+
+
+def _rms(values: Array) -> float:
+    """Return the rms of the lengths of rows (n, d); 0 of nothing."""
+    return float(np.sqrt(np.mean(np.sum(values**2, axis=1)))) if len(values) else 0.0

@@ -1,0 +1,442 @@
+"""All that one log says of a train, as equations between its motion and what sensors read: one sparse linear problem.
+
+Unknown of every sample are the axles' poses, how far wheels have rolled, and what pulls along the frames; of the whole
+log its nuisances: offsets of the gauges, where the reference tracks each axle, and its clock.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from castor_envs.kinematics import Array
+from castor_envs.logs import Log
+from castor_envs.se2 import compose, inverse, relative_pose
+from castor_envs.train import TrainDescription
+from discrepancy.trains import bending
+
+LEAST_TRAVEL = 1e-4
+"""m, added to the travel of a step: slip of standing wheels."""
+
+ROUGH = (4e-5, 1e-4, 2e-4)
+"""m, m, rad: of a sensor's reading beside the noise of its gauges; frames are not bent quite as is taken here."""
+
+UNSURE, STRAIGHT = 0.1, 1e-4
+"""Part of a bent frame's shortening that is not known: what pulls along it bends it, too; m of a straight one."""
+
+MOUNT, CLOCK = (5e-3, 5e-3, 0.02), 0.05
+"""m, m, rad and s: how far off a reference's tracked points and clock may be, one standard deviation."""
+
+SMOOTH = 9
+"""Readings over which a mean is taken, to begin with."""
+
+CREEP = 1.0
+"""One standard deviation of the part by which axles creep more than predicted: forces are known to a factor of two."""
+
+START = 1.0
+"""m, rad: what is known of the first axle's pose at the start."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What truly happened at K samples, as far as it is known.
+
+    pose (K, N, 3). roll (K, 2N), rad. pull (K, F): slip in a step of an axle that what pulls along a frame alone
+    would cause, m. offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles'
+    frames, m and rad. clock: s, by which the reference is ahead. creep (N,): part by which axles creep more than their
+    contacts say.
+    """
+
+    pose: Array
+    roll: Array
+    pull: Array
+    offsets: Array
+    mount: Array
+    clock: float
+    creep: Array
+
+    @property
+    def relative(self) -> Array:
+        """Of every frame the front axle's pose in the rear axle's frame, (K, F, 3)."""
+        return relative_pose(self.pose[:, 1:], self.pose[:, :-1])
+
+    def moved(self, by_sample: Array, by_number: Array) -> "Motion":
+        """Return the motion with its unknowns of every sample (K, B) and its nuisances (n,) changed by so much."""
+        n = self.pose.shape[1]
+        pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
+        own = len(self.offsets)
+        offsets, mount, clock, creep = np.split(by_number, [own, own + 3 * n, own + 3 * n + 1])
+        return Motion(
+            self.pose + pose.reshape(-1, n, 3),
+            self.roll + roll,
+            self.pull + pull,
+            self.offsets + offsets,
+            self.mount + mount.reshape(n, 3),
+            self.clock + float(clock[0]),
+            self.creep + creep,
+        )
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Standard deviations. rolling, side, pull: slip of a wheel, of an axle to its side, and what pulls along a frame,
+    m after 1 m; shape: of a frame's length along the bend, m; position, heading: of the reference, m and rad. gauges
+    (F,): of the readings of each frame's gauges, in what its description says.
+    """
+
+    rolling: float = 1e-3
+    side: float = 1e-3
+    pull: float = 3e-3
+    shape: float = 3e-4
+    position: float = 1e-3
+    heading: float = 1e-3
+    gauges: tuple[float, ...] = ()
+
+    def of(self, kind: str) -> float:
+        """Return the size of a kind of equations; 1 for those whose size is known."""
+        if kind.startswith("gauges"):
+            return self.gauges[int(kind.removeprefix("gauges"))]
+        return float(getattr(self, kind, 1.0))
+
+    def with_size(self, kind: str, size: float) -> "Sizes":
+        """Return these sizes with that of one kind changed."""
+        if kind.startswith("gauges"):
+            f = int(kind.removeprefix("gauges"))
+            return replace(self, gauges=(*self.gauges[:f], size, *self.gauges[f + 1 :]))
+        return replace(self, **{kind: size})
+
+
+LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "pull": 2e-4, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
+FITTED = tuple(LEAST_SIZE)
+
+
+@dataclass(frozen=True, eq=False)
+class Jacobian:
+    """Derivatives of some rows: by the unknowns of every sample (rows, K B), and by nuisances (rows, n)."""
+
+    by_sample: sparse.csr_array
+    by_number: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bends:
+    """ends (K, F, 2): curvature at the frames' ends, 1/m. by_gauge: of each frame (K, 3, gauges), what its sensor reads
+    more for an error of each gauge, m and rad for 1/m."""
+
+    ends: Array
+    by_gauge: list[Array]
+
+
+class TrainLog:
+    """One log of a train, ready to be compared with trains built in different ways.
+
+    train: its effects do not count.
+    """
+
+    def __init__(self, train: TrainDescription, log: Log) -> None:
+        self.described = train.as_described()
+        self.n, self.f, self.k = train.n_axles, len(train.frames), len(log)
+        self.t = log.t - log.t[0]
+        self.clock_start = float(log.t[0])
+        self.counts = log.wheel
+        frames, nan = self.f, np.nan
+        rps = np.full((self.k, frames, 3), nan) if log.rps is None else log.rps.reshape(self.k, frames, 3)
+        age = np.zeros((self.k, frames)) if log.rps_age is None else log.rps_age
+        fresh = np.isfinite(rps).all(axis=2) & (age <= 0.5 * train.sample_period)
+        self.rps, self.read = np.where(fresh[..., None], rps, 0.0), fresh
+        given = np.full((self.k, 3 * self.n), nan) if log.reference is None else log.reference
+        self.at = np.flatnonzero(np.isfinite(given).all(axis=1))
+        self.reference = given[self.at].reshape(-1, self.n, 3)
+        self.block = 5 * self.n + frames
+        self.gauges = np.cumsum([0, *(len(frame.gauge_positions) for frame in train.frames)])
+        self.numbers = int(self.gauges[-1]) + 4 * self.n + 1
+        self.pulled = np.diff(np.eye(self.n), axis=0).T  # (N, F): a frame pulls its front axle back, its rear one ahead
+        per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
+        radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
+        roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
+        steps = np.abs(np.diff(roll, axis=0)) * radius
+        self.travel = np.sqrt(steps.reshape(-1, self.n, 2).mean(axis=2) + LEAST_TRAVEL)
+        self.signed_travel = (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2).mean(axis=2)
+
+    def prior(self, train: TrainDescription) -> Array:
+        """Return the standard deviations of the nuisances (n,) before anything is read."""
+        offsets = [
+            np.full(len(frame.gauge_positions), max(frame.gauge_offset, 1e-6)) for frame in train.as_described().frames
+        ]
+        return np.concatenate([*offsets, np.tile(MOUNT, self.n), [CLOCK], np.full(self.n, CREEP)])
+
+    def nuisances(self, motion: Motion) -> Array:
+        """Return the nuisances (n,) of a motion."""
+        return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep])
+
+    def start(self, built: TrainDescription, slip: Array | None = None) -> Motion:
+        """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with.
+
+        slip (K - 1, N, 3): of left wheels, right ones and to the side, m; if given, wheel counts move all axles.
+        """
+        wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
+        per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
+        roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
+        way = (np.diff(roll, axis=0) * [wheel.radius for wheel in wheels]).reshape(-1, self.n, 2)
+        side = np.zeros(way.shape[:2]) if slip is None else slip[..., 2]
+        way = way if slip is None else way + slip[..., :2]
+        track = 2 * bending.half_track(built)
+        turn, along = (way[..., 1] - way[..., 0]) / track, way.mean(axis=2)
+        pose = np.zeros((self.k, self.n, 3))
+        for i in range(self.n):
+            heading = np.concatenate([[0.0], np.cumsum(turn[:, i])])
+            middle = (heading[1:] + heading[:-1]) / 2
+            chord = along[:, i] * np.sinc(turn[:, i] / (2 * np.pi))
+            c, s = np.cos(middle), np.sin(middle)
+            steps = np.column_stack([c * chord - s * side[:, i], s * chord + c * side[:, i]])
+            own = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
+            if slip is None and i > 0 and self.read[:, i - 1].any():
+                pose[:, i] = compose(pose[:, i - 1], inverse(self._seen(built, i - 1)))
+            elif len(self.at):
+                pose[:, i] = compose(compose(self.reference[0, i], inverse(own[self.at[0]])), own)
+            elif i > 0:
+                pose[:, i] = compose(compose(pose[0, i - 1], (-built.frames[i - 1].length, 0.0, 0.0)), own)
+            else:
+                pose[:, i] = own
+        none = np.zeros((self.n, 3))
+        return Motion(
+            pose, roll, np.zeros((self.k, self.f)), np.zeros(int(self.gauges[-1])), none, 0.0, np.zeros(self.n)
+        )
+
+    def _seen(self, built: TrainDescription, f: int) -> Array:
+        """Return the relative poses (K, 3) of a frame as its sensor has them, smoothed, its gaps filled."""
+        frame, own = built.frames[f], self.read[:, f]
+        width = min(SMOOTH, int(own.sum()))
+        seen = np.zeros((self.k, 3))
+        for j in (1, 2):
+            padded = np.pad(self.rps[own, f, j], width // 2, mode="edge")
+            smooth = np.convolve(padded, np.ones(width) / width, mode="valid")[: int(own.sum())]
+            seen[:, j] = np.interp(self.t, self.t[own], smooth)
+        seen[:, 0] = bending.posture_of(frame, bending.ends(frame, seen))[:, 0]
+        return seen
+
+    def residuals(self, built: TrainDescription, motion: Motion, ends: Array | None = None) -> dict[str, Array]:
+        """Return what is left of every kind of equations for a train as it is built; rows first, not yet weighed."""
+        n = self.n
+        wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
+        per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
+        radius, lateral = np.array([w.radius for w in wheels]), np.array([w.lateral for w in wheels])
+        relative = motion.relative
+        ends = self.ends(built, relative) if ends is None else ends
+        left = {"counts": motion.roll * per_turn / (2 * np.pi) - (self.counts - self.counts[0])}
+
+        along, across, turn, _ = self._steps(motion)
+        slip = self.creep(built, ends) + self.creep(self.described, ends) * motion.creep[:, None]
+        pulled = motion.pull[:-1] @ self.pulled.T
+        rolled = np.diff(motion.roll, axis=0) * radius
+        ahead = np.repeat(along - pulled, 2, axis=1) - lateral * np.repeat(turn, 2, axis=1)
+        left["rolling"] = ahead - rolled - slip[..., :2].reshape(-1, 2 * n)
+        left["side"] = across - slip[..., 2]
+        left["pull"] = motion.pull
+        for f, frame in enumerate(built.frames):
+            offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
+            read = bending.reading(frame, ends[:, f], offsets, self.t + self.clock_start)
+            left[f"gauges{f}"] = (self.rps[:, f] - read) * self.read[:, f, None]
+        short = [bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
+        left["shape"] = relative[..., 0] - np.stack(short, axis=1)
+        if len(self.at):
+            now = compose(motion.pose[self.at] + motion.clock * self._rate(motion), motion.mount)
+            left["position"], left["heading"] = (now - self.reference)[..., :2], (now - self.reference)[..., 2]
+        left["start"] = np.zeros(3)
+        return left
+
+    def ends(self, built: TrainDescription, relative: Array) -> Array:
+        """Return the curvature at the ends of every frame (K, F, 2), 1/m, in relative poses (K, F, 3)."""
+        return np.stack([bending.ends(frame, relative[:, f]) for f, frame in enumerate(built.frames)], axis=1)
+
+    def bends(self, built: TrainDescription, motion: Motion) -> Bends:
+        """Return how the frames are bent in a motion, and what their sensors make of it."""
+        ends = self.ends(built, motion.relative)
+        gauges = [self._by_gauge(built, motion, ends, f) for f in range(self.f)]
+        return Bends(ends, gauges)
+
+    def weights(self, built: TrainDescription, bends: Bends) -> dict[str, Array]:
+        """Return what the residuals of every kind are multiplied by beside 1 / size; of gauges (K, 3, 3)."""
+        travel = self.travel
+        bent = [bending.posture_of(frame, bends.ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
+        shorter = UNSURE * (np.array([frame.length for frame in built.frames]) - np.stack(bent, axis=1))
+        weights: dict[str, Array] = {
+            "counts": np.full((self.k, 2 * self.n), 12**0.5),
+            "rolling": 1 / np.repeat(travel, 2, axis=1),
+            "side": 1 / travel,
+            "pull": np.concatenate([1 / (travel[:, 1:] + travel[:, :-1]) * 2, np.full((1, self.f), 1e3)]),
+            "shape": 1 / np.hypot(1.0, shorter / STRAIGHT),
+            "position": np.ones((len(self.at), self.n, 2)),
+            "heading": np.ones((len(self.at), self.n)),
+            "start": np.full(3, 1 / START),
+        }
+        for f, frame in enumerate(built.frames):
+            by_gauge = bends.by_gauge[f]
+            live = np.ones(by_gauge.shape[-1])
+            live[[number - 1 for number in frame.dead_gauges]] = 0.0
+            noise = max(frame.gauge_noise, 1e-3)
+            cov = by_gauge @ (by_gauge * (live * noise**2)).transpose(0, 2, 1) + np.diag(np.square(ROUGH))
+            cov[:, 0, 0] += shorter[:, f] ** 2
+            whitening = np.linalg.inv(np.linalg.cholesky(cov)).astype(float)
+            weights[f"gauges{f}"] = whitening * self.read[:, f, None, None]
+        return weights
+
+    def jacobians(self, built: TrainDescription, motion: Motion, bends: Bends) -> dict[str, Jacobian]:
+        """Return the derivatives of every kind of `residuals`, rows in the same order."""
+        n, k, block = self.n, self.k, self.block
+        every, steps = np.arange(k), np.arange(k - 1)
+        wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
+        ends = bends.ends
+        found: dict[str, Jacobian] = {}
+
+        where = every[:, None] * block + 3 * n + np.arange(2 * n)
+        per_rad = np.array([(wheel.counts_per_rev or 0.0) / (2 * np.pi) for wheel in wheels])
+        found["counts"] = self._sparse(where[..., None], np.broadcast_to(per_rad[:, None], (k, 2 * n, 1)))
+
+        along, across, turn, (c, s) = self._steps(motion)
+        longer = 1 / np.sinc(turn / (2 * np.pi))
+        rolling = []
+        for side in range(2):
+            lateral, radius = (np.array([getattr(w, name) for w in wheels[side::2]]) for name in ("lateral", "radius"))
+            bend = longer * across / 2
+            grow = along * turn / 12
+            values = [
+                *(-c * longer, -s * longer, bend - grow + lateral),
+                *(c * longer, s * longer, bend + grow - lateral),
+                np.broadcast_to(radius, along.shape),
+                np.broadcast_to(-radius, along.shape),
+                *(np.broadcast_to(-self.pulled[:, f], along.shape) for f in range(self.f)),
+            ]
+            pose = steps[:, None] * block + 3 * np.arange(n)
+            wheel = steps[:, None] * block + 3 * n + 2 * np.arange(n) + side
+            pull = steps[:, None] * block + 5 * n + 0 * np.arange(n)
+            places = [pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, wheel, wheel + block]
+            places += [pull + f for f in range(self.f)]
+            rolling.append((np.stack(places, axis=-1), np.stack(values, axis=-1)))
+        places = np.stack([own for own, _ in rolling], axis=2)
+        values = np.stack([own for _, own in rolling], axis=2)
+        slip, axles = self.creep(self.described, ends), np.arange(n)
+        turned, aside = np.zeros((k - 1, n, 2, self.numbers)), np.zeros((k - 1, n, self.numbers))
+        turned[:, axles, :, self.numbers - n + axles] = -slip[..., :2].transpose(1, 0, 2)
+        aside[:, axles, self.numbers - n + axles] = -slip[..., 2]
+        found["rolling"] = self._sparse(places, values, turned.reshape(-1, self.numbers))
+        pose = steps[:, None] * block + 3 * np.arange(n)
+        flat = along / longer
+        places = np.stack([pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2], axis=-1)
+        values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2], axis=-1)
+        found["side"] = self._sparse(places, values, aside.reshape(-1, self.numbers))
+        pull = every[:, None] * block + 5 * n + np.arange(self.f)
+        found["pull"] = self._sparse(pull[..., None], np.ones((k, self.f, 1)))
+
+        by_pose, places = self._relative_derivatives(motion)
+        short: list[Array] = []
+        for f, frame in enumerate(built.frames):
+            by_y_phi, longer = bending.ends_by_posture(frame, ends[:, f])
+            live = np.array(frame.gauge_gains or [1.0] * len(frame.gauge_positions))
+            share = np.array(frame.gauge_positions) / frame.length
+            by_ends = bends.by_gauge[f] @ (live[:, None] * np.stack([1 - share, share], axis=1))
+            read, shape = np.zeros((k, 3, 3)), np.zeros((k, 1, 3))
+            read[..., 1:] = -by_ends @ by_y_phi
+            shape[:, 0, 0], shape[:, :, 1:] = 1.0, -longer[:, None] @ by_y_phi
+            chained = read @ by_pose[:, f] * self.read[:, f, None, None]
+            own = np.broadcast_to(places[:, f, None], (k, 3, 6))
+            numbers = np.zeros((k, 3, self.numbers))
+            numbers[..., self.gauges[f] : self.gauges[f + 1]] = -bends.by_gauge[f] * self.read[:, f, None, None]
+            found[f"gauges{f}"] = self._sparse(own, chained, numbers.reshape(3 * k, -1))
+            short.append((shape @ by_pose[:, f])[:, 0])
+        found["shape"] = self._sparse(places, np.stack(short, axis=1))
+        if len(self.at):
+            found |= self._reference_derivatives(motion)
+        found["start"] = self._sparse(np.arange(3)[:, None], np.ones((3, 1)))
+        return found
+
+    def noise(self, built: TrainDescription, motion: Motion, f: int) -> tuple[float, int]:
+        """Return how large the noise of a frame's gauges is, in what its description says, and from how many readings.
+
+        From how the heading that the sensor reads changes from sample to sample beyond what the frame does.
+        """
+        ends = self.ends(built, motion.relative)
+        left = self.residuals(built, motion, ends)[f"gauges{f}"][:, 2]
+        own = self.read[1:, f] & self.read[:-1, f]
+        heading = self._by_gauge(built, motion, ends, f)[:, 2]
+        live = np.ones(heading.shape[1])
+        live[[number - 1 for number in built.frames[f].dead_gauges]] = 0.0
+        expected = built.frames[f].gauge_noise ** 2 * np.sum(live * heading**2, axis=1)
+        expected = (expected[1:] + expected[:-1])[own]
+        if not own.any() or not np.all(expected > 0):
+            return 1.0, 0
+        return float(np.sqrt(np.mean(np.diff(left)[own] ** 2 / expected))), int(own.sum())
+
+    def _reference_derivatives(self, motion: Motion) -> dict[str, Jacobian]:
+        m, n = len(self.at), self.n
+        first = int(self.gauges[-1])
+        heading = motion.pose[self.at][..., 2]
+        c, s, x, y = np.cos(heading), np.sin(heading), motion.mount[:, 0], motion.mount[:, 1]
+        pose = self.at[:, None] * self.block + 3 * np.arange(n)
+        one, rate = np.ones((m, n)), self._rate(motion)
+        swing = np.stack([-s * x - c * y, c * x - s * y], axis=-1)
+        places = np.stack([np.stack([pose, pose + 2], -1), np.stack([pose + 1, pose + 2], -1)], axis=2)
+        values = np.stack([np.stack([one, swing[..., 0]], -1), np.stack([one, swing[..., 1]], -1)], axis=2)
+        numbers, turned = np.zeros((m, n, 2, self.numbers)), np.zeros((m, n, self.numbers))
+        for i in range(n):
+            at = first + 3 * i
+            numbers[:, i, 0, at : at + 2] = np.stack([c[:, i], -s[:, i]], axis=-1)
+            numbers[:, i, 1, at : at + 2] = np.stack([s[:, i], c[:, i]], axis=-1)
+            turned[:, i, at + 2] = 1.0
+        clock = first + 3 * n
+        numbers[..., clock], turned[..., clock] = rate[..., :2], rate[..., 2]
+        return {
+            "position": self._sparse(places, values, numbers.reshape(2 * m * n, -1)),
+            "heading": self._sparse((pose + 2)[..., None], one[..., None], turned.reshape(m * n, -1)),
+        }
+
+    def _relative_derivatives(self, motion: Motion) -> tuple[Array, NDArray[np.integer]]:
+        """Return the derivatives (K, F, 3, 6) of relative poses by the front and the rear axle's, and their places."""
+        relative, heading = motion.relative, motion.pose[:, 1:, 2]
+        c, s = np.cos(heading), np.sin(heading)
+        zero, one = np.zeros_like(c), np.ones_like(c)
+        rows = [
+            np.stack([c, s, zero, -c, -s, relative[..., 1]], axis=-1),
+            np.stack([-s, c, zero, s, -c, -relative[..., 0]], axis=-1),
+            np.stack([zero, zero, one, zero, zero, -one], axis=-1),
+        ]
+        frame = np.arange(self.k)[:, None] * self.block + 3 * np.arange(self.f)
+        return np.stack(rows, axis=2), frame[..., None] + np.arange(6)
+
+    def _by_gauge(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
+        """Return the derivatives (K, 3, gauges) of a frame's reading by its gauges' errors."""
+        frame, first, last = built.frames[f], self.gauges[f], self.gauges[f + 1]
+        t, columns = self.t + self.clock_start, []
+        for gauge in range(last - first):
+            small = 1e-4 * np.eye(last - first)[gauge]
+            more, less = (
+                bending.reading(frame, ends[:, f], motion.offsets[first:last] + d, t) for d in (small, -small)
+            )
+            columns.append((more - less) / 2e-4)
+        return np.stack(columns, axis=-1)
+
+    def creep(self, built: TrainDescription, ends: Array) -> Array:
+        """Return how far left wheels, right wheels and axles slip in each step (K - 1, N, 3), m, as bends predict."""
+        return bending.creep(built, (ends[1:] + ends[:-1]) / 2) * self.signed_travel[..., None]
+
+    def _steps(self, motion: Motion) -> tuple[Array, Array, Array, tuple[Array, Array]]:
+        """Return how far every axle goes along its arc, across, and turns in each step, and its middle direction."""
+        step = np.diff(motion.pose, axis=0)
+        middle, turn = (motion.pose[1:, :, 2] + motion.pose[:-1, :, 2]) / 2, step[..., 2]
+        c, s = np.cos(middle), np.sin(middle)
+        along = (c * step[..., 0] + s * step[..., 1]) / np.sinc(turn / (2 * np.pi))
+        return along, c * step[..., 1] - s * step[..., 0], turn, (c, s)
+
+    def _rate(self, motion: Motion) -> Array:
+        """Return how fast the axles' poses change where a reference was taken (M, N, 3), a second."""
+        return np.gradient(motion.pose, self.t, axis=0)[self.at]
+
+    def _sparse(self, places: NDArray[np.integer], values: Array, numbers: Array | None = None) -> Jacobian:
+        """Return derivatives by samples whose rows (...,) have a few values (..., width) at these places."""
+        width = values.shape[-1]
+        columns, values = np.broadcast_to(places, values.shape).ravel(), values.reshape(-1, width)
+        rows = np.repeat(np.arange(len(values)), width)
+        shape = (len(values), self.k * self.block)
+        matrix = sparse.csr_array((values.ravel(), (rows, columns)), shape=shape)
+        return Jacobian(matrix, np.zeros((len(values), self.numbers)) if numbers is None else numbers)
