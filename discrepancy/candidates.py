@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import Effect, catalogue, readings
+from castor_envs.effects import Effect, Motion, Slip, catalogue, readings
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
@@ -42,6 +42,10 @@ DITHERED = frozenset(("lost_remainders",))
 
 DITHERS = (np.arange(8) - 3.5) / 8
 """Counts a sample."""
+
+
+NUMBERS = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
+"""Of a geometry, all that may differ between robots of one layout."""
 
 
 @dataclass(frozen=True)
@@ -105,14 +109,15 @@ def described(effect: Effect) -> str:
 class Signatures:
     """What candidates do to one log, a column each or two.
 
-    The first G columns are of `geometries`, changed by `steps` (G,); the others of `readings` (K, s + d, R): counts
-    read more for a unit.
+    The first G columns are of `geometries`, changed by `steps` (G,); the others of `readings` (K, s + d, R), counts
+    read more for a unit, and `slips`, R of them.
     """
 
     candidates: tuple[Candidate, ...]
     geometries: tuple[Geometry, ...]
     steps: Array
     readings: Array
+    slips: tuple[Slip, ...]
 
 
 class Channels:
@@ -126,16 +131,27 @@ class Channels:
         pivots = self.geometry.pivot_counts_per_rev[self.sensed]
         self.per_rev = np.concatenate([pivots, self.geometry.counts_per_rev[self.driven]])
 
-    def read(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
-        """Return what the robot's encoders read (K, s + d), not rounded, of true counts."""
+    def angles(self, counts: Array) -> tuple[Array, Array]:
+        """Return the angles of wheels (K, w) and castors (K, n) at counts, rad; 0 of wheels without encoder."""
         geometry, s, rows = self.geometry, len(self.sensed), len(counts)
         angles = counts * 2 * np.pi / self.per_rev
         wheel = np.zeros((rows, len(geometry.radius)))
         castor = np.tile(np.where(geometry.fixed, geometry.angle, 0.0), (rows, 1))
         castor[:, self.sensed] = angles[:, :s] - geometry.pivot_zero[self.sensed]
+        wheel[:, self.driven] = angles[:, s:]
+        return wheel, castor
+
+    def motion(self, log: Log, state: Array, agreeing: bool = False) -> Motion:
+        """Return the motion that a state (K, 3 + s + d) tells of; agreeing: as `Motion` has it."""
+        wheel, castor = self.angles(state[:, 3:])
+        return Motion(log.t, state[:, :3], wheel, castor, agreeing)
+
+    def read(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
+        """Return what the robot's encoders read (K, s + d), not rounded, of true counts."""
+        geometry = self.geometry
+        wheel, castor = self.angles(counts)
         turns = 2 * np.pi * np.round(castor[0] / (2 * np.pi))  # a log begins within half a turn of 0
         castor -= turns
-        wheel[:, self.driven] = angles[:, s:]
         wheel, castor = readings(robot, log.t, wheel, castor)
         seen = np.column_stack(
             [(castor + turns)[:, self.sensed] + geometry.pivot_zero[self.sensed], wheel[:, self.driven]]
@@ -161,7 +177,9 @@ def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures
         return total / len(dithers)
 
     built: list[tuple[Candidate, Geometry, float]] = []
-    read: list[tuple[Candidate, Array]] = []
+    read: list[tuple[Candidate, Array, Slip]] = []
+    motion = channels.motion(log, state, agreeing=True)
+    none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in candidates_of(robot):
         kind = candidate.kinds[0]
         try:
@@ -175,14 +193,28 @@ def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures
             dithers = DITHERS if kind.name in DITHERED else np.zeros(1)
             more = np.stack([added(one, dithers) for one in changed], axis=-1) / kind.value
             if np.any(more):
-                read.append((candidate, more))
-    read += _rivals(channels, log, counts)
+                read.append((candidate, more, still))
+            elif (slip := _slip_of(kind, robot, motion)) is not None:
+                read.append((candidate, none, slip))
+    read += [(one, more, still) for one, more in _rivals(channels, log, counts)]
     return Signatures(
-        (*(one for one, _, _ in built), *(one for one, _ in read)),
+        (*(one for one, _, _ in built), *(one for one, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
-        np.concatenate([more for _, more in read], axis=-1),
+        np.concatenate([more for _, more, _ in read], axis=-1),
+        tuple(slip for one, _, slip in read for _ in range(one.columns)),
     )
+
+
+def _slip_of(kind: Effect, robot: RobotDescription, motion: Motion) -> Slip | None:
+    """Return the slip of a unit of an effect; None if there is none."""
+    try:
+        slip = kind.slip(robot.as_built(), motion)
+    except InputError:  # a robot that cannot stand by itself
+        return None
+    if slip is None or not (np.any(slip.rolling) or np.any(slip.side)):
+        return None
+    return Slip(slip.rolling / kind.value, slip.side / kind.value)
 
 
 def candidates_of(robot: RobotDescription) -> list[Candidate]:
@@ -196,8 +228,16 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
 
 def differ(one: Geometry, other: Geometry) -> bool:
     """Whether two robots are built differently."""
-    names = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
-    return any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
+    return any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in NUMBERS)
+
+
+def stacked(layout: Geometry, geometries: Sequence[Geometry]) -> Geometry:
+    """Return several geometries of one layout as one, with a leading axis."""
+    numbers = {
+        name: np.array([getattr(one, name) for one in geometries]).reshape(-1, *getattr(layout, name).shape)
+        for name in NUMBERS
+    }
+    return dataclasses.replace(layout, **numbers)
 
 
 def _place_but_phase(effect: Effect) -> dict[str, object]:

@@ -54,6 +54,9 @@ BACKGROUND = 5
 MARGIN, PART = 6.0, 0.05
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
 
+NEXT = 0.025
+"""The part of what the first effect takes away that the next ones must."""
+
 BESIDE = 0.15
 """What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
 that are a little wrong, and creep, leave some."""
@@ -63,6 +66,9 @@ EXERCISED = 25.0
 
 BORNE_OUT = 0.5
 """The part of itself by which held-out logs may want an effect changed."""
+
+ROUGHLY = 0.25
+"""The part by which amplitudes may be wrong before they are refitted."""
 
 REFITS, EXCHANGES = 4, 2
 
@@ -82,7 +88,7 @@ class Rank:
     @property
     def size(self) -> float:
         """The amplitude; of an effect of any phase how large it is."""
-        return self.amplitudes[0] if len(self.amplitudes) == 1 else float(np.hypot(*self.amplitudes))
+        return self.amplitudes[0] if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
 
     @property
     def error(self) -> float:
@@ -213,7 +219,7 @@ def diagnose(
         findings.append(_nameless(left, rest))
     if not findings:
         return result
-    judged = findings[: len(found)] or findings
+    judged = [one for one in findings if one.effect is not None] or findings
     weakest = min((one.verdict for one in judged), key=WEAKEST_FIRST.index)
     return dataclasses.replace(
         result,
@@ -227,11 +233,12 @@ def diagnose(
 def _one_after_another(robot: RobotDescription, look: Look, first: Evidence) -> tuple[list[_Found], Evidence]:
     """Return the effects that take something away, refitted together, and the evidence of what is left."""
     found: list[_Found] = []
-    left = first
+    left, first_gain = first, 0.0
     while len(found) < MOST:
         best = _pick(left)
-        if best is None:
+        if best is None or best.gain < NEXT * first_gain:
             break
+        first_gain = max(first_gain, best.gain)
         named = next((one for one in _alike(left, best) if one.candidate.kinds), None)
         if named is None:
             break
@@ -331,7 +338,10 @@ def _nameless(left: Evidence, best: Rank) -> Finding:
 def _borne_out(
     robot: RobotDescription, held_out: Sequence[Log], found: list[_Found], findings: list[Finding]
 ) -> tuple[list[Finding], tuple[Left, Left]]:
-    """Return the findings, those that held-out logs do not bear out as unconfirmed, and the gaps on these logs."""
+    """Return the findings, and what is left of held-out logs.
+
+    What they do not bear out is unconfirmed; if it is but something found beside larger effects, it was nothing.
+    """
     nominal, with_all = evidence_of(robot, held_out), evidence_of(_with(robot, found), held_out)
     judged = []
     for one, finding in zip(found, findings, strict=True):
@@ -340,6 +350,8 @@ def _borne_out(
         if shown < EXERCISED:
             reason = f"the held-out motion does not show {one.candidate.what}"
         elif change > BORNE_OUT:
+            if finding.gain < max(other.gain for other in findings) / 2:
+                continue
             reason = f"the held-out logs do not bear out {one.candidate.what}"
         if reason is not None and finding.verdict == "named":
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
@@ -409,11 +421,11 @@ def _alike(seen: Evidence, best: Rank) -> tuple[Rank, ...]:
 
 
 def _possible(one: Rank) -> bool:
-    """Whether an effect can have an amplitude within three standard errors of this one."""
+    """Whether an effect can have an amplitude within three standard errors, or `ROUGHLY`, of this one."""
     if not one.candidate.kinds or one.candidate.columns > 1:
         return True
-    kind, error = one.candidate.kinds[0], one.errors[0]
-    low, high = one.size - 3 * error, one.size + 3 * error
+    kind, far = one.candidate.kinds[0], max(3 * one.errors[0], ROUGHLY * abs(one.size))
+    low, high = one.size - far, one.size + far
     for value in (one.size, low, high, *(end for end in (kind.step, 0.0) if low <= end <= high)):
         try:
             dataclasses.replace(kind, value=value)

@@ -1,7 +1,8 @@
 """What logs say for and against every candidate, all else eliminated: one linear problem.
 
-Driven wheels that disagree creep until they come to terms (`LogLikelihood.fought`), and hide a part of what is wrong.
-That part differs from robot to robot and from effect to effect: it is found, between none and all.
+Driven wheels that disagree creep until they come to terms (`LogLikelihood.fought`), and hide a part of what is wrong:
+none where they yield, all where they hold. It is found, between none and all. How far all contacts creep is predicted
+(`slipping`); what part of the prediction is true is found too.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate, Channels, differ, signatures_of
+from discrepancy.candidates import Candidate, Channels, signatures_of, stacked
+from discrepancy.slipping import Slipping
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
 
@@ -24,13 +26,14 @@ PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of an effect that wheels may hide by coming to terms: what is tried."""
 
 DOUBT = 0.5
-"""Standard deviation of the part that known effects are hidden by, around what was found."""
+"""Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
+
+SETTLED = 2
+"""Rounds in which these parts and the noise that is left settle."""
 
 CREEP = 3e-4
 """Standard deviation of what a wheel may always roll too much, as a part of its way, and a castor to the side: contact
 is not as rigid as rolling. Beyond this something is significant."""
-
-PARAMETERS = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
 
 Chosen = Sequence[tuple[int, float]]
 """Candidates, each with the part of it that wheels hide."""
@@ -54,8 +57,8 @@ class Evidence:
     likelihood, by the amplitudes and then by what wheels hide of each; plain: where contact is rigid, sober: where all
     wheels may creep by `CREEP`.
 
-    left: rms of what odometry is off the reference, m and rad; None without one. hidden: the part of each of the
-    robot's effects that wheels hide.
+    left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted, and
+    what more wheels hide of each of the robot's effects.
     """
 
     candidates: tuple[Candidate, ...]
@@ -66,7 +69,7 @@ class Evidence:
     state: State
     left: tuple[float, float] | None
     burst: Burst
-    hidden: tuple[float, ...]
+    parts: tuple[float, ...]
 
     def best(self, chosen: Chosen, sober: bool = False) -> tuple[Array, Array, float]:
         """Return the best amplitudes of some candidates together (c,), their covariance (c, c), and what they gain:
@@ -120,36 +123,34 @@ def evidence_of(
     models = [LogLikelihood(geometry, log) for log in logs]
     none, begin = np.zeros(0), None if start is None else (start.state, start.noise)
     at, sizes, _ = fitted(models, geometry, (), none, noise, begin)
-    known = [np.zeros((len(log) - 1, len(model.rows), 0)) for model, log in zip(models, logs, strict=True)]
-    hidden = np.zeros(0)
     if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
         channels = Channels(robot)
         for model, log, state in zip(models, logs, at.states, strict=True):
             counts = state[:, 3:]
             model.correct(channels.read(robot, log, counts) - counts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
-        known = [
-            _fought_by_effects(robot, model, log, state)
-            for model, log, state in zip(models, logs, at.states, strict=True)
-        ]
-        hidden = np.clip(_parts_of(models, geometry, at, sizes, known), 0.0, 1.0)
+    slipping = [Slipping(robot, model, log, state) for model, log, state in zip(models, logs, at.states, strict=True)]
+    known = [one.known() for one in slipping]
+    parts = np.zeros(1 + len(robot.effects))
+    for _ in range(SETTLED):
+        parts = _parts_of(models, geometry, at, sizes, known, parts)
         for model, slips in zip(models, known, strict=True):
-            model.expect(slips @ hidden)
+            model.expect(slips @ parts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
 
     information, gradient, found = np.zeros(()), np.zeros(()), None
-    for model, log, state, clock, own in zip(models, logs, at.states, at.clocks, known, strict=True):
+    for model, log, state, clock, own, slip in zip(models, logs, at.states, at.clocks, known, slipping, strict=True):
         found = signatures_of(robot, log, state)
-        changed = _stacked(geometry, found.geometries)
-        fought = model.fought(geometry, changed, found.steps, state, found.readings)
+        changed = stacked(geometry, found.geometries)
+        fought = model.fought(geometry, changed, found.steps, state, found.readings, slip.yields)
         always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
-        slips = np.concatenate([np.zeros((*fought.shape[:2], found.readings.shape[-1])), fought, own, always], axis=-1)
-        more = slips.shape[-1] - found.readings.shape[-1]
-        readings = np.pad(found.readings, ((0, 0), (0, 0), (0, more)))
+        direct = np.stack([model.rows_of(one.rolling, one.side) for one in found.slips], axis=-1)
+        slips = np.concatenate([direct, fought, own, always], axis=-1)
+        readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - direct.shape[-1])))
         reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, More(readings, slips))
         information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
     assert found is not None, "there is a log"
-    n, e, r = 2 * (len(found.steps) + found.readings.shape[-1]), len(hidden), len(models[0].rows)
+    n, e, r = 2 * (len(found.steps) + found.readings.shape[-1]), len(parts), len(models[0].rows)
     information[n + e + r :, n + e + r :] += np.diag(MOUNT**-2.0)
     gradient[n + e + r :] += at.mount / MOUNT**2
     information[n : n + e, n : n + e] += np.eye(e) / DOUBT**2
@@ -166,7 +167,7 @@ def evidence_of(
         state=at,
         left=_left(models, geometry, at),
         burst=_burst(models, logs, geometry, at),
-        hidden=tuple(hidden.tolist()),
+        parts=tuple(parts.tolist()),
     )
 
 
@@ -182,28 +183,12 @@ def _columns(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
     return tuple(np.arange(end - one.columns, end) for one, end in zip(candidates, ends, strict=True))
 
 
-def _fought_by_effects(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> Array:
-    """Return the slips (K - 1, rows, e) by which wheels would hide each of the robot's effects altogether."""
-    channels, slips = Channels(robot), []
-    counts = state[:, 3:]
-    read = channels.read(robot, log, counts)
-    for k in range(len(robot.effects)):
-        without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
-        geometry = Geometry.of(without.as_built())
-        if differ(channels.geometry, geometry):
-            none = np.zeros((*counts.shape, 0))
-            slips.append(model.fought(channels.geometry, _stacked(geometry, [geometry]), np.array([-1.0]), state, none))
-        else:
-            more = (read - channels.read(without, log, counts))[..., None]
-            slips.append(model.fought(channels.geometry, _stacked(channels.geometry, []), np.zeros(0), state, more))
-    return np.concatenate(slips, axis=-1)
-
-
 def _parts_of(
-    models: Sequence[LogLikelihood], geometry: Geometry, at: State, noise: Noise, known: Sequence[Array]
+    models: Sequence[LogLikelihood], geometry: Geometry, at: State, noise: Noise, known: Sequence[Array], parts: Array
 ) -> Array:
-    """Return the part (e,) of each of the robot's effects that wheels hide, as far as the logs tell."""
-    none, e = _stacked(geometry, []), known[0].shape[-1]
+    """Return what part of the creep predicted there is, and what more wheels hide of each of the robot's effects, (e,),
+    as far as the logs tell."""
+    none, e = stacked(geometry, []), known[0].shape[-1]
     information, gradient = np.zeros(()), np.zeros(())
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
         more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
@@ -212,7 +197,9 @@ def _parts_of(
     information[e:, e:] += np.diag(MOUNT**-2.0)
     gradient[e:] += at.mount / MOUNT**2
     told, pull = _without(information, gradient, e)
-    return np.linalg.solve(told + np.eye(e) / DOUBT**2, pull + DOUBT / DOUBT**2)
+    sure = np.eye(e) / DOUBT**2
+    parts = parts + np.linalg.solve(told + sure, pull + sure @ ((np.arange(e) == 0.0) - parts))
+    return np.clip(parts, [0.0, *[-1.0] * (e - 1)], [2.0, *[1.0] * (e - 1)])
 
 
 def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
@@ -231,12 +218,3 @@ def _burst(models: Sequence[LogLikelihood], logs: Sequence[Log], geometry: Geome
     k = int(np.argmax(slips[worst]))
     x, y, _ = at.states[worst][k, :3].tolist()
     return Burst(share, worst, float(logs[worst].t[k]), x, y)
-
-
-def _stacked(layout: Geometry, geometries: Sequence[Geometry]) -> Geometry:
-    """Return several geometries of one layout as one, with a leading axis."""
-    numbers = {
-        name: np.array([getattr(one, name) for one in geometries]).reshape(-1, *getattr(layout, name).shape)
-        for name in PARAMETERS
-    }
-    return replace(layout, **numbers)

@@ -61,7 +61,7 @@ def creep(robot: "RobotDescription", motion: Motion, floor: "Floor", yielding: f
     held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
-    seen = smoothed(path[:, carrying] / motion.period[:, None])
+    seen = smoothed(path[:, carrying] / motion.period[:, None]) * (not motion.agreeing)
     pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
     deviation = np.linalg.pinv(held, rcond=1e-10, hermitian=True) @ -pull[..., None]
 

@@ -21,13 +21,15 @@ class Motion:
     """What truly happened at K samples: K - 1 steps, of which the properties tell.
 
     t (K,): s, increasing. pose (K, 3): of B in N, m and rad, unwrapped. wheel_angle (K, w): since the start, rad; NaN
-    for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped.
+    for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped. agreeing: whether wheels are taken to agree
+    with each other, whatever their angles say: where a log alone tells of the motion, the rest is mostly noise.
     """
 
     t: Array
     pose: Array
     wheel_angle: Array
     castor_angle: Array
+    agreeing: bool = False
 
     @cached_property
     def period(self) -> Array:

@@ -148,7 +148,7 @@ class TickLoss(Effect):
     name: Literal["tick_loss"] = "tick_loss"
     castor: Number
     wheel: Number
-    value: Fraction
+    value: Annotated[float, Field(ge=0.0, le=0.5)]
     above: NotNegative
     direction: Direction = "forward"
     title = "counts lost at speed"

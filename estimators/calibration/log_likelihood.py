@@ -396,12 +396,14 @@ class LogLikelihood:
             start[:, row, column], end[:, row, column] = length, -length
         return start * self._magnified(geometry), end * self._magnified(geometry)
 
-    def fought(self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array) -> Array:
+    def fought(
+        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, yields: Array
+    ) -> Array:
         """Return the slips (K - 1, rows, G + R) by which wheels come to terms with what contradicts their counts.
 
-        Wheels that hold their counts against each other creep until the forces between them are least: by the least
-        squares that no motion of body and castors takes away. For units of the changes of the geometry (as in
-        `reduce`) and of what is read more (K, s + d, R).
+        Wheels that hold their counts against each other creep so that no power is lost that need not be: by least
+        squares over how easily each row yields (K - 1, rows), of what no motion of body and castors takes away. For
+        units of the changes of the geometry (as in `reduce`) and of what is read more (K, s + d, R).
         """
         missed, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
         by_change = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
@@ -410,8 +412,9 @@ class LogLikelihood:
         angle = self._angles(geometry, state[:, 3:])
         a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
+        stiff = np.sqrt(yields.min(axis=1, keepdims=True) / yields)[..., None]
         moved = np.concatenate([a, turning], axis=-1)
-        return missing - moved @ (np.linalg.pinv(moved, rcond=1e-10) @ missing)
+        return missing - moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * missing))
 
     def _angles(self, geometry: Geometry, counts: Array) -> Array:
         """Return the castors' angles (..., K, n) at counts (K, s + d)."""

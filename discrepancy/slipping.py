@@ -1,0 +1,64 @@
+"""How far a robot's contacts slip as its description predicts: under the forces of a motion, and against each other."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from castor_envs.effects import Bump, Slip, floor_of, yielding_of
+from castor_envs.effects.creep import creep
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.kinematics import Array, Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy.candidates import Channels, differ, stacked
+from estimators.calibration.log_likelihood import LogLikelihood
+
+SLOWEST = 0.02
+"""Of the fastest wheel's speed: no contact is taken to roll slower."""
+
+
+class Slipping:
+    """A robot's slip in one log, of which a state (K, m) tells what truly happened. yields (K - 1, rows): how easily
+    each contact slips, in any unit."""
+
+    def __init__(self, robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> None:
+        self._robot, self._model, self._log, self._state = robot, model, log, state
+        self._channels = Channels(robot)
+        contact, geometry = robot.as_built().contact, self._channels.geometry
+        rolled = np.abs(model.rolled(geometry, state)) / np.diff(log.t)[:, None]
+        rolled = np.maximum(rolled, SLOWEST * rolled.max(axis=1, keepdims=True)) + 1e-6
+        along = model.rows < len(geometry.radius)
+        self.yields = rolled / np.where(along, contact.slip_stiffness_long, contact.slip_stiffness_lat)
+
+    def known(self) -> Array:
+        """Return slips (K - 1, rows, 1 + e): as predicted; by which wheels would hide each of the robot's effects."""
+        return np.concatenate([self._model.rows_of(*self._predicted())[..., None], self._hiding()], axis=-1)
+
+    def _predicted(self) -> tuple[Array, Array]:
+        robot, motion = self._robot, self._channels.motion(self._log, self._state)
+        try:
+            slip = creep(robot.as_built(), motion, floor_of(robot, Floor()), yielding_of(robot))
+        except InputError:  # it cannot stand by itself
+            slip = Slip.none(motion)
+        for effect in robot.effects:
+            if isinstance(effect, Bump) and (more := effect.slip(robot, motion)) is not None:
+                slip = slip + more
+        return slip.rolling, slip.side
+
+    def _hiding(self) -> Array:
+        """Return the slips (K - 1, rows, e) by which wheels would hide each of the robot's effects altogether."""
+        robot, channels, model = self._robot, self._channels, self._model
+        counts, slips = self._state[:, 3:], np.zeros((len(self._log) - 1, len(model.rows), 0))
+        read = channels.read(robot, self._log, counts)
+        for k in range(len(robot.effects)):
+            without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
+            geometry: Geometry = Geometry.of(without.as_built())
+            if differ(channels.geometry, geometry):
+                changed, step, more = stacked(geometry, [geometry]), np.array([-1.0]), np.zeros((*counts.shape, 0))
+            else:
+                changed, step = stacked(geometry, []), np.zeros(0)
+                more = (read - channels.read(without, self._log, counts))[..., None]
+            own = model.fought(channels.geometry, changed, step, self._state, more, self.yields)
+            slips = np.concatenate([slips, own], axis=-1)
+        return slips
