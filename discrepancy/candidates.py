@@ -40,7 +40,7 @@ change; jitter has no mean."""
 DITHERED = frozenset(("lost_remainders",))
 """Effects that hang on parts of a count, which a log does not tell: their signature is the mean over such parts."""
 
-DITHERS = (np.arange(8) - 3.5) / 8
+DITHERS = (np.arange(4) - 1.5) / 4
 """Counts a sample."""
 
 
@@ -159,8 +159,10 @@ class Channels:
         return seen * self.per_rev / (2 * np.pi)
 
 
-def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures:
-    """Return the signatures of all candidates beyond the robot's own effects, at a state (K, 3 + s + d)."""
+def signatures_of(
+    robot: RobotDescription, log: Log, state: Array, among: Sequence[Candidate] | None = None
+) -> Signatures:
+    """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d)."""
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
@@ -180,7 +182,7 @@ def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures
     read: list[tuple[Candidate, Array, Slip]] = []
     motion = channels.motion(log, state, agreeing=True)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
-    for candidate in candidates_of(robot):
+    for candidate in candidates_of(robot) if among is None else among:
         kind = candidate.kinds[0]
         try:
             changed = [robot.with_effects(one) for one in candidate.kinds]
@@ -196,12 +198,13 @@ def signatures_of(robot: RobotDescription, log: Log, state: Array) -> Signatures
                 read.append((candidate, more, still))
             elif (slip := _slip_of(kind, robot, motion)) is not None:
                 read.append((candidate, none, slip))
-    read += [(one, more, still) for one, more in _rivals(channels, log, counts)]
+    if among is None:
+        read += [(one, more, still) for one, more in _rivals(channels, log, counts)]
     return Signatures(
         (*(one for one, _, _ in built), *(one for one, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
-        np.concatenate([more for _, more, _ in read], axis=-1),
+        np.concatenate([none[..., :0], *(more for _, more, _ in read)], axis=-1),
         tuple(slip for one, _, slip in read for _ in range(one.columns)),
     )
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,10 +17,11 @@ from castor_envs.logs import read_log
 from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
 from castor_envs.vehicles import load_vehicle
-from discrepancy import trial
 from discrepancy.examination import examine
 from discrepancy.inspection import inspect_logs
 from discrepancy.report import as_lines, write_diagnosis
+from discrepancy.trials import run, scores
+from discrepancy.trials.run import ROBOT
 
 
 class _FindUnlessTold(TyperGroup):
@@ -141,25 +143,31 @@ def find(
         console.print(f"written: {out}")
 
 
-@app.command("trial")
-def trial_command(
-    cases: Annotated[int, typer.Option(help="Cases; every fourth has no effect.", min=1, max=10_000)] = 12,
+@app.command()
+def trial(
+    cases: Annotated[int, typer.Option(help="How many; of every twenty, three have no effect.", min=1, max=9999)] = 20,
+    generator: Annotated[
+        str, typer.Option(help="What makes the logs: pymunk, or mujoco, a foreign simulator.")
+    ] = "pymunk",
     seed: Annotated[int, typer.Option(help="Of all that is drawn.", min=0)] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/1).")] = False,
+    robot: Annotated[str, typer.Option(help="A preset's name.")] = ROBOT,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep logs, labels and outcomes in this folder; a trial that is there goes on.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes at a time; default: one a core.", min=1)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/2).")] = False,
 ) -> None:
-    """Hide effects in simulated logs, one each or none, and show what find makes of them (a quarter minute a case)."""
-    outcomes = []
-    for one in trial.run(cases, seed):
-        outcomes.append(one)
-        if not as_json:
-            hidden = "none" if one.effect is None else f"{one.family} {one.effect.value:.3g}"
-            print(f"{one.case:4d}  {hidden:40s} {one.found.verdict}: {one.found.reason} -> {one.kind}", flush=True)
-    table = trial.rates(outcomes)
+    """Hide effects in simulated logs, in processes that the finder does not share, and score what find says of them."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = out or Path(scratch) / "trial"
+        run.make(cases, seed, generator, folder, robot=robot, jobs=jobs)
+        run.judge(folder, jobs=jobs)
+        run.resimulate(folder, jobs=jobs)
+        scored = scores.report(folder)
     if as_json:
-        print(json.dumps({"format": "castor-trial/1", "cases": cases, "seed": seed, "outcomes": table}, indent=2))
+        print(json.dumps(scored, indent=2, allow_nan=False))
         return
-    for name, counts in table.items():
-        print(f"{name:24s}" + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
+    print("\n".join(scores.lines(scored)))
 
 
 def _robot(spec: str) -> RobotDescription:

@@ -13,10 +13,10 @@ rolling, and a log of a minute tells far smaller parts of a radius than mean any
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -172,7 +172,12 @@ class _Found:
     error: float
 
 
-Look = Callable[[Sequence[Effect]], Evidence]
+class Look(Protocol):
+    """Looks at what is left of the logs beside some effects, by all candidates or only some."""
+
+    def __call__(self, effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
+        """Return the evidence beside effects; among: candidates to look at, None: all."""
+        ...
 
 
 def diagnose(
@@ -189,10 +194,14 @@ def diagnose(
             raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
     background = _background(evidence_of(robot, clean)) if clean else []
 
-    first = evidence_of(robot, logs).less(background)
+    first = last = evidence_of(robot, logs).less(background)
 
-    def look(effects: Sequence[Effect]) -> Evidence:
-        return evidence_of(robot.with_effects(*effects), logs, start=first).less(background) if effects else first
+    def look(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
+        nonlocal last
+        if not effects:
+            return first
+        last = evidence_of(robot.with_effects(*effects), logs, start=last, among=among).less(background)
+        return last
 
     ranks = _ranks(first)
     result = Diagnosis(
@@ -254,20 +263,21 @@ def _one_after_another(robot: RobotDescription, look: Look, first: Evidence) -> 
 
 def _settled(robot: RobotDescription, look: Look, found: list[_Found]) -> tuple[list[_Found], Evidence] | None:
     """Return effects with the amplitudes at which the logs pull them no more, and what is left; None: impossible."""
-    left = look([one.effect for one in found])
+    own = [one.candidate for one in found]
     for k in range(REFITS + 1):
-        places = [left.index(one.candidate) for one in found]
+        left = look([one.effect for one in found], own)
+        places = [left.index(one) for one in own]
         if None in places:
             return None
         changes, covariance, _ = left.best([(place, 0.0) for place in places if place is not None])
         errors = np.sqrt(np.diag(covariance))
-        ends = np.cumsum([one.candidate.columns for one in found])[:-1]
+        ends = np.cumsum([one.columns for one in own])[:-1]
         parts = list(zip(found, np.split(changes, ends), np.split(errors, ends), strict=True))
         found = [dataclasses.replace(one, error=float(error.max())) for one, _, error in parts]
         if np.all(np.abs(changes) < 0.1 * errors) or k == REFITS:
             break
         try:
-            moved = [
+            found = [
                 dataclasses.replace(
                     new, effect=_within(robot, one.candidate, one.candidate.amplitudes(one.effect) + by)
                 )
@@ -275,8 +285,7 @@ def _settled(robot: RobotDescription, look: Look, found: list[_Found]) -> tuple[
             ]
         except InputError:  # at the end of what can be
             break
-        found, left = moved, look([one.effect for one in moved])
-    return found, left
+    return found, look([one.effect for one in found])
 
 
 def _exchanged(
@@ -342,7 +351,8 @@ def _borne_out(
 
     What they do not bear out is unconfirmed; if it is but something found beside larger effects, it was nothing.
     """
-    nominal, with_all = evidence_of(robot, held_out), evidence_of(_with(robot, found), held_out)
+    own = [one.candidate for one in found]
+    nominal, with_all = (evidence_of(one, held_out, among=own) for one in (robot, _with(robot, found)))
     judged = []
     for one, finding in zip(found, findings, strict=True):
         shown, change = _wanted(with_all, one)

@@ -112,11 +112,16 @@ class Evidence:
 
 
 def evidence_of(
-    robot: RobotDescription, logs: Sequence[Log], noise: Noise | None = None, start: Evidence | None = None
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    noise: Noise | None = None,
+    start: Evidence | None = None,
+    among: Sequence[Candidate] | None = None,
 ) -> Evidence:
     """Return what logs say of all candidates beyond the effects that the robot's file has.
 
-    noise: sizes to hold to; None: found. start: evidence of the same logs, to begin with what it found.
+    noise: sizes to hold to; None: found. start: evidence of the same logs, to begin with what it found. among:
+    candidates to look at; None: all, and rivals without a name.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
@@ -140,13 +145,13 @@ def evidence_of(
 
     information, gradient, found = np.zeros(()), np.zeros(()), None
     for model, log, state, clock, own, slip in zip(models, logs, at.states, at.clocks, known, slipping, strict=True):
-        found = signatures_of(robot, log, state)
+        found = signatures_of(robot, log, state, among)
         changed = stacked(geometry, found.geometries)
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slip.yields)
         always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
-        direct = np.stack([model.rows_of(one.rolling, one.side) for one in found.slips], axis=-1)
-        slips = np.concatenate([direct, fought, own, always], axis=-1)
-        readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - direct.shape[-1])))
+        direct = [model.rows_of(one.rolling, one.side)[..., None] for one in found.slips]
+        slips = np.concatenate([*direct, fought, own, always], axis=-1)
+        readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - len(direct))))
         reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, More(readings, slips))
         information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
     assert found is not None, "there is a log"

@@ -37,6 +37,7 @@ class Examination:
     found: RobotDescription | None
     diagnosis: Diagnosis
     logs: Logs
+    mistakes: tuple[Mistake, ...]
     replays: tuple[Replay, Replay | None] | None
 
     def page(self) -> str:
@@ -59,9 +60,10 @@ class Examination:
         return html_of(self.data, shown)
 
 
-def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Examination:
+def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *, replayed: bool = True) -> Examination:
     """Return what logs, by their names, say of a robot, as `diagnosis.diagnose` does with what surrounds it.
 
+    replayed: whether to drive the full simulation as the logs.
     Raises InputError for logs of which nothing can be said before they, or the robot file, are mended.
     """
     checked = preflight(robot, list(logs.values()), list(logs))
@@ -84,10 +86,12 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) ->
     }
     _add_mistakes(data, checked.mistakes)
     data["where"] = _where(mended, straight, diagnosis)
+    if not replayed:
+        return Examination(data, found, diagnosis, straight, checked.mistakes, None)
     replays = _replays(diagnosis.robot, diagnosis.found, straight, diagnosis.before, diagnosis.after)
     held = _replays(diagnosis.robot, diagnosis.found, kept_back, *(diagnosis.held_out or (None, None)))
     data["replay"] = _replay_data(diagnosis, replays, held)
-    return Examination(data, found, diagnosis, straight, replays)
+    return Examination(data, found, diagnosis, straight, checked.mistakes, replays)
 
 
 def _found(

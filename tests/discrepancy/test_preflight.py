@@ -31,7 +31,7 @@ from discrepancy.preflight import preflight
 from discrepancy.preflight.misfit import Misfits
 from discrepancy.preflight.reading import Channels
 from discrepancy.preflight.search import SEEN
-from discrepancy.trial import log_at_random
+from discrepancy.trials.pymunk_generator import drive
 
 WIRING = ("encoders_swapped", "encoder_reversed", "castor_order")
 ASOC = preset("asoc-prototype")
@@ -218,7 +218,8 @@ def test_a_reference_that_is_turned_is_told_with_its_angle():
 
 def test_robots_that_were_steered_by_wrong_readings_slide_and_are_understood():
     for effect in (EncoderReversed(castor=2), CastorOrder(castor=1, other=3)):
-        log = log_at_random(ASOC.with_effects(effect), 1, duration=30.0)
+        motion = wander(np.random.default_rng([1, 1]), duration=30.0)
+        log = drive(ASOC.with_effects(effect), motion, 1, duration=30.0)
         assert only(preflight(ASOC, [log])).effects == (effect,)
 
 

@@ -1,0 +1,63 @@
+"""Where a trial's logs come from: the project's own physics, or a foreign simulator."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy.trials.cases import Hidden, Outsiders
+from discrepancy.trials.outside import outside_effects
+
+GeneratorName = Literal["pymunk", "mujoco"]
+
+
+class Generator(NamedTuple):
+    """drive: makes a log, as `pymunk_generator.drive`. outsiders: draws effects that are not in the catalogue.
+
+    foreign: whether the finder may not know its physics, so that clean logs go in.
+    """
+
+    drive: Callable[..., Log]
+    outsiders: Outsiders
+    foreign: bool
+
+
+def generator(name: str) -> Generator:
+    """Return a generator; raises InputError for an unknown one or where what it needs is not installed."""
+    if name == "pymunk":
+        from discrepancy.trials.pymunk_generator import drive
+
+        return Generator(drive, _own_outsiders, foreign=False)
+    if name == "mujoco":
+        try:
+            import mujoco  # noqa: F401
+        except ImportError:
+            raise InputError("generator mujoco needs MuJoCo; install castor-envs[trial]") from None
+        from discrepancy.trials.mujoco_generator import drive
+
+        return Generator(drive, _foreign_outsiders, foreign=True)
+    raise InputError(f"unknown generator {name!r}; there are pymunk and mujoco")
+
+
+def _own_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
+    for one in outside_effects(robot, random):
+        yield Hidden(one)
+
+
+def _foreign_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
+    from discrepancy.trials import mujoco_outside as foreign
+
+    castor = int(random.integers(len(robot.castors))) + 1
+    wheel = int(random.integers(len(robot.castors[castor - 1].wheels))) + 1
+    place: dict[str, Any] = {"castor": castor, "wheel": wheel}
+    yield Hidden(foreign.WobblingWheel(**place, size=1e-3), "size")
+    yield Hidden(foreign.FlatSpot(**place, depth=2e-4, phase=float(random.uniform(-3, 3))), "depth")
+    yield Hidden(foreign.WarmingWheel(**place, growth=1e-3), "growth")
+    yield Hidden(foreign.SoftWheels(softness=1e-2), "softness")
+    yield Hidden(foreign.PivotPlay(castor=castor, size=5e-4), "size")
+    yield Hidden(foreign.StickyPivot(castor=castor, stick=1.0), "stick")
+    yield Hidden(foreign.LooseMast(frequency=2.0), "frequency", power=-2.0)
+    yield Hidden(foreign.CountGlitches(**place, counts=3), "counts")

@@ -1,0 +1,79 @@
+"""Logs of robots in the project's own pymunk physics, steered by what their own sensors say."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.controller import KinematicController, trailing_angles
+from castor_envs.effects import reader_of, reference
+from castor_envs.encoders import Encoders, castor_angles
+from castor_envs.floor import Floor
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.physics.world import World
+from castor_envs.robot import RobotDescription
+from castor_envs.trajectories import Trajectory
+from discrepancy.trials.noise import Noise
+from discrepancy.trials.outside import Outside, outside_effects
+from discrepancy.trials.reading import as_recorded, counts_of
+
+__all__ = ["drive", "outside_effects"]
+
+Array = NDArray[np.float64]
+
+
+def drive(
+    robot: RobotDescription,
+    motion: Trajectory,
+    seed: int,
+    *,
+    duration: float,
+    floor: Floor | None = None,
+    outside: Outside | None = None,
+    rounded: bool = True,
+    noise: Noise | None = None,
+) -> Log:
+    """Return a log of `duration` s of a robot, its effects included, that is to follow a motion.
+
+    seed: of the castors' start angles, the encoders' phases and the reference's noise (None: `Noise()`), which are the
+    same with and without effects. rounded: False gives counts before they are rounded and pivots unwrapped; what the
+    controller hears is rounded all the same, so that the run is the same.
+    """
+    built, geometry, period = Geometry.of(robot.as_built()), Geometry.of(robot.as_described()), robot.sample_period
+    phases, starts = (np.random.default_rng([seed, k]) for k in (2, 3))
+    phase = Encoders.random_phase(built, phases)
+    start = trailing_angles(geometry, motion.runs[0].legs[0].motion) + starts.uniform(-0.5, 0.5, geometry.n_castors)
+    world = World(robot, floor or Floor(), castor_angles=start)
+    encoders, read, controller = Encoders(built, phase), reader_of(robot), KinematicController(robot.as_described())
+
+    rows = round(duration / period) + 1
+    t, w = np.arange(rows) * np.float64(period), len(robot.wheels)
+    true = np.zeros((rows, w + geometry.n_castors))
+    pose, command, steering = np.zeros((rows, 3)), [], []
+    seen, twist = np.zeros_like(true), motion.at(t + 0.5 * period)[1]
+    for k in range(rows):
+        true[k, :w], true[k, w:], pose[k] = world.wheel_angles, world.castor_angles, world.pose
+        angle = true[k] if outside is None else outside.changed(robot, t[: k + 1], true[: k + 1], pose[: k + 1])[-1]
+        wheel, castor = read(float(t[k]), angle[:w], angle[w:])
+        seen[k, :w], seen[k, w:] = wheel, castor
+        if k == rows - 1:
+            break
+        believed = castor_angles(geometry, encoders.pivot(castor))
+        wanted = controller.commands(believed, twist[k])
+        world.advance(wanted.wheel, wanted.steering)
+        command.append(wanted.wheel)
+        steering.append(wanted.steering)
+    command.append(0 * command[-1])
+    steering.append(0 * steering[-1])
+
+    if outside is not None:
+        pose = outside.tracked(t, pose)
+    wheel, pivot = counts_of(robot, seen, phase)
+    exact = Log(
+        t,
+        wheel=wheel,
+        pivot=pivot,
+        command=np.array(command),
+        steering_command=np.array(steering) if robot.driven_castors else None,
+        reference=reference(robot, t, pose),
+    )
+    return as_recorded(robot, exact, seed, Noise() if noise is None else noise, rounded)

@@ -1,0 +1,52 @@
+"""From angles to counts and back, and from an exact log to one as it would be recorded."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+from discrepancy.trials.noise import Noise
+
+Array = NDArray[np.float64]
+
+
+def counts_of(robot: RobotDescription, angle: Array, phase: Array | float = 0.0) -> tuple[Array, Array]:
+    """Return counts of wheels (K, d) and pivots (K, s), neither rounded nor wrapped, of angles as seen (K, w + n).
+
+    phase (d,): what the wheels' encoders begin at, in counts.
+    """
+    built, w = Geometry.of(robot.as_built()), len(robot.wheels)
+    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+    wheel = angle[:, driven] * built.counts_per_rev[driven] / (2 * np.pi) + phase
+    pivot = (angle[:, w:] + built.pivot_zero)[:, sensed] * built.pivot_counts_per_rev[sensed] / (2 * np.pi)
+    return wheel, pivot
+
+
+def angles_of(robot: RobotDescription, log: Log) -> Array:
+    """Return the angles (K, w + n), rad, that counts tell of a robot: wheels from 0, castors unwrapped.
+
+    Idle wheels stand still; castors without encoder stand at their angle.
+    """
+    built, w = Geometry.of(robot.as_built()), len(robot.wheels)
+    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+    angle = np.zeros((len(log), w + built.n_castors))
+    angle[:, w:] = built.angle
+    angle[:, driven] = (log.wheel - log.wheel[0]) * 2 * np.pi / built.counts_per_rev[driven]
+    turn = built.pivot_counts_per_rev[sensed]
+    theta = np.unwrap(log.pivot * 2 * np.pi / turn, axis=0) - built.pivot_zero[sensed]
+    angle[:, [w + i for i in sensed]] = theta - 2 * np.pi * np.round(theta[:1] / (2 * np.pi))
+    return angle
+
+
+def as_recorded(robot: RobotDescription, exact: Log, seed: int, noise: Noise, rounded: bool = True) -> Log:
+    """Return an exact log (every pose, counts not rounded) as it would be recorded: rounded, with few, noisy poses."""
+    assert exact.reference is not None
+    poses = noise.sparse(exact.reference, np.random.default_rng([seed, 4]))
+    log = dataclasses.replace(exact, reference=poses)
+    if not rounded:
+        return log
+    turn = Geometry.of(robot.as_built()).pivot_counts_per_rev[list(robot.pivot_encoders)]
+    return dataclasses.replace(log, wheel=np.round(log.wheel), pivot=np.mod(np.round(log.pivot), turn))

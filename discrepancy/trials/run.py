@@ -1,0 +1,348 @@
+"""Runs a trial: makes cases in processes of their own, then hands the finder files and nothing else.
+
+    trial.json                      what was asked for: cases, seed, generator, robot, duration
+    cases/case-0001/                log.csv, holdout.csv and robot.json (nominal): all that the finder gets
+    clean/1.csv ...                 logs of the robot without any effect, which it gets for a foreign generator
+    labels/case-0001.json, .npz     what was hidden and how strong it is; the true and the nominal held-out log, exact
+    outcomes/case-0001.json         what the finder said
+    left/case-0001.json             what a re-simulation of the robot found leaves of the held-out signal
+
+Whatever is there already is kept, so a trial that was stopped goes on.
+"""
+
+import dataclasses
+import json
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.errors import InputError
+from castor_envs.files import write_atomically
+from castor_envs.logs import Log, read_log, write_log
+from castor_envs.presets import preset
+from castor_envs.robot import RobotDescription
+from discrepancy.diagnosis import Diagnosis
+from discrepancy.examination import Examination, examine
+from discrepancy.trials.cases import Case, Hidden, draw, motion
+from discrepancy.trials.generators import Generator, generator
+from discrepancy.trials.noise import EXACT, Noise
+from discrepancy.trials.reading import as_recorded
+from discrepancy.trials.settling import Strength, Track, settled
+from discrepancy.trials.strength import WIRING, Yardstick, class_of
+
+Array = NDArray[np.float64]
+
+FORMAT = "castor-trial-case/1"
+ROBOT, DURATION = "asoc-prototype", 60.0
+CLEAN = 3
+"""Logs without any effect."""
+
+ATTEMPTS = 60
+"""Draws of a case, until one can be had in the strength wanted."""
+
+OUTSIDE_BELOW = 0.9
+"""The largest cosine with a class of the catalogue of what counts as outside of it."""
+
+SLACK = 1.1
+"""Part by which z may be beyond the bounds of its stratum."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a trial is asked for."""
+
+    cases: int
+    seed: int
+    generator: str
+    robot: str = ROBOT
+    duration: float = DURATION
+
+
+@dataclasses.dataclass(frozen=True)
+class Said:
+    """What the finder said, in classes (`strength.class_of`).
+
+    verdict: of the whole. named: those it is sure of. possible: those and all that it could not tell apart from others.
+    unnamed_rival: whether among these is one without a name.
+    """
+
+    verdict: str
+    named: tuple[str, ...] = ()
+    possible: tuple[str, ...] = ()
+    unnamed_rival: bool = False
+
+
+def make(
+    cases: int,
+    seed: int,
+    generator: str,
+    folder: str | os.PathLike[str],
+    *,
+    robot: str = ROBOT,
+    duration: float = DURATION,
+    jobs: int | None = None,
+) -> None:
+    """Make the cases of a trial that are not there yet, `jobs` at a time, each in another process.
+
+    robot: a preset's name. Raises InputError for a folder that holds another trial.
+    """
+    folder, plan = Path(folder), Plan(cases, seed, generator, robot, duration)
+    preset(robot)
+    _generator_of(plan)
+    _keep_plan(folder, plan)
+    for part in ("cases", "clean", "labels", "outcomes", "left"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    clean = [k for k in range(1, CLEAN + 1) if not (folder / "clean" / f"{k}.csv").exists()]
+    missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"case-{k:04}.json").exists()]
+    _each(
+        [*((_make_clean, (plan, k, folder)) for k in clean), *((_make_case, (plan, k, folder)) for k in missing)], jobs
+    )
+
+
+def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Let the finder say what is in every case that it has not seen yet."""
+    folder = Path(folder)
+    plan = plan_of(folder)
+    clean = sorted((folder / "clean").glob("*.csv")) if _generator_of(plan).foreign else []
+    every = [folder / "cases" / f"case-{k:04}" for k in range(1, plan.cases + 1)]
+    missing = [case for case in every if case.exists() and not (folder / "outcomes" / f"{case.name}.json").exists()]
+    _each([(_judge_case, (case, clean, folder / "outcomes" / f"{case.name}.json")) for case in missing], jobs)
+
+
+def resimulate(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Drive the held-out motion of every case with the robot that was found, and measure what is left of the signal."""
+    folder = Path(folder)
+    plan = plan_of(folder)
+    done = [path.stem for path in sorted((folder / "outcomes").glob("case-*.json"))]
+    missing = [name for name in done if not (folder / "left" / f"{name}.json").exists()]
+    _each([(_resimulate_case, (plan, name, folder)) for name in missing], jobs)
+
+
+def said_by(examined: Examination) -> Said:
+    """Return what an examination says."""
+    named, possible, unnamed = [], [], False
+    for mistake in examined.mistakes:
+        (possible if mistake.rivals else named).extend(map(class_of, mistake.effects))
+    for one in examined.diagnosis.findings:
+        kinds = [kind for rank in one.chosen for kind in rank.candidate.kinds]
+        if one.verdict == "named" and one.effect is not None:
+            named.append(class_of(one.effect))
+        if one.verdict == "ambiguous":
+            possible += [class_of(kind) for kind in kinds]
+            unnamed |= any(not rank.candidate.kinds for rank in one.chosen)
+        unnamed |= one.verdict == "unexplained"
+    verdict = examined.data["verdict"]
+    return Said(verdict, tuple(named), tuple(dict.fromkeys([*named, *possible])), unnamed or verdict == "unexplained")
+
+
+def intervals(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return the effects named, with their classes and the standard errors of their sizes."""
+    return [
+        {"class": class_of(one.effect), "effect": dataclasses.asdict(one.effect), "error": one.error}
+        for one in found.findings
+        if one.verdict == "named" and one.effect is not None
+    ]
+
+
+def plan_of(folder: str | os.PathLike[str]) -> Plan:
+    """Return what a trial in a folder was asked for."""
+    path = Path(folder) / "trial.json"
+    if not path.exists():
+        raise InputError(f"{path}: no trial there; make one first")
+    return Plan(**_read(path))
+
+
+def _keep_plan(folder: Path, plan: Plan) -> None:
+    path, asked = folder / "trial.json", dataclasses.asdict(plan)
+    if path.exists():
+        there = _read(path)
+        if {**there, "cases": 0} != {**asked, "cases": 0}:
+            raise InputError(f"{folder}: holds another trial, {there}; give another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(path, asked)
+
+
+def _generator_of(plan: Plan) -> Generator:
+    return generator(plan.generator)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let linear algebra of processes begun meanwhile use one thread each."""
+    before = os.environ.get("OMP_NUM_THREADS")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["OMP_NUM_THREADS"]
+        else:
+            os.environ["OMP_NUM_THREADS"] = before
+
+
+def _each(tasks: Sequence[tuple[Callable[..., None], tuple[Any, ...]]], jobs: int | None) -> None:
+    """Do all tasks (what, with what), each in one of some new processes."""
+    if not tasks:
+        return
+    jobs = min(jobs or os.cpu_count() or 1, len(tasks))
+    with _one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        for done in [pool.submit(work, *given) for work, given in tasks]:
+            done.result()
+
+
+def _make_clean(plan: Plan, number: int, folder: Path) -> None:
+    robot, seed = preset(plan.robot), 10**12 + 1000 * plan.seed + number  # beyond those of cases
+    course = motion("wander", seed, plan.duration)
+    log = _generator_of(plan).drive(robot, course, seed, duration=plan.duration)
+    write_log(folder / "clean" / f"{number}.csv", log, robot)
+
+
+def _make_case(plan: Plan, number: int, folder: Path) -> None:
+    started, robot, source = time.process_time(), preset(plan.robot), _generator_of(plan)
+    for attempt in range(ATTEMPTS):
+        drawn = draw(number, attempt, plan.seed, robot, source.outsiders)
+        tracks = [Track(robot, drawn, which, source, plan.duration) for which in (0, 1)]
+        if (case := settled(drawn, tracks[0])) is None:
+            continue
+        try:
+            first = tracks[0].strength(case.hidden, rivals=True) if case.hidden else None
+            if not _accepted(case, first):
+                continue
+            strengths = [first, tracks[1].strength(case.hidden, rivals=False) if case.hidden else None]
+            logs = [track.drive(*case.effects, outside=case.outside) for track in tracks]
+        except InputError:
+            continue
+        _write_case(plan, case, tracks, logs, strengths, folder, attempt, started)
+        return
+    raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
+
+
+def _accepted(case: Case, strength: Strength | None) -> bool:
+    """Whether a case is as strong as its stratum asks, and, where it should be, outside the catalogue."""
+    if strength is None:
+        return True
+    if any(effect.name in WIRING for effect in case.effects):
+        return True
+    low, high = case.bounds[0] / SLACK, case.bounds[1] * SLACK
+    if case.stratum == "two":
+        low = 0.0  # what the other effect hides may be much
+    if not all(low <= z <= high and z > 0 for z in strength.z):
+        return False
+    return case.stratum != "outside" or (strength.cosine is not None and strength.cosine < OUTSIDE_BELOW)
+
+
+def _write_case(
+    plan: Plan,
+    case: Case,
+    tracks: list[Track],
+    logs: list[Log],
+    strengths: list[Strength | None],
+    folder: Path,
+    attempt: int,
+    started: float,
+) -> None:
+    robot, name = preset(plan.robot), f"case-{case.number:04}"
+    real, own = robot.with_effects(*case.effects), folder / "cases" / name
+    own.mkdir(exist_ok=True)
+    for file, log, seed in zip(("log.csv", "holdout.csv"), logs, case.seeds, strict=True):
+        write_log(own / file, as_recorded(real, log, seed, Noise()), robot)
+    robot.save(own / "robot.json")
+    exact = {"true": logs[1], "nominal": tracks[1].nominal}
+    arrays = {
+        f"{kind}_{part}": getattr(log, part) for kind, log in exact.items() for part in ("wheel", "pivot", "reference")
+    }
+    np.savez_compressed(folder / "labels" / f"{name}.npz", t=logs[1].t, **arrays)
+    label = {
+        "format": FORMAT,
+        "case": case.number,
+        "stratum": case.stratum,
+        "course": case.course,
+        "seeds": case.seeds,
+        "hidden": [_hidden(one) for one in case.hidden],
+        "targets": case.targets,
+        "log": None if strengths[0] is None else dataclasses.asdict(strengths[0]),
+        "holdout": None if strengths[1] is None else dataclasses.asdict(strengths[1]),
+        "attempts": attempt + 1,
+        "seconds": time.process_time() - started,
+    }
+    _write(folder / "labels" / f"{name}.json", label)
+
+
+def _hidden(one: Hidden) -> dict[str, Any]:
+    kind = "catalogue" if one.effect is not None else "outside"
+    return {"class": one.label, "from": kind, "what": dataclasses.asdict(one.what)}
+
+
+def _judge_case(case: Path, clean: list[Path], outcome: Path) -> None:
+    """Write what the finder says of one case; it sees the case's files and the clean logs."""
+    started = time.perf_counter()
+    robot = RobotDescription.load(case / "robot.json")
+    result: dict[str, Any] = {"format": FORMAT, "case": int(case.name[-4:])}
+    try:
+        logs, held_out, good = (
+            {str(path): read_log(path, robot) for path in paths}
+            for paths in ([case / "log.csv"], [case / "holdout.csv"], clean)
+        )
+        examined = examine(robot, logs, held_out, good, replayed=False)
+        result |= dataclasses.asdict(said_by(examined))
+        result |= {"reason": examined.data["reason"], "found": intervals(examined.diagnosis)}
+        result["robot"] = None if examined.found is None else examined.found.to_dict()
+    except InputError as error:
+        result |= dataclasses.asdict(Said("refused")) | {"reason": str(error), "found": [], "robot": None}
+    except Exception:  # a finder that breaks fails its own case, no other
+        result |= dataclasses.asdict(Said("broken")) | {"reason": traceback.format_exc(), "found": [], "robot": None}
+    result["seconds"] = time.perf_counter() - started
+    _write(outcome, result)
+
+
+def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:
+    label, outcome = _read(folder / "labels" / f"{name}.json"), _read(folder / "outcomes" / f"{name}.json")
+    result: dict[str, Any] = {"format": FORMAT, "case": label["case"], "left": None, "signal": None}
+    if label["holdout"] is not None:
+        robot, seed = preset(plan.robot), label["seeds"][1]
+        with np.load(folder / "labels" / f"{name}.npz") as kept:
+            true, nominal = (
+                Log(
+                    kept["t"],
+                    *(kept[f"{kind}_{part}"] for part in ("wheel", "pivot")),
+                    reference=kept[f"{kind}_reference"],
+                )
+                for kind in ("true", "nominal")
+            )
+        yard, floor = Yardstick(robot, nominal), label["holdout"]["floor"]
+        signal = _above(yard.signal(true), floor)
+        left = signal
+        if outcome["robot"] is not None:
+            found = RobotDescription.from_dict(outcome["robot"])
+            course = motion(label["course"], seed, plan.duration)
+            try:
+                again = _generator_of(plan).drive(
+                    found, course, seed, duration=plan.duration, rounded=False, noise=EXACT
+                )
+                left = _above(yard.signal(true, again), floor)
+            except InputError as error:
+                result["reason"] = str(error)
+        result |= {"signal": signal, "left": left / signal if signal > 0 else None}
+    _write(folder / "left" / f"{name}.json", result)
+
+
+def _above(signal: Array, floor: float) -> float:
+    """Return the norm of a signal less the floor, in quadrature."""
+    return float(np.sqrt(max(float(signal @ signal) - floor**2, 0.0)))
+
+
+def _write(path: Path, data: dict[str, Any]) -> None:
+    write_atomically(path, json.dumps(data, indent=1) + "\n")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8"))

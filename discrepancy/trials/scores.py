@@ -1,0 +1,334 @@
+"""How good a finder is, from what it said of cases (`run`) and what was hidden in them.
+
+Everything is a count of cases with a 95 % Wilson interval. Classes count, not names: what no log can tell apart is one.
+Effects with z below `STRONG` in the held-out log do not count, as no log could bear out what was found of them. The
+finder is sure of what it `named`; a name is wrong where the truth is not even among what it calls possible.
+"""
+
+import dataclasses
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from castor_envs.errors import InputError
+from discrepancy.trials.run import Plan, plan_of
+from discrepancy.trials.strength import JITTER, WIRING
+
+FORMAT = "castor-trial/2"
+
+STRONG, SEPARATE, STRONG_OF_TWO, LOUD, JITTERY = 8.0, 5.0, 10.0, 20.0, 10.0
+"""z of one effect, z_sep, the weaker z of two, z to be flagged at outside of the catalogue, and z of jitter."""
+
+NORMAL = 1.959964
+"""Standard deviations to either side of a 95 % interval."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A case after the labels are open: what was hidden in it, what was said of it, and what is left."""
+
+    label: dict[str, Any]
+    outcome: dict[str, Any]
+    left: dict[str, Any]
+
+    @property
+    def stratum(self) -> str:
+        """Of the case."""
+        return self.label["stratum"]
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """The classes of what was hidden."""
+        return tuple(one["class"] for one in self.label["hidden"])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the effects hidden, whose classes know castors and wheels besides."""
+        return tuple(one["what"].get("name", one["class"]) for one in self.label["hidden"])
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The classes that the finder is sure of."""
+        return tuple(self.outcome["named"])
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """The classes that the finder says it may be."""
+        return tuple(self.outcome["possible"])
+
+    @property
+    def flagged(self) -> bool:
+        """Whether the finder says that nothing it knows may be it."""
+        return self.outcome["verdict"] == "unexplained" or bool(self.outcome["unnamed_rival"])
+
+    @property
+    def z(self) -> float:
+        """The least z of what was hidden in the log; infinite where there is nothing."""
+        return min(self.label["log"]["z"], default=math.inf) if self.label["log"] else math.inf
+
+    @property
+    def z_held_out(self) -> float:
+        """The least z in the held-out log."""
+        return min(self.label["holdout"]["z"], default=math.inf) if self.label["holdout"] else math.inf
+
+    @property
+    def z_sep(self) -> float:
+        """The least z_sep in the log."""
+        return min(self.label["log"]["z_sep"], default=math.inf) if self.label["log"] else math.inf
+
+    @property
+    def wiring(self) -> bool:
+        """Whether encoders were swapped or reversed."""
+        return any(name in WIRING for name in self.names)
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Of `total` cases, `count` are so. low, high: the 95 % Wilson interval.
+
+    least, most: what is to be reached with the own and with the foreign simulator; None where it is only reported.
+    """
+
+    what: str
+    count: int
+    total: int
+    low: float
+    high: float
+    least: tuple[float, float] | None = None
+    most: tuple[float, float] | None = None
+
+    @property
+    def share(self) -> float:
+        """count / total; NaN of no cases."""
+        return self.count / self.total if self.total else math.nan
+
+    def reached(self, foreign: bool) -> bool | None:
+        """Whether the share is what it has to be; None where nothing is asked or nothing is known."""
+        if not self.total:
+            return None
+        if self.least is not None:
+            return self.share >= self.least[foreign]
+        return self.share <= self.most[foreign] if self.most is not None else None
+
+
+def wilson(count: int, total: int) -> tuple[float, float]:
+    """Return the 95 % Wilson interval of a share; (0, 1) of no cases."""
+    if not total:
+        return 0.0, 1.0
+    interval = binomtest(count, total).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
+    """Return all cases of a trial of which the finder has spoken; raises InputError if there are none."""
+    folder = Path(folder)
+    found = []
+    for path in sorted((folder / "outcomes").glob("case-*.json")):
+        left = folder / "left" / path.name
+        label, outcome = (json.loads(own.read_text(encoding="utf-8")) for own in (folder / "labels" / path.name, path))
+        after = json.loads(left.read_text(encoding="utf-8")) if left.exists() else {"left": None}
+        found.append(Trial(label, outcome, after))
+    if not found:
+        raise InputError(f"{folder}: nothing was found yet; judge the cases first")
+    return found
+
+
+def rates(trials: Sequence[Trial]) -> list[Rate]:
+    """Return all rates that are asked for, and some more."""
+
+    def among(*strata: str, strong: float = 0.0, separate: float = 0.0) -> list[Trial]:
+        """Cases of some strata, wiring left out, with z of at least `strong` in both logs."""
+        held_out = min(strong, STRONG)
+        return [
+            one
+            for one in trials
+            if one.stratum in strata
+            and not one.wiring
+            and one.z >= strong
+            and one.z_held_out >= held_out
+            and one.z_sep >= separate
+        ]
+
+    def rate(what: str, some: Sequence[Trial], so: Callable[[Trial], bool], **asked: tuple[float, float]) -> Rate:
+        count = sum(map(so, some))
+        return Rate(what, count, len(some), *wilson(count, len(some)), **asked)
+
+    one, poor = among("one", "large", strong=STRONG), among("poor", strong=STRONG)
+    jitter = [own for own in among("one", "large", strong=JITTERY) if JITTER in own.names]
+    wired = [own for own in trials if own.wiring]
+    return [
+        rate(
+            f"one effect, z >= {STRONG:g}, z_sep >= {SEPARATE:g}: named exactly",
+            among("one", "large", strong=STRONG, separate=SEPARATE),
+            _exact,
+            least=(0.97, 0.85),
+        ),
+        rate(f"one effect, z >= {STRONG:g}: the truth among the names", one, _in_the_set, least=(0.99, 0.92)),
+        rate(f"one effect, z >= {STRONG:g}: a wrong name, the truth not among them", one, _wrong, most=(0.01, 0.02)),
+        rate("clean: a name that nothing bears", among("clean"), lambda own: bool(own.possible), most=(0.01, 0.05)),
+        rate(
+            f"two effects, the weaker z >= {STRONG_OF_TWO:g}: both named exactly",
+            among("two", strong=STRONG_OF_TWO),
+            _exact,
+            least=(0.88, 0.0),
+        ),
+        rate("outside the catalogue: a name said to be sure", among("outside"), _sure, most=(0.03, 0.05)),
+        rate(
+            f"outside the catalogue, z >= {LOUD:g}: flagged",
+            [own for own in among("outside") if own.z >= LOUD],
+            lambda own: own.flagged,
+            least=(0.90, 0.80),
+        ),
+        rate(f"jitter, z >= {JITTERY:g}: found", jitter, _exact, least=(0.80, 0.80)),
+        rate(f"poor motion, z >= {STRONG:g}: named exactly", poor, _exact),
+        rate(f"poor motion, z >= {STRONG:g}: a wrong name, the truth not among them", poor, _wrong),
+        rate("wiring gone wrong: found, or refused with a reason", wired, _wired),
+        rate("the finder broke down", list(trials), lambda own: own.outcome["verdict"] == "broken", most=(0.0, 0.0)),
+    ]
+
+
+def signal_left(trials: Sequence[Trial]) -> tuple[float, int]:
+    """Return the median part of the held-out signal of one effect that the robot found leaves, and of how many cases.
+
+    Where nothing was named, all of it is left. Jitter has no signal.
+    """
+    left = [
+        one.left["left"]
+        for one in trials
+        if one.stratum in ("one", "large")
+        and not one.wiring
+        and min(one.z, one.z_held_out) >= STRONG
+        and one.left["left"] is not None
+        and JITTER not in one.names
+    ]
+    return (float(np.median(left)), len(left)) if left else (math.nan, 0)
+
+
+def coverage(trials: Sequence[Trial]) -> dict[str, Rate]:
+    """Return for each effect how often its true size lies in the 95 % interval of the one named at its place."""
+    inside: dict[str, list[bool]] = {}
+    for one in trials:
+        for hidden in one.label["hidden"]:
+            for found in one.outcome["found"]:
+                if hidden["from"] != "catalogue" or found["error"] is None or found["class"] != hidden["class"]:
+                    continue
+                true = size_as(hidden["what"], found["effect"])
+                covered = abs(found["effect"]["value"] - true) <= NORMAL * found["error"]
+                inside.setdefault(hidden["what"]["name"], []).append(covered)
+    return {name: Rate(name, sum(own), len(own), *wilson(sum(own), len(own))) for name, own in sorted(inside.items())}
+
+
+def size_as(true: dict[str, Any], found: dict[str, Any]) -> float:
+    """Return the size that an effect would have, were it the effect found, of the same class.
+
+    A radius larger by a is as counts a turn fewer by a / (1 + a). Of a wave, the part in the phase found counts.
+    """
+    size = true["value"]
+    if {true["name"], found["name"]} == {"wheel_radius", "counts_per_rev"}:
+        size = -size / (1.0 + size)
+    if "phase" in true and "phase" in found:
+        size *= math.cos(true["phase"] - found["phase"])
+    return size
+
+
+def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
+    """Return what was hidden against what was said, by names without places, as counts of cases.
+
+    Columns: names, several as "a + b", "another place" for the right ones elsewhere; the verdict where none is named.
+    """
+    table: dict[str, Counter[str]] = {}
+    for one in trials:
+        truth = " + ".join(sorted(_name(own) for own in one.truth)) or "clean"
+        said = " + ".join(sorted(_name(own) for own in one.named)) or one.outcome["verdict"]
+        if said == truth and sorted(one.named) != sorted(one.truth):
+            said += ", another place"
+        table.setdefault(truth, Counter())[said] += 1
+    return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
+
+
+def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return all scores of a trial as plain data."""
+    plan, trials = plan_of(folder), trials_of(folder)
+    foreign = plan.generator != "pymunk"
+    left, of = signal_left(trials)
+    return {
+        "format": FORMAT,
+        "plan": dataclasses.asdict(plan),
+        "judged": len(trials),
+        "rates": [_plain(one) | {"reached": one.reached(foreign)} for one in rates(trials)],
+        "held_out_signal_left": {"median": None if math.isnan(left) else left, "cases": of, "most": 0.2},
+        "coverage": [_plain(one) for one in coverage(trials).values()],
+        "confusion": confusion(trials),
+        "seconds": {
+            "make": float(np.mean([one.label["seconds"] for one in trials])),
+            "judge": float(np.mean([one.outcome["seconds"] for one in trials])),
+        },
+    }
+
+
+def lines(scores: dict[str, Any]) -> list[str]:
+    """Return the scores of `report` as text."""
+    plan, foreign = Plan(**scores["plan"]), scores["plan"]["generator"] != "pymunk"
+    text = [f"{scores['judged']} of {plan.cases} cases, generator {plan.generator}, seed {plan.seed}, {plan.robot}", ""]
+    for one in scores["rates"]:
+        asked = one["least"] or one["most"]
+        bound = "" if asked is None else f"   asked: {'>=' if one['least'] else '<='} {100 * asked[foreign]:g} %"
+        text.append(f"{_counted(one)}  {one['what']}{bound}{_mark(one['reached'])}")
+    left = scores["held_out_signal_left"]
+    if left["median"] is not None:
+        mark = _mark(left["median"] <= left["most"])
+        what = f"median part of the held-out signal left, {left['cases']} cases   asked: <= 0.2"
+        text.append(f"{left['median']:.2f}  {what}{mark}")
+    text += ["", "True size within the 95 % interval:"]
+    text += [f"{_counted(one)}  {one['what']}" for one in scores["coverage"]]
+    text += ["", "Hidden -> said:"]
+    for truth, row in scores["confusion"].items():
+        text.append(f"{truth}: " + ", ".join(f"{said} {count}" for said, count in row.items()))
+    each = scores["seconds"]
+    text += ["", f"A case takes {each['make']:.1f} s to make and {each['judge']:.1f} s to judge."]
+    return text
+
+
+def _exact(one: Trial) -> bool:
+    return sorted(one.named) == sorted(one.truth) and not one.flagged
+
+
+def _in_the_set(one: Trial) -> bool:
+    return set(one.truth) <= set(one.possible)
+
+
+def _wrong(one: Trial) -> bool:
+    return bool(one.possible) and not set(one.truth) & set(one.possible)
+
+
+def _sure(one: Trial) -> bool:
+    return bool(one.named)
+
+
+def _wired(one: Trial) -> bool:
+    return _exact(one) or one.outcome["verdict"] == "refused"
+
+
+def _name(own: str) -> str:
+    return own.split()[0]
+
+
+def _plain(one: Rate) -> dict[str, Any]:
+    return dataclasses.asdict(one) | {"share": None if not one.total else one.share}
+
+
+def _counted(one: dict[str, Any]) -> str:
+    share = "   -  " if one["share"] is None else f"{100 * one['share']:5.1f} %"
+    return f"{share} ({one['count']:3d}/{one['total']:3d}, {100 * one['low']:.1f} to {100 * one['high']:.1f})"
+
+
+def _mark(reached: bool | None) -> str:
+    return "" if reached is None else ", reached" if reached else ", NOT reached"
