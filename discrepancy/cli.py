@@ -16,10 +16,13 @@ from castor_envs.errors import InputError
 from castor_envs.logs import read_log
 from castor_envs.robot import RobotDescription
 from castor_envs.train import TrainDescription
-from castor_envs.vehicles import load_vehicle
+from castor_envs.vehicles import Vehicle, load_vehicle
 from discrepancy.examination import examine
+from discrepancy.html_report import html_of
 from discrepancy.inspection import inspect_logs
 from discrepancy.report import as_lines, write_diagnosis
+from discrepancy.trains import report as train_report
+from discrepancy.trains.diagnosis import diagnose_train
 from discrepancy.trials import run, scores
 from discrepancy.trials.run import ROBOT
 
@@ -59,7 +62,7 @@ app = typer.Typer(
 )
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
-NO_TRAINS = "is a train; castor-diagnose serves single robots"
+NO_TRAINS = "is a train; castor-diagnose inspect serves single robots"
 
 
 @app.callback()
@@ -127,17 +130,29 @@ def find(
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
-    description = _robot(robot) if robot is not None else _robot_beside(paths)
+    description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
+    if isinstance(description, TrainDescription):
+        found = diagnose_train(description, *([read[path] for path in some] for some in (paths, kept_back, good)))
+        names = [str(path) for path in paths]
+        data = train_report.as_data(found, names)
+        if out is not None:
+            write_diagnosis(out, data, found.found, html_of(data))
+        _tell(data, train_report.as_lines(found, names), out, as_json)
+        return
     examined = examine(description, *({str(path): read[path] for path in some} for some in (paths, kept_back, good)))
     data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
+    _tell(data, as_lines(data), out, as_json)
+
+
+def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: bool) -> None:
     if as_json:
         print(json.dumps(data, indent=2, allow_nan=False))
         return
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    for line in as_lines(data):
+    for line in lines:
         console.print(line)
     if out is not None:
         console.print(f"written: {out}")
@@ -196,22 +211,28 @@ def _logs_of(given: list[Path]) -> list[Path]:
 
 def _robot_beside(logs: list[Path]) -> RobotDescription:
     """Return the robot that the file beside the logs describes."""
-    robots: dict[Path, RobotDescription] = {}
+    vehicle = _vehicle_beside(logs)
+    if isinstance(vehicle, TrainDescription):
+        raise InputError(f"{logs[0].parent / TRAIN_FILE}: {NO_TRAINS}")
+    return vehicle
+
+
+def _vehicle_beside(logs: list[Path]) -> Vehicle:
+    """Return the robot, or train, that the file beside the logs describes."""
+    vehicles: dict[Path, Vehicle] = {}
     for log in logs:
-        file = log.parent / ROBOT_FILE
         if not log.exists():
             raise InputError(f"{log}: cannot be read (No such file or directory)")
-        if not file.exists() and (train := log.parent / TRAIN_FILE).exists():
-            raise InputError(f"{train}: {NO_TRAINS}")
-        if not file.exists():
+        file = next((own for name in (ROBOT_FILE, TRAIN_FILE) if (own := log.parent / name).exists()), None)
+        if file is None:
             raise InputError(f"{log}: has no {ROBOT_FILE} beside it; name the robot with --robot")
-        if file not in robots:
-            robots[file] = RobotDescription.load(file)
-    first, *others = robots
+        if file not in vehicles:
+            vehicles[file] = load_vehicle(str(file))
+    first, *others = vehicles
     for other in others:
-        if robots[other].hash() != robots[first].hash():
+        if vehicles[other].hash() != vehicles[first].hash():
             raise InputError(f"{first} and {other}: are different robots; inspect their logs one robot at a time")
-    return robots[first]
+    return vehicles[first]
 
 
 def _show(console: Console, entry: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
+from castor_envs.vehicles import Vehicle, file_name
 from discrepancy.candidates import described
 from discrepancy.cost import WAY, cost_of
 from discrepancy.diagnosis import Diagnosis, Finding, Left, Rank
@@ -91,17 +92,16 @@ def as_lines(data: Data) -> list[str]:
     return lines
 
 
-def write_diagnosis(out: Path, data: Data, robot: RobotDescription | None, page: str | None = None) -> None:
-    """Write diagnosis.json, robot.json with what is named, and report.html to a new folder, all or nothing."""
+def write_diagnosis(out: Path, data: Data, found: Vehicle | None, page: str) -> None:
+    """Write diagnosis.json, report.html and, with what is named, robot.json or train.json to a new folder; or nothing."""
     partial = out.with_name(f".{out.name}.{fingerprint(data)}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)
         os.makedirs(partial)
         write_atomically(partial / "diagnosis.json", json.dumps(data, indent=2, allow_nan=False) + "\n")
-        if robot is not None:
-            robot.save(partial / "robot.json")
-        if page is not None:
-            write_atomically(partial / "report.html", page)
+        write_atomically(partial / "report.html", page)
+        if found is not None:
+            found.save(partial / file_name(found))
         partial.rename(out)
     except OSError as error:
         shutil.rmtree(partial, ignore_errors=True)

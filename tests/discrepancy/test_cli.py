@@ -212,4 +212,4 @@ def test_trains_are_refused_by_name(tmp_path, capsys):
         with pytest.raises(SystemExit) as ended:
             command_line.run(cli.app, ["inspect", *arguments])
         assert ended.value.code == 2
-        assert "is a train; castor-diagnose serves single robots" in capsys.readouterr().err
+        assert "is a train; castor-diagnose inspect serves single robots" in capsys.readouterr().err
