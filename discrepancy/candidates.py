@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.effects import Effect, Motion, Slip, catalogue, readings
+from castor_envs.effects.motion import contact_paths
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
@@ -160,9 +161,12 @@ class Channels:
 
 
 def signatures_of(
-    robot: RobotDescription, log: Log, state: Array, among: Sequence[Candidate] | None = None
+    robot: RobotDescription, log: Log, state: Array, wanted: Array, among: Sequence[Candidate] | None = None
 ) -> Signatures:
-    """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d)."""
+    """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
+
+    wanted: as `LogLikelihood.wanted`: it says where a channel jumps, if it does.
+    """
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
@@ -179,7 +183,7 @@ def signatures_of(
         return total / len(dithers)
 
     built: list[tuple[Candidate, Geometry, float]] = []
-    read: list[tuple[Candidate, Array, Slip]] = []
+    read: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
     motion = channels.motion(log, state, agreeing=True)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in candidates_of(robot) if among is None else among:
@@ -195,17 +199,18 @@ def signatures_of(
             dithers = DITHERS if kind.name in DITHERED else np.zeros(1)
             more = np.stack([added(one, dithers) for one in changed], axis=-1) / kind.value
             if np.any(more):
-                read.append((candidate, more, still))
+                read.append((candidate, more, (still,) * candidate.columns))
             elif (slip := _slip_of(kind, robot, motion)) is not None:
-                read.append((candidate, none, slip))
+                read.append((candidate, none, (slip,)))
     if among is None:
-        read += [(one, more, still) for one, more in _rivals(channels, log, counts)]
+        read += [(one, more, (still,) * one.columns) for one, more in _misread(channels, log, counts, wanted)]
+        read += [(one, np.repeat(none, one.columns, axis=-1), slips) for one, slips in _slipping(robot, motion)]
     return Signatures(
         (*(one for one, _, _ in built), *(one for one, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
         np.concatenate([none[..., :0], *(more for _, more, _ in read)], axis=-1),
-        tuple(slip for one, _, slip in read for _ in range(one.columns)),
+        tuple(slip for _, _, slips in read for slip in slips),
     )
 
 
@@ -247,7 +252,46 @@ def _place_but_phase(effect: Effect) -> dict[str, object]:
     return {key: value for key, value in place_of(effect).items() if key != "phase"}
 
 
-def _rivals(channels: Channels, log: Log, counts: Array) -> Iterator[tuple[Candidate, Array]]:
+def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candidate, tuple[Slip, ...]]]:
+    """Yield rivals without a name: one wheel or castor that slips as it turns, or more and more."""
+    paths, later, none = contact_paths(robot.as_built(), motion), motion.middle - motion.middle[0], Slip.none(motion)
+    wheel_angle = (motion.wheel_angle[1:] + motion.wheel_angle[:-1]) / 2
+    swept = motion.body[:, 2:] + motion.turned
+
+    def alone(what: str, place: str, k: int, *values: Array) -> tuple[Candidate, tuple[Slip, ...]]:
+        slips = []
+        for value in values:
+            rolling, side = none.rolling.copy(), none.side.copy()
+            (side if place.startswith("castor") else rolling)[:, k] = value
+            slips.append(Slip(rolling, side))
+        return Candidate(f"{place} {what}", columns=len(values)), tuple(slips)
+
+    for k in robot.driven_wheels:
+        i = robot.wheel_castors[k]
+        place, rolled, turn, theta = (
+            f"wheel_{robot.wheel_names[k]}",
+            paths[:, k],
+            wheel_angle[:, k],
+            motion.half_way[:, i],
+        )
+        what = "slips where its castor turns, once a turn"
+        yield alone(what, place, k, swept[:, i] * np.sin(turn), swept[:, i] * np.cos(turn))
+        for times in (1, 2):
+            what = f"slips by its castor's angle, {times} times a turn"
+            yield alone(what, place, k, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
+        yield alone("slips more and more", place, k, rolled * later)
+    for i in range(len(robot.castors)):
+        own = [k for k in robot.driven_wheels if robot.wheel_castors[k] == i]
+        if not own:
+            continue
+        place, rolled, theta = f"castor_{i + 1}", paths[:, own].mean(axis=1), motion.half_way[:, i]
+        yield alone("slips to its side with speed", place, i, np.abs(rolled) * rolled / motion.period)
+        for times in (1, 2):
+            what = f"slips to its side by its angle, {times} times a turn"
+            yield alone(what, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
+
+
+def _misread(channels: Channels, log: Log, counts: Array, wanted: Array) -> Iterator[tuple[Candidate, Array]]:
     """Yield rivals without a name: of one channel at a time, what comes and goes, jumps, repeats, or grows."""
     edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
     speed = np.gradient(counts, log.t, axis=0)
@@ -263,8 +307,8 @@ def _rivals(channels: Channels, log: Log, counts: Array) -> Iterator[tuple[Candi
         for first, last in itertools.pairwise(edges):
             span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s"
             yield alone(f"reads in proportion too much {span}", own[np.clip(every, first, last - 1)])
-            if first:
-                yield alone(f"jumps at {log.t[first]:.0f} s", (every >= first) * 1.0)
+        jump = 1 + int(np.argmax(np.abs(np.cumsum(wanted[:0:-1, c])[::-1])))
+        yield alone(f"jumps at {log.t[jump]:.1f} s", np.where(every >= jump, 1.0, 0.0))
         for times in (2, 3):
             yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))

@@ -20,15 +20,16 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from castor_envs.effects import Effect
+from castor_envs.effects import ClockSkew, Effect, SampleJitter, SlipStiffness, SlipStiffnessLateral
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate
+from discrepancy.candidates import Candidate, described
 from discrepancy.evidence import BURST, Evidence, evidence_of
 from discrepancy.inspection import BLIND
 from discrepancy.parity import parity_residual
+from discrepancy.timing import Amount, jitter_of, skew_of
 from estimators.calibration.log_likelihood import Noise
 from estimators.calibration.maximum_likelihood import State
 
@@ -37,6 +38,9 @@ WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed",
 
 LEAST_GAIN = 30.0
 """The deviance that a candidate must take away; what robots in good order leave stays below (docs/diagnose.md)."""
+
+LEAST_OF_CREEP = 60.0
+"""The same of stiffnesses of slip: creep is predicted within a third or so."""
 
 LEAST_SOBER = 20.0
 """The deviance that it must take away where all wheels may creep."""
@@ -51,8 +55,14 @@ the robot, and would be taken for many."""
 BACKGROUND = 5
 """At most so many effects are taken from clean logs as background."""
 
-MARGIN, PART = 6.0, 0.05
+MARGIN, PART = 6.0, 0.03
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
+
+SHAKEN = 3.0
+"""Times more that an effect must take away where encoders are read early and late at random."""
+
+LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 36.0
+"""s/s, and deviance, from which on clocks are said to run apart."""
 
 NEXT = 0.025
 """The part of what the first effect takes away that the next ones must."""
@@ -60,6 +70,9 @@ NEXT = 0.025
 BESIDE = 0.15
 """What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
 that are a little wrong, and creep, leave some."""
+
+LOUDER, RIGID = 2.5, 1.5e-5
+"""So many times more noise than in clean logs is a discrepancy; slip in these is at least so much, m after 1 m."""
 
 EXERCISED = 25.0
 """The deviance that an effect of its size would make on held-out logs for them to bear it out or not."""
@@ -162,6 +175,16 @@ class Diagnosis:
         """The robot with the effects that are named; None if there are none."""
         return self.robot.with_effects(*self.effects) if self.effects else None
 
+    @property
+    def nominal(self) -> RobotDescription:
+        """The robot, but for its effects on time."""
+        return _without(_without(self.robot, SampleJitter), ClockSkew)
+
+    @property
+    def explained(self) -> RobotDescription:
+        """The robot with the effects that are named, but for those on time, which the states' clocks hold."""
+        return _without(_without(self.found or self.robot, SampleJitter), ClockSkew)
+
 
 @dataclass(frozen=True)
 class _Found:
@@ -192,9 +215,11 @@ def diagnose(
         blind = [log for log in some if log.reference is None or not np.isfinite(log.reference).any()]
         if blind and parity_residual(robot, blind[0]).redundancy == 0:
             raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
-    background = _background(evidence_of(robot, clean)) if clean else []
-
+    asked, robot = robot, _without(robot, SampleJitter)
+    good = evidence_of(robot, clean) if clean else None
+    background = [] if good is None else _background(good)
     first = last = evidence_of(robot, logs).less(background)
+    timing = _of_time(asked, logs, first, held_out, good, clean)
 
     def look(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
         nonlocal last
@@ -205,7 +230,7 @@ def diagnose(
 
     ranks = _ranks(first)
     result = Diagnosis(
-        robot=robot,
+        robot=asked,
         verdict="no discrepancy",
         reason="no candidate takes away more than robots without any effect leave",
         findings=(),
@@ -219,13 +244,18 @@ def diagnose(
             f"at {burst.t:.1f} s of log {burst.log + 1}, near x {burst.x:.2f}, y {burst.y:.2f} m: look at the floor"
         )
         return dataclasses.replace(result, verdict="unexplained", reason=reason)
-    found, left = _one_after_another(robot, look, first)
+    shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
+    found, left = _one_after_another(robot, look, first, LEAST_GAIN * (SHAKEN if shaken else 1.0))
     findings = [_judged(look, found, k) for k in range(len(found))]
     if held_out and found:
         findings, gaps = _borne_out(robot, held_out, found, findings)
         result = dataclasses.replace(result, held_out=gaps)
-    if (rest := _pick(left)) is not None and (not found or rest.gain > BESIDE * findings[0].gain):
+    rest = None if shaken else _pick(left)
+    if rest is not None and (not found or rest.gain > BESIDE * max(one.gain for one in findings or timing)):
         findings.append(_nameless(left, rest))
+    if good is not None and not findings and (louder := _louder(first, good)) is not None:
+        findings.append(louder)
+    findings += timing
     if not findings:
         return result
     judged = [one for one in findings if one.effect is not None] or findings
@@ -239,13 +269,69 @@ def diagnose(
     )
 
 
-def _one_after_another(robot: RobotDescription, look: Look, first: Evidence) -> tuple[list[_Found], Evidence]:
+def _of_time(
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    seen: Evidence,
+    held_out: Sequence[Log],
+    good: Evidence | None,
+    clean: Sequence[Log],
+) -> list[Finding]:
+    """Return what is wrong with time, beyond the robot's effects and clean logs."""
+    findings = []
+    jitter = jitter_of(robot, logs)
+    known = max((one.value for one in robot.effects if isinstance(one, SampleJitter)), default=0.0)
+    usual = jitter_of(robot, clean) if clean else None
+    known = max(known, 0.0 if usual is None else usual.value)
+    if jitter is not None and jitter.value > (1 + BORNE_OUT) * known:
+        again = jitter_of(robot, held_out) if held_out else jitter
+        findings += _in_time(SampleJitter, robot, jitter, 0.0 if again is None else again.value)
+    if seen.left is not None:
+        skew = skew_of(seen.state.clocks, seen.clock_errors)
+        known, unsure = sum(one.value for one in robot.effects if isinstance(one, ClockSkew)), 0.0
+        if good is not None and good.left is not None:
+            known, unsure, _ = skew_of(good.state.clocks, good.clock_errors)
+        value, error = skew.value - known, float(np.hypot(skew.error, unsure))
+        beyond = Amount(value, error, (value / error) ** 2)
+        if abs(value) >= LEAST_SKEW and beyond.gain >= LEAST_SKEW_GAIN:
+            again = evidence_of(_without(robot, SampleJitter), held_out, among=()) if held_out else None
+            if again is None or again.left is None:
+                shown = value
+            else:
+                shown = skew_of(again.state.clocks, again.clock_errors).value - known
+            findings += _in_time(ClockSkew, robot, beyond, shown)
+    return findings
+
+
+def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again: float) -> list[Finding]:
+    """Return the finding of an effect on time; again: its size in held-out logs."""
+    findings = []
+    for variant in kind.variants(robot):
+        candidate = Candidate(described(variant), (variant,))
+        rank = Rank(candidate, amount.gain, amount.gain, 0.0, (amount.value,), (amount.error,))
+        finding = Finding(
+            "named", candidate.what, (rank,), (), dataclasses.replace(variant, value=amount.value), amount.error
+        )
+        if abs(again - amount.value) > BORNE_OUT * abs(amount.value):
+            reason = f"the held-out logs do not bear out {candidate.what}"
+            finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
+        findings.append(finding)
+    return findings
+
+
+def _without(robot: RobotDescription, kind: type[Effect]) -> RobotDescription:
+    return dataclasses.replace(robot, effects=tuple(one for one in robot.effects if not isinstance(one, kind)))
+
+
+def _one_after_another(
+    robot: RobotDescription, look: Look, first: Evidence, least: float
+) -> tuple[list[_Found], Evidence]:
     """Return the effects that take something away, refitted together, and the evidence of what is left."""
     found: list[_Found] = []
     left, first_gain = first, 0.0
     while len(found) < MOST:
         best = _pick(left)
-        if best is None or best.gain < NEXT * first_gain:
+        if best is None or best.gain < max(least, NEXT * first_gain):
             break
         first_gain = max(first_gain, best.gain)
         named = next((one for one in _alike(left, best) if one.candidate.kinds), None)
@@ -344,6 +430,31 @@ def _nameless(left: Evidence, best: Rank) -> Finding:
     return Finding("unexplained", reason, chosen, beaten)
 
 
+def _louder(seen: Evidence, good: Evidence) -> Finding | None:
+    """Return the finding that logs are noisier than clean ones, though nothing looks like it; None if they are not."""
+    told = {
+        "along": ("slip along", 1e3, "mm after 1 m"),
+        "across": ("slip to the side", 1e3, "mm after 1 m"),
+        "position": ("noise of the reference's position", 1e3, "mm"),
+        "heading": ("noise of the reference's heading", 1e3, "mrad"),
+    }
+    ratios = {}
+    for name in told:
+        size, usual = getattr(seen.noise, name), max(getattr(good.noise, name), RIGID)
+        if (size / usual) > LOUDER and (seen.left is not None or name in ("along", "across")):
+            ratios[name] = size / usual
+    if not ratios:
+        return None
+    name = max(ratios, key=ratios.__getitem__)
+    what, scale, unit = told[name]
+    size, usual = scale * getattr(seen.noise, name), scale * getattr(good.noise, name)
+    said = f"{what} of {size:.2g} {unit}, {usual:.2g} in the clean logs"
+    samples = sum(len(state) for state in seen.state.states)
+    gain = float(samples * (ratios[name] ** 2 - 1 - 2 * np.log(ratios[name])))
+    rank = Rank(Candidate(said), gain, gain, 0.0, (size / scale,), (size / scale / np.sqrt(samples),))
+    return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {said}", (rank,), ())
+
+
 def _borne_out(
     robot: RobotDescription, held_out: Sequence[Log], found: list[_Found], findings: list[Finding]
 ) -> tuple[list[Finding], tuple[Left, Left]]:
@@ -421,7 +532,12 @@ def _ranks(seen: Evidence) -> tuple[Rank, ...]:
 
 def _pick(seen: Evidence) -> Rank | None:
     """Return the candidate that takes away most of those that take away enough; None if none does."""
-    return next((one for one in _ranks(seen) if one.gain >= LEAST_GAIN and one.sober >= LEAST_SOBER), None)
+    return next((one for one in _ranks(seen) if one.gain >= _least(one) and one.sober >= LEAST_SOBER), None)
+
+
+def _least(one: Rank) -> float:
+    creeps = one.candidate.kinds and isinstance(one.candidate.kinds[0], SlipStiffness | SlipStiffnessLateral)
+    return LEAST_OF_CREEP if creeps else LEAST_GAIN
 
 
 def _alike(seen: Evidence, best: Rank) -> tuple[Rank, ...]:

@@ -58,7 +58,7 @@ class Evidence:
     wheels may creep by `CREEP`.
 
     left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted, and
-    what more wheels hide of each of the robot's effects.
+    what more wheels hide of each of the robot's effects. clock_errors (logs, 2): standard errors of `state.clocks`.
     """
 
     candidates: tuple[Candidate, ...]
@@ -70,6 +70,7 @@ class Evidence:
     left: tuple[float, float] | None
     burst: Burst
     parts: tuple[float, ...]
+    clock_errors: Array
 
     def best(self, chosen: Chosen, sober: bool = False) -> tuple[Array, Array, float]:
         """Return the best amplitudes of some candidates together (c,), their covariance (c, c), and what they gain:
@@ -143,9 +144,9 @@ def evidence_of(
             model.expect(slips @ parts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
 
-    information, gradient, found = np.zeros(()), np.zeros(()), None
+    information, gradient, found, clock_errors = np.zeros(()), np.zeros(()), None, []
     for model, log, state, clock, own, slip in zip(models, logs, at.states, at.clocks, known, slipping, strict=True):
-        found = signatures_of(robot, log, state, among)
+        found = signatures_of(robot, log, state, model.wanted(state), among)
         changed = stacked(geometry, found.geometries)
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slip.yields)
         always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
@@ -154,6 +155,7 @@ def evidence_of(
         readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - len(direct))))
         reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, More(readings, slips))
         information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
+        clock_errors.append(np.sqrt(np.diag(np.linalg.inv(reduced.clock))))
     assert found is not None, "there is a log"
     n, e, r = 2 * (len(found.steps) + found.readings.shape[-1]), len(parts), len(models[0].rows)
     information[n + e + r :, n + e + r :] += np.diag(MOUNT**-2.0)
@@ -173,6 +175,7 @@ def evidence_of(
         left=_left(models, geometry, at),
         burst=_burst(models, logs, geometry, at),
         parts=tuple(parts.tolist()),
+        clock_errors=np.array(clock_errors),
     )
 
 

@@ -43,10 +43,10 @@ class Examination:
     def page(self) -> str:
         """Return the report as one HTML page."""
         log, diagnosis = next(iter(self.logs.values())), self.diagnosis
-        before = _traces(diagnosis.robot, log, diagnosis.before)
+        before = _traces(diagnosis.nominal, log, diagnosis.before)
         after = None
-        if diagnosis.after is not None and diagnosis.found is not None:
-            after = _traces(diagnosis.found, log, diagnosis.after)
+        if diagnosis.after is not None:
+            after = _traces(diagnosis.explained, log, diagnosis.after)
         named = [one.chosen[0].candidate.what for one in diagnosis.findings]
         shown = [
             pictures.paths(before, after),
@@ -85,11 +85,12 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
         "effects": [] if found is None else found.to_dict()["effects"][len(robot.effects) :],
     }
     _add_mistakes(data, checked.mistakes)
-    data["where"] = _where(mended, straight, diagnosis)
+    data["where"] = _where(straight, diagnosis)
     if not replayed:
         return Examination(data, found, diagnosis, straight, checked.mistakes, None)
-    replays = _replays(diagnosis.robot, diagnosis.found, straight, diagnosis.before, diagnosis.after)
-    held = _replays(diagnosis.robot, diagnosis.found, kept_back, *(diagnosis.held_out or (None, None)))
+    nominal = diagnosis.nominal
+    replays = _replays(nominal, diagnosis.explained, straight, diagnosis.before, diagnosis.after)
+    held = _replays(nominal, diagnosis.explained, kept_back, *(diagnosis.held_out or (None, None)))
     data["replay"] = _replay_data(diagnosis, replays, held)
     return Examination(data, found, diagnosis, straight, checked.mistakes, replays)
 
@@ -134,11 +135,11 @@ def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log
     )
 
 
-def _where(robot: RobotDescription, logs: Logs, diagnosis: Diagnosis) -> Data:
+def _where(logs: Logs, diagnosis: Diagnosis) -> Data:
     """Return where most slip is: its channel, time and place, of the log that has most."""
     worst = []
     for k, (name, log) in enumerate(logs.items()):
-        traces = traces_of(robot, log, diagnosis.before.state.states[k])
+        traces = traces_of(diagnosis.nominal, log, diagnosis.before.state.states[k])
         worst.append({"log": name, **traces.worst()})
     return max(worst, key=lambda one: one["most_slip_m"])
 
@@ -148,14 +149,14 @@ def _traces(robot: RobotDescription, log: Log, left: Left) -> Any:
 
 
 def _replays(
-    robot: RobotDescription, found: RobotDescription | None, logs: Logs, before: Left | None, after: Left | None
+    robot: RobotDescription, found: RobotDescription, logs: Logs, before: Left | None, after: Left | None
 ) -> tuple[Replay, Replay | None] | None:
     """Return what the full simulation leaves, without and with what was found; None where it cannot be told."""
     if before is None or not logs:
         return None
     try:
         first = _replay(robot, logs, before)
-        return first, _replay(found, logs, after) if found is not None and after is not None else None
+        return first, _replay(found, logs, after) if after is not None else None
     except InputError:
         return None
 

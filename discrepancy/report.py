@@ -93,7 +93,7 @@ def as_lines(data: Data) -> list[str]:
 
 
 def write_diagnosis(out: Path, data: Data, found: Vehicle | None, page: str) -> None:
-    """Write diagnosis.json, report.html and, with what is named, robot.json or train.json to a new folder; or nothing."""
+    """Write diagnosis.json, report.html and what is named, as robot.json or train.json, to a new folder; or nothing."""
     partial = out.with_name(f".{out.name}.{fingerprint(data)}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)

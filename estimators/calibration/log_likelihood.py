@@ -82,11 +82,13 @@ class Reduced(NamedTuple):
     """What one log says of P parameters, everything else eliminated, around a state.
 
     information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of drawn residuals in their place.
-    finish: from changes of the parameters (P, 1 + probes) to the changed state and what is left over.
+    clock (2, 2): information on the clock, the parameters known. finish: from changes of the parameters (P, 1 + probes)
+    to the changed state and what is left over.
     """
 
     information: Array
     gradient: Array
+    clock: Array
     finish: Callable[[Array], tuple[Array, Array, Leftover]]
 
 
@@ -175,6 +177,10 @@ class LogLikelihood:
         own = self._castor[:first] == self._castor[first:, None]
         rolled[:, first:] = rolled[:, :first] @ (own / np.maximum(own.sum(axis=1, keepdims=True), 1)).T
         return rolled
+
+    def wanted(self, state: Array) -> Array:
+        """Return the slopes (K, s + d) of the log-likelihood by counts read more, at the most likely state."""
+        return self._readings**2 * (self._counts - state[:, 3:])
 
     @property
     def rows(self) -> NDArray[np.intp]:
@@ -309,7 +315,7 @@ class LogLikelihood:
                 squares[name], expected[name] = float(total[0]), float(np.mean(total[1:])) if probes else 0.0
             return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
 
-        return Reduced((reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], finish)
+        return Reduced((reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], own[p:, p:n], finish)
 
     def _linearised(
         self,

@@ -1,0 +1,101 @@
+"""What is wrong with time in logs: encoders that are read a little early or late at random, clocks that run apart.
+
+Neither shows as an effect on angles: the mean of jitter is nothing, and the reference's clock is fitted in any case.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from castor_envs.kinematics import Array, Geometry
+from castor_envs.logs import Log
+from castor_envs.robot import RobotDescription
+
+ORDER = 6
+"""Of the differences in which a robot's motion, that is smooth, is nothing beside jitter."""
+
+ALIKE = -0.8
+"""The correlation of neighbouring differences from which on they are of white noise (-6/7), not of a jerky motion."""
+
+LEAST_JITTER = 3e-4
+"""s: what simulated robots in good order leave is below 6e-5 (docs/diagnose.md)."""
+
+MOVING = 0.3
+"""Of the median squared speed: slower samples do not tell of time."""
+
+
+class Amount(NamedTuple):
+    """A size, its standard error, and the deviance that it takes away."""
+
+    value: float
+    error: float
+    gain: float
+
+
+def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
+    """Return the standard deviation (s) by which all encoders together are read early or late; None where none shows.
+
+    Of differences of high order of all counts only what goes with the counts' own speeds is taken: what rounding leaves
+    in it is known.
+    """
+    delay, rounding, neighbours = [], [], []
+    for log in logs:
+        late, variance = _delays(robot, log)
+        delay.append(late)
+        rounding.append(variance)
+        neighbours.append(late[1:] @ late[:-1])
+    every, expected = np.concatenate(delay), np.concatenate(rounding)
+    if len(every) < 10 * ORDER or sum(neighbours) > ALIKE * float(every @ every):
+        return None
+    size = float(np.sum(_binomial() ** 2))
+    variance = float(np.mean(every**2) - np.mean(expected)) / size
+    value = np.sqrt(max(variance, 0.0))
+    ratio = variance * size / expected
+    gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
+    if value < LEAST_JITTER:
+        return None
+    return Amount(float(value), float(value * np.sqrt(ORDER / (2 * len(every)))), gain)
+
+
+def skew_of(clocks: Array, errors: Array) -> Amount:
+    """Return the mean rate (s/s) at which the reference's clock gains in several logs (L, 2), errors (L, 2)."""
+    weights = errors[:, 1] ** -2.0
+    value = float(np.average(clocks[:, 1], weights=weights))
+    scatter = float(np.sum(weights * (clocks[:, 1] - value) ** 2)) / max(len(clocks) - 1, 1)
+    error = float(np.sqrt(max(scatter, 1.0) / np.sum(weights)))
+    return Amount(value, error, (value / error) ** 2)
+
+
+def _delays(robot: RobotDescription, log: Log) -> tuple[Array, Array]:
+    """Return differences of the delays of all encoders together, s, and the variances that rounding alone leaves."""
+    turn = Geometry.of(robot).pivot_counts_per_rev[list(robot.pivot_encoders)]
+    pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
+    counts = np.column_stack([*pivot, log.wheel])
+    if len(log) <= 2 * ORDER:
+        return np.zeros(0), np.zeros(0)
+    weights = _weights(log.t)
+    rows = len(weights)
+    jumps = sum(weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1))
+    across = counts[ORDER:] - counts[:-ORDER]
+    speed = across / (log.t[ORDER:] - log.t[:-ORDER])[:, None]
+    squared = np.sum(speed**2, axis=1)
+    moving = (squared > MOVING * np.median(squared)) & (squared > 0)
+    late = np.sum(speed * jumps, axis=1)[moving] / squared[moving]
+    return late, np.sum(weights**2, axis=1)[moving] / 12 / squared[moving]
+
+
+def _weights(t: Array) -> Array:
+    """Return the weights (rows, ORDER + 1) of differences at uneven times, as even times would have them."""
+    rows = len(t) - ORDER
+    times = np.stack([t[k : k + rows] for k in range(ORDER + 1)], axis=1)
+    apart = times[:, :, None] - times[:, None, :] + np.eye(ORDER + 1)
+    weights = 1 / np.prod(apart, axis=2)
+    return weights * (np.linalg.norm(_binomial()) / np.linalg.norm(weights, axis=1))[:, None]
+
+
+def _binomial() -> Array:
+    weights = np.ones(1)
+    for _ in range(ORDER):
+        weights = np.convolve(weights, [1.0, -1.0])
+    return weights
