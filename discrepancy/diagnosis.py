@@ -48,7 +48,7 @@ LEAST_SOBER = 20.0
 MOST = 4
 """Effects are found one after another, at most so many."""
 
-SLIDING, IN_BURSTS = 2e-3, 0.5
+SLIDING, IN_BURSTS = 4e-4, 0.5
 """m after 1 m, and the share of slip in the worst steps (`BURST`): more of both is sliding in some place, no effect of
 the robot, and would be taken for many."""
 

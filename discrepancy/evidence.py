@@ -86,10 +86,13 @@ class Evidence:
         mix = np.concatenate([np.eye(len(columns)), np.diag(parts)])
         both = np.concatenate([columns, columns + half])
         own, slope = mix.T @ information[np.ix_(both, both)] @ mix, mix.T @ pull[both]
-        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        covariance = np.linalg.pinv(own / np.outer(scale, scale), rcond=1e-8, hermitian=True) / np.outer(scale, scale)
+        there = np.diag(own) > 0  # what the rest explains wholly may come out below 0
+        scale = np.where(there, np.sqrt(np.where(there, np.diag(own), 1.0)), np.inf)
+        strength, way = np.linalg.eigh(own / np.outer(scale, scale))
+        way = way[:, strength > 1e-8] / scale[:, None]
+        covariance = (way / strength[strength > 1e-8]) @ way.T
         amplitudes = covariance @ slope
-        return amplitudes, np.asarray(covariance, dtype=float), float(amplitudes @ slope)
+        return amplitudes, covariance, float(amplitudes @ slope)
 
     def parted(self, k: int, others: Chosen = ()) -> float:
         """Return the part of candidate k that wheels hide most likely, beside others."""
