@@ -13,12 +13,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import Effect, Motion, Slip, catalogue, readings
+from castor_envs.effects import Effect, Motion, PivotEccentricity, Slip, catalogue, readings
 from castor_envs.effects.motion import contact_paths
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
+
+SWEPT = np.pi
+"""rad that a castor must sweep for what repeats with its angle to be told from a bias and a gain of its encoder."""
 
 BLOCKS = 4
 """Parts of equal length that a log is cut into for rivals that come and go."""
@@ -185,9 +188,12 @@ def signatures_of(
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
     motion = channels.motion(log, state, agreeing=True)
+    swept = np.ptp(motion.castor_angle, axis=0)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in candidates_of(robot) if among is None else among:
         kind = candidate.kinds[0]
+        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT:
+            continue
         try:
             changed = [robot.with_effects(one) for one in candidate.kinds]
             geometry = Geometry.of(changed[0].as_built())
@@ -276,7 +282,7 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
         )
         what = "slips where its castor turns, once a turn"
         yield alone(what, place, k, swept[:, i] * np.sin(turn), swept[:, i] * np.cos(turn))
-        for times in (1, 2):
+        for times in (1, 2) if np.ptp(theta) >= SWEPT else ():
             what = f"slips by its castor's angle, {times} times a turn"
             yield alone(what, place, k, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
         yield alone("slips more and more", place, k, rolled * later)
@@ -286,7 +292,7 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
             continue
         place, rolled, theta = f"castor_{i + 1}", paths[:, own].mean(axis=1), motion.half_way[:, i]
         yield alone("slips to its side with speed", place, i, np.abs(rolled) * rolled / motion.period)
-        for times in (1, 2):
+        for times in (1, 2) if np.ptp(theta) >= SWEPT else ():
             what = f"slips to its side by its angle, {times} times a turn"
             yield alone(what, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
 
@@ -309,7 +315,7 @@ def _misread(channels: Channels, log: Log, counts: Array, wanted: Array) -> Iter
             yield alone(f"reads in proportion too much {span}", own[np.clip(every, first, last - 1)])
         jump = 1 + int(np.argmax(np.abs(np.cumsum(wanted[:0:-1, c])[::-1])))
         yield alone(f"jumps at {log.t[jump]:.1f} s", np.where(every >= jump, 1.0, 0.0))
-        for times in (2, 3):
+        for times in (2, 3) if np.ptp(angle) >= SWEPT else ():
             yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))
         yield alone("drifts with time", log.t - log.t[0])

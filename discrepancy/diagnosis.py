@@ -13,6 +13,7 @@ rolling, and a log of a minute tells far smaller parts of a radius than mean any
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -42,6 +43,9 @@ LEAST_GAIN = 30.0
 LEAST_OF_CREEP = 60.0
 """The same of stiffnesses of slip: creep is predicted within a third or so."""
 
+EACH_MORE = 10.0
+"""Deviance that a candidate with two amplitudes must take away more than one with one."""
+
 LEAST_SOBER = 20.0
 """The deviance that it must take away where all wheels may creep."""
 
@@ -58,11 +62,14 @@ BACKGROUND = 5
 MARGIN, PART = 6.0, 0.03
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
 
-SHAKEN = 3.0
+SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
 
 LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 36.0
 """s/s, and deviance, from which on clocks are said to run apart."""
+
+SINGLES = 8
+"""Effects with an amplitude each, the best ones, of which two are tried in the place of one with two."""
 
 NEXT = 0.025
 """The part of what the first effect takes away that the next ones must."""
@@ -337,14 +344,27 @@ def _one_after_another(
         named = next((one for one in _alike(left, best) if one.candidate.kinds), None)
         if named is None:
             break
-        tried = _settled(robot, look, [*found, *_as_found(robot, named)])
-        if tried is None or len(tried[0]) == len(found):
+        chosen = _rather_two(left, named) if named.candidate.columns > 1 else [named]
+        more = [one for rank in chosen for one in _as_found(robot, rank)]
+        tried = _settled(robot, look, [*found, *more]) if more else None
+        if tried is None:
             break
         more = _exchanged(robot, look, *tried)
         if len(more[0]) <= len(found):
             break
         found, left = more
     return found, left
+
+
+def _rather_two(left: Evidence, named: Rank) -> list[Rank]:
+    """Return two effects with an amplitude each that do as well as one with two; that one if there are none."""
+    single = [one for one in _ranks(left) if one.candidate.kinds and one.candidate.columns == 1][:SINGLES]
+    pairs = []
+    for pair in itertools.combinations(single, 2):
+        places = [(left.index(one.candidate), one.part) for one in pair]
+        pairs.append((left.best([(k, part) for k, part in places if k is not None])[2], pair))
+    gain, pair = max(pairs, key=lambda one: one[0], default=(0.0, (named,)))
+    return list(pair) if gain - EACH_MORE > named.gain - MARGIN - PART * named.gain else [named]
 
 
 def _settled(robot: RobotDescription, look: Look, found: list[_Found]) -> tuple[list[_Found], Evidence] | None:
@@ -520,6 +540,7 @@ def _rank(seen: Evidence, k: int) -> Rank:
     amplitudes, covariance, gain = seen.best([(k, part)])
     _, _, sober = seen.best([(k, part)], sober=True)
     errors = np.sqrt(np.diag(covariance))
+    gain, sober = (one - EACH_MORE * (len(amplitudes) - 1) for one in (gain, sober))
     return Rank(seen.candidates[k], gain, sober, part, tuple(amplitudes.tolist()), tuple(errors.tolist()))
 
 
