@@ -164,11 +164,17 @@ class Channels:
 
 
 def signatures_of(
-    robot: RobotDescription, log: Log, state: Array, wanted: Array, among: Sequence[Candidate] | None = None
+    robot: RobotDescription,
+    log: Log,
+    state: Array,
+    wanted: Array,
+    among: Sequence[Candidate] | None = None,
+    of: str = "",
 ) -> Signatures:
     """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
 
-    wanted: as `LogLikelihood.wanted`: it says where a channel jumps, if it does.
+    wanted: as `LogLikelihood.wanted`: it says where a channel jumps, if it does. of: which log it is, for rivals that
+    have their time in it.
     """
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
@@ -209,7 +215,7 @@ def signatures_of(
             elif (slip := _slip_of(kind, robot, motion)) is not None:
                 read.append((candidate, none, (slip,)))
     if among is None:
-        read += [(one, more, (still,) * one.columns) for one, more in _misread(channels, log, counts, wanted)]
+        read += [(one, more, (still,) * one.columns) for one, more in _misread(channels, log, counts, wanted, of)]
         read += [(one, np.repeat(none, one.columns, axis=-1), slips) for one, slips in _slipping(robot, motion)]
     return Signatures(
         (*(one for one, _, _ in built), *(one for one, _, _ in read)),
@@ -297,7 +303,7 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
             yield alone(what, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
 
 
-def _misread(channels: Channels, log: Log, counts: Array, wanted: Array) -> Iterator[tuple[Candidate, Array]]:
+def _misread(channels: Channels, log: Log, counts: Array, wanted: Array, of: str) -> Iterator[tuple[Candidate, Array]]:
     """Yield rivals without a name: of one channel at a time, what comes and goes, jumps, repeats, or grows."""
     edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
     speed = np.gradient(counts, log.t, axis=0)
@@ -311,10 +317,10 @@ def _misread(channels: Channels, log: Log, counts: Array, wanted: Array) -> Iter
 
         own, angle = counts[:, c], counts[:, c] * 2 * np.pi / channels.per_rev[c]
         for first, last in itertools.pairwise(edges):
-            span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s"
+            span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
             yield alone(f"reads in proportion too much {span}", own[np.clip(every, first, last - 1)])
         jump = 1 + int(np.argmax(np.abs(np.cumsum(wanted[:0:-1, c])[::-1])))
-        yield alone(f"jumps at {log.t[jump]:.1f} s", np.where(every >= jump, 1.0, 0.0))
+        yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(every >= jump, 1.0, 0.0))
         for times in (2, 3) if np.ptp(angle) >= SWEPT else ():
             yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))

@@ -24,7 +24,7 @@ from discrepancy.report import as_lines, write_diagnosis
 from discrepancy.trains import report as train_report
 from discrepancy.trains.diagnosis import diagnose_train
 from discrepancy.trials import run, scores
-from discrepancy.trials.run import ROBOT
+from discrepancy.trials.run import DURATION, ROBOT
 
 
 class _FindUnlessTold(TyperGroup):
@@ -166,6 +166,7 @@ def trial(
     ] = "pymunk",
     seed: Annotated[int, typer.Option(help="Of all that is drawn.", min=0)] = 0,
     robot: Annotated[str, typer.Option(help="A preset's name.")] = ROBOT,
+    duration: Annotated[float, typer.Option(help="Of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
         Path | None, typer.Option(help="Keep logs, labels and outcomes in this folder; a trial that is there goes on.")
     ] = None,
@@ -175,7 +176,7 @@ def trial(
     """Hide effects in simulated logs, in processes that the finder does not share, and score what find says of them."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = out or Path(scratch) / "trial"
-        run.make(cases, seed, generator, folder, robot=robot, jobs=jobs)
+        run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
         run.judge(folder, jobs=jobs)
         run.resimulate(folder, jobs=jobs)
         scored = scores.report(folder)

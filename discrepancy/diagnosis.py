@@ -65,7 +65,7 @@ MARGIN, PART = 6.0, 0.03
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
 
-LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 36.0
+LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 18.0
 """s/s, and deviance, from which on clocks are said to run apart."""
 
 SINGLES = 8

@@ -16,7 +16,7 @@ from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, Channels, signatures_of, stacked
 from discrepancy.slipping import Slipping
-from estimators.calibration.log_likelihood import LogLikelihood, More, Noise
+from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
 
 BURST = 0.05
@@ -31,7 +31,7 @@ DOUBT = 0.5
 SETTLED = 2
 """Rounds in which these parts and the noise that is left settle."""
 
-CREEP = 3e-4
+CREEP = 1.5e-4
 """Standard deviation of what a wheel may always roll too much, as a part of its way, and a castor to the side: contact
 is not as rigid as rolling. Beyond this something is significant."""
 
@@ -147,20 +147,23 @@ def evidence_of(
             model.expect(slips @ parts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
 
-    information, gradient, found, clock_errors = np.zeros(()), np.zeros(()), None, []
-    for model, log, state, clock, own, slip in zip(models, logs, at.states, at.clocks, known, slipping, strict=True):
-        found = signatures_of(robot, log, state, model.wanted(state), among)
+    told: list[tuple[tuple[Candidate, ...], Reduced]] = []
+    for k, (model, log, state, clock, own, slip) in enumerate(
+        zip(models, logs, at.states, at.clocks, known, slipping, strict=True)
+    ):
+        of = f" of log {k + 1}" if len(logs) > 1 else ""
+        found = signatures_of(robot, log, state, model.wanted(state), among, of)
         changed = stacked(geometry, found.geometries)
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slip.yields)
         always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
         direct = [model.rows_of(one.rolling, one.side)[..., None] for one in found.slips]
         slips = np.concatenate([*direct, fought, own, always], axis=-1)
         readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - len(direct))))
-        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, More(readings, slips))
-        information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
-        clock_errors.append(np.sqrt(np.diag(np.linalg.inv(reduced.clock))))
-    assert found is not None, "there is a log"
-    n, e, r = 2 * (len(found.steps) + found.readings.shape[-1]), len(parts), len(models[0].rows)
+        more = More(readings, slips)
+        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, more)
+        told.append((found.candidates, reduced))
+    candidates, information, gradient = _together(told)
+    n, e, r = 2 * sum(one.columns for one in candidates), len(parts), len(models[0].rows)
     information[n + e + r :, n + e + r :] += np.diag(MOUNT**-2.0)
     gradient[n + e + r :] += at.mount / MOUNT**2
     information[n : n + e, n : n + e] += np.eye(e) / DOUBT**2
@@ -169,8 +172,8 @@ def evidence_of(
     plain = _without(information[np.ix_(rigid, rigid)], gradient[rigid], n)
     information[creep, creep] += CREEP**-2.0
     return Evidence(
-        candidates=found.candidates,
-        columns=_columns(found.candidates),
+        candidates=candidates,
+        columns=_columns(candidates),
         plain=plain,
         sober=_without(information[np.ix_(sober, sober)], gradient[sober], n),
         noise=sizes,
@@ -178,8 +181,24 @@ def evidence_of(
         left=_left(models, geometry, at),
         burst=_burst(models, logs, geometry, at),
         parts=tuple(parts.tolist()),
-        clock_errors=np.array(clock_errors),
+        clock_errors=np.array([np.sqrt(np.diag(np.linalg.inv(reduced.clock))) for _, reduced in told]),
     )
+
+
+def _together(told: Sequence[tuple[tuple[Candidate, ...], Reduced]]) -> tuple[tuple[Candidate, ...], Array, Array]:
+    """Return all candidates of several logs, and what these say of their amplitudes together, then what wheels hide of
+    each, and then of the numbers that all logs share: information and gradient."""
+    candidates = tuple(dict.fromkeys(one for some, _ in told for one in some))
+    columns = dict(zip(candidates, _columns(candidates), strict=True))
+    half = sum(one.columns for one in candidates)
+    shared = len(told[0][1].information) - 2 * sum(one.columns for one in told[0][0])
+    information, gradient = np.zeros((2 * half + shared, 2 * half + shared)), np.zeros(2 * half + shared)
+    for some, reduced in told:
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[one] for one in some)])
+        at = np.concatenate([own, own + half, np.arange(2 * half, 2 * half + shared)])
+        information[np.ix_(at, at)] += reduced.information
+        gradient[at] += reduced.gradient[:, 0]
+    return candidates, information, gradient
 
 
 def _without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
