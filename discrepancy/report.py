@@ -27,6 +27,9 @@ FORMAT = "castor-diagnosis/1"
 COVERAGE = 1.96
 """Standard errors on either side of a 95 % interval."""
 
+NOTHING = 1e-4
+"""m per 10 m that are not worth telling."""
+
 SHOWN = 5
 """Rivals that are shown, best first."""
 
@@ -207,7 +210,7 @@ def _finding_lines(one: Data) -> list[str]:
         lines.append(f"  value {scale * one['effect']['value']:.4g} ± {scale * half:.2g} {unit} (95 %)")
     if one["same_as"]:
         lines.append(f"  no log tells it from: {', '.join(one['same_as'])}")
-    if one["cost"] is not None:
+    if one["cost"] is not None and one["cost"]["m_per_10_m"] > NOTHING:
         lines.append(f"  it costs {1e3 * one['cost']['m_per_10_m']:.1f} mm per {WAY:.0f} m of odometry")
     if one["check"]:
         lines.append(f"  to check: {one['check']}")
@@ -216,7 +219,7 @@ def _finding_lines(one: Data) -> list[str]:
     if one["cannot_be_told_apart"][1:] and one["deviance"] is None:
         lines.append(f"  or: {'; '.join(one['cannot_be_told_apart'][1:])}")
     if one["deviance"] is not None:
-        lines.append(f"  takes away a deviance of {one['deviance']:.0f}; beaten:")
+        lines.append(f"  takes away a deviance of {one['deviance']:.0f}" + ("; beaten:" if one["rivals"] else ""))
     lines += [f"    {_rival_line(rival)}" for rival in one["rivals"]]
     return lines
 

@@ -49,9 +49,9 @@ REST = 6
 PINNED = 1e-4
 """m and rad: without reference poses the first one is 0 by convention, to this much."""
 
-APART = 3.0
-"""s: of reference poses that follow each other faster, one in so long is used. What they differ by within seconds
-(jitter of clocks, a tracker's filter) is not independent from one to the next."""
+APART, DENSE = 3.0, 0.5
+"""s: of reference poses that follow each other faster than `DENSE`, as a tracker streams them, one in `APART` is used.
+What such poses differ by within seconds (jitter of clocks, a filter) is not independent from one to the next."""
 
 CLOCK = np.array([1.0, 0.05])
 """s and 1: what the clock of the reference may be off by, at the start and in rate; wide enough not to matter."""
@@ -487,7 +487,9 @@ def _chained(twist: Array) -> Array:
 
 
 def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
-    """Return of some samples the first, the last, and between them those that are `APART` after the one before."""
+    """Return of some samples, if they are dense, the first, the last, and between them one in `APART`; else all."""
+    if len(samples) < 2 or np.median(np.diff(t[samples])) >= DENSE:
+        return samples
     kept: list[int] = []
     for k in samples.tolist():
         if not kept or t[k] - t[kept[-1]] >= APART * (1 - 1e-9) or k == samples[-1]:
