@@ -18,6 +18,9 @@ ORDER = 6
 ALIKE = -0.8
 """The correlation of neighbouring differences from which on they are of white noise (-6/7), not of a jerky motion."""
 
+BESIDE = 0.5
+"""What each encoder does for itself, as a part of what all do together: more is a jerky motion."""
+
 LEAST_JITTER = 3e-4
 """s: what simulated robots in good order leave is below 6e-5 (docs/diagnose.md)."""
 
@@ -39,14 +42,12 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
     Of differences of high order of all counts only what goes with the counts' own speeds is taken: what rounding leaves
     in it is known.
     """
-    delay, rounding, neighbours = [], [], []
-    for log in logs:
-        late, variance = _delays(robot, log)
-        delay.append(late)
-        rounding.append(variance)
-        neighbours.append(late[1:] @ late[:-1])
-    every, expected = np.concatenate(delay), np.concatenate(rounding)
-    if len(every) < 10 * ORDER or sum(neighbours) > ALIKE * float(every @ every):
+    delays = [_delays(robot, log) for log in logs]
+    every, expected, beside = (np.concatenate(part) for part in zip(*delays, strict=True))
+    neighbours = sum(float(one.late[1:] @ one.late[:-1]) for one in delays)
+    if len(every) < 10 * ORDER or neighbours > ALIKE * float(every @ every):
+        return None
+    if np.mean(beside - expected) > BESIDE * np.mean(every**2 - expected):
         return None
     size = float(np.sum(_binomial() ** 2))
     variance = float(np.mean(every**2) - np.mean(expected)) / size
@@ -67,22 +68,32 @@ def skew_of(clocks: Array, errors: Array) -> Amount:
     return Amount(value, error, (value / error) ** 2)
 
 
-def _delays(robot: RobotDescription, log: Log) -> tuple[Array, Array]:
-    """Return differences of the delays of all encoders together, s, and the variances that rounding alone leaves."""
+class _Delays(NamedTuple):
+    """Of samples in which the robot moves: late, differences of the delay of all encoders together, s; what rounding
+    alone leaves of their squares; and the mean square of what is in the counts beside, in the same unit."""
+
+    late: Array
+    rounding: Array
+    beside: Array
+
+
+def _delays(robot: RobotDescription, log: Log) -> _Delays:
     turn = Geometry.of(robot).pivot_counts_per_rev[list(robot.pivot_encoders)]
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
     if len(log) <= 2 * ORDER:
-        return np.zeros(0), np.zeros(0)
+        return _Delays(*np.zeros((3, 0)))
     weights = _weights(log.t)
     rows = len(weights)
-    jumps = sum(weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1))
+    jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
     across = counts[ORDER:] - counts[:-ORDER]
     speed = across / (log.t[ORDER:] - log.t[:-ORDER])[:, None]
     squared = np.sum(speed**2, axis=1)
     moving = (squared > MOVING * np.median(squared)) & (squared > 0)
-    late = np.sum(speed * jumps, axis=1)[moving] / squared[moving]
-    return late, np.sum(weights**2, axis=1)[moving] / 12 / squared[moving]
+    jumps, speed, squared = jumps[moving], speed[moving], squared[moving]
+    late = np.sum(speed * jumps, axis=1) / squared
+    beside = (np.sum(jumps**2, axis=1) / squared - late**2) / max(counts.shape[1] - 1, 1)
+    return _Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside)
 
 
 def _weights(t: Array) -> Array:

@@ -1,0 +1,107 @@
+"""The whole way: gross mistakes undone, effects named beside them, the gap by re-simulation, and the files."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from castor_envs import command_line
+from castor_envs.effects import EncoderLatency, EncodersSwapped, readings
+from castor_envs.encoders import Encoders
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log, write_log
+from castor_envs.presets import preset
+from castor_envs.robot import RobotDescription
+from castor_envs.rolling import roll
+from castor_envs.trajectories import wander
+from discrepancy import cli
+from discrepancy.examination import examine
+
+ROBOT = preset("asoc-prototype")
+LATE, SWAPPED = EncoderLatency(castor=3, value=0.006), EncodersSwapped(castor=1)
+
+
+def rolled(robot, seed, duration=30.0, reference=True):
+    """A log of perfect rolling, by hand, of a robot with its effects."""
+    true = robot.as_built()
+    motion = roll(true, wander(np.random.default_rng([seed, 1]), duration=duration), [0.3, 2.0, -1.5])
+    encoders = Encoders(Geometry.of(true), np.full(6, 0.4))
+    wheel, castor = readings(robot, motion.t, motion.wheel_angle, motion.castor_angle)
+    pose = motion.pose + np.random.default_rng([seed, 3]).normal(size=motion.pose.shape) * 1e-3
+    pose[np.arange(len(pose)) % 20 > 0] = np.nan
+    return Log(motion.t, encoders.wheel(wheel), encoders.pivot(castor), reference=pose if reference else None)
+
+
+def test_an_effect_is_found_behind_wrong_wiring():
+    """Encoders are exchanged after all else that they do, so wiring comes last in the file."""
+    robot = ROBOT.with_effects(LATE, SWAPPED)
+    examined = examine(ROBOT, {"a": rolled(robot, 1)}, {"b": rolled(robot, 2)}, {})
+    assert examined.data["verdict"] == "named", examined.data["reason"]
+    assert examined.found is not None
+    late, swapped = examined.found.effects
+    assert swapped == SWAPPED
+    assert dataclasses.replace(late, value=LATE.value) == LATE
+    assert late.value == pytest.approx(LATE.value, rel=0.05)
+    assert "swapped" in examined.data["preflight"][0]
+    before, after = examined.data["replay"]["before"], examined.data["replay"]["after"]
+    assert after["pivots_rms_mrad"] < 0.5 * before["pivots_rms_mrad"]
+
+
+def test_without_a_reference_encoders_alone_tell():
+    examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(LATE), 1, reference=False)}, {}, {})
+    assert examined.found is not None
+    assert examined.found.effects[0].name == "encoder_latency"
+    assert examined.data["reference"] is None
+    assert any("scale" in line for line in examined.data["preflight"])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    ROBOT.save(tmp_path / "robot.json")
+    write_log(tmp_path / "a.csv", rolled(ROBOT.with_effects(LATE), 1, 20.0), ROBOT)
+    return tmp_path
+
+
+def call(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        command_line.run(cli.app, list(map(str, arguments)))
+    out, err = capsys.readouterr()
+    return ended.value.code, out, err
+
+
+def test_the_folder_holds_page_data_and_robot(folder, capsys):
+    out = folder / "found"
+    code, text, err = call(capsys, folder / "a.csv", "--out", out)
+    assert code == 0, err
+    assert sorted(path.name for path in out.iterdir()) == ["diagnosis.json", "report.html", "robot.json"]
+    page, data = (out / "report.html").read_text(), json.loads((out / "diagnosis.json").read_text())
+    assert page.count("<svg") >= 5
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert data["robot_file"] == str(out / "robot.json")
+    assert [one["name"] for one in data["effects"]] == ["encoder_latency"]
+    assert RobotDescription.load(out / "robot.json").effects[0].name == "encoder_latency"
+    assert "latency of one encoder, castor 3" in text
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda lines: [lines[0], *(f"{line.split(',')[0]}," + "0," * line.count(",") for line in lines[1:])], "a.csv"),
+        (lambda lines: lines[:1] + lines[5:3:-1], "a.csv:3"),
+        (lambda lines: lines[:2], "a.csv"),
+        (lambda lines: [*lines[:9], lines[9].replace(",", ",x", 1), *lines[10:]], "a.csv:10"),
+        (lambda lines: [lines[0].replace("wheel_1l", "wheel_9l"), *lines[1:]], "wheel_9l"),
+    ],
+    ids=["constant", "backward", "short", "not a number", "another robot's"],
+)
+def test_bad_logs_are_one_line_and_leave_nothing(folder, capsys, spoil, said):
+    lines = (folder / "a.csv").read_text().splitlines()
+    (folder / "a.csv").write_text("\n".join(spoil(lines)) + "\n")
+    code, text, err = call(capsys, folder / "a.csv", "--out", folder / "found")
+    assert code == 2, text
+    assert text == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert said in err
+    assert not (folder / "found").exists()
