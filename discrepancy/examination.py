@@ -85,6 +85,9 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
         "effects": [] if found is None else found.to_dict()["effects"][len(robot.effects) :],
     }
     _add_mistakes(data, checked.mistakes)
+    unsure = next((one for one in data["findings"] if one["verdict"] == "ambiguous"), None)
+    data["cannot_be_told_apart"] = [] if unsure is None else unsure["cannot_be_told_apart"]
+    data["separating_motion"] = None if unsure is None else unsure["separating_motion"]
     data["where"] = _where(straight, diagnosis)
     if not replayed:
         return Examination(data, found, diagnosis, straight, checked.mistakes, None)
