@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -28,14 +28,10 @@ from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, described
 from discrepancy.evidence import BURST, Evidence, evidence_of
+from discrepancy.findings import WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inspection import BLIND
 from discrepancy.parity import parity_residual
 from discrepancy.timing import Amount, jitter_of, skew_of
-from estimators.calibration.log_likelihood import Noise
-from estimators.calibration.maximum_likelihood import State
-
-Verdict = Literal["named", "ambiguous", "unconfirmed", "unexplained", "no discrepancy"]
-WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named")
 
 LEAST_GAIN = 30.0
 """The deviance that a candidate must take away; what robots in good order leave stays below (docs/diagnose.md)."""
@@ -94,106 +90,6 @@ REFITS, EXCHANGES = 4, 2
 
 
 @dataclass(frozen=True)
-class Rank:
-    """A candidate on its own, beside what was found before. gain: deviance; sober: where all wheels may creep; part:
-    what wheels hide of it; amplitudes (columns,) and their standard errors, in the effect's unit."""
-
-    candidate: Candidate
-    gain: float
-    sober: float
-    part: float
-    amplitudes: tuple[float, ...]
-    errors: tuple[float, ...]
-
-    @property
-    def size(self) -> float:
-        """The amplitude; of an effect of any phase how large it is."""
-        return self.amplitudes[0] if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
-
-    @property
-    def error(self) -> float:
-        """The standard error of the size, roughly."""
-        return max(self.errors)
-
-
-@dataclass(frozen=True, eq=False)
-class Left:
-    """What a robot's description leaves of logs: how far odometry is off the reference (rms, m, rad; None without one),
-    noise, and state: what truly happened, most likely, with clocks and mount of the reference."""
-
-    position: float | None
-    heading: float | None
-    noise: Noise
-    state: State
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was found. verdict: of it alone, with a reason.
-
-    effect: the best one of the catalogue with its amplitude refitted, error: its standard error; None where no effect
-    explains it. chosen: the candidates that cannot be told apart; beaten: others, the best first. families: the names
-    of those chosen.
-    """
-
-    verdict: Verdict
-    reason: str
-    chosen: tuple[Rank, ...]
-    beaten: tuple[Rank, ...]
-    effect: Effect | None = None
-    error: float | None = None
-
-    @property
-    def gain(self) -> float:
-        """The deviance that it takes away."""
-        return self.chosen[0].gain
-
-    @property
-    def families(self) -> tuple[str, ...]:
-        """The names, each with its place, that cannot be told apart; the most likely first."""
-        return tuple(dict.fromkeys(one.candidate.family for one in self.chosen if one.candidate.kinds))
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What was found. verdict: the weakest of all effects', "unexplained" only where there are none.
-
-    ranks: all candidates beside nothing, the best first.
-    before, after: what is left of the logs without and with the effects that were found, and of held-out logs if there
-    are such.
-    """
-
-    robot: RobotDescription
-    verdict: Verdict
-    reason: str
-    findings: tuple[Finding, ...]
-    ranks: tuple[Rank, ...]
-    before: Left
-    after: Left | None = None
-    held_out: tuple[Left, Left] | None = None
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """The effects that are named."""
-        return tuple(one.effect for one in self.findings if one.verdict == "named" and one.effect is not None)
-
-    @property
-    def found(self) -> RobotDescription | None:
-        """The robot with the effects that are named; None if there are none."""
-        return self.robot.with_effects(*self.effects) if self.effects else None
-
-    @property
-    def nominal(self) -> RobotDescription:
-        """The robot, but for its effects on time."""
-        return _without(_without(self.robot, SampleJitter), ClockSkew)
-
-    @property
-    def explained(self) -> RobotDescription:
-        """The robot with the effects that are named, but for those on time, which the states' clocks hold."""
-        return _without(_without(self.found or self.robot, SampleJitter), ClockSkew)
-
-
-@dataclass(frozen=True)
 class _Found:
     """An effect on its way: of which candidate, and how large, with the standard error of its size."""
 
@@ -222,7 +118,7 @@ def diagnose(
         blind = [log for log in some if log.reference is None or not np.isfinite(log.reference).any()]
         if blind and parity_residual(robot, blind[0]).redundancy == 0:
             raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
-    asked, robot = robot, _without(robot, SampleJitter)
+    asked, robot = robot, without(robot, SampleJitter)
     good = evidence_of(robot, clean) if clean else None
     background = [] if good is None else _background(good)
     first = last = evidence_of(robot, logs).less(background)
@@ -301,7 +197,7 @@ def _of_time(
         value, error = skew.value - known, float(np.hypot(skew.error, unsure))
         beyond = Amount(value, error, (value / error) ** 2)
         if abs(value) >= LEAST_SKEW and beyond.gain >= LEAST_SKEW_GAIN:
-            again = evidence_of(_without(robot, SampleJitter), held_out, among=()) if held_out else None
+            again = evidence_of(without(robot, SampleJitter), held_out, among=()) if held_out else None
             if again is None or again.left is None:
                 shown = value
             else:
@@ -324,10 +220,6 @@ def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again:
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
         findings.append(finding)
     return findings
-
-
-def _without(robot: RobotDescription, kind: type[Effect]) -> RobotDescription:
-    return dataclasses.replace(robot, effects=tuple(one for one in robot.effects if not isinstance(one, kind)))
 
 
 def _one_after_another(

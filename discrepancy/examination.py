@@ -17,7 +17,8 @@ from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy import pictures
-from discrepancy.diagnosis import WEAKEST_FIRST, Diagnosis, Left, diagnose
+from discrepancy.diagnosis import diagnose
+from discrepancy.findings import WEAKEST_FIRST, Diagnosis, Left
 from discrepancy.html_report import html_of
 from discrepancy.preflight import Mistake, Preflight, preflight
 from discrepancy.replay import Replay, joined, replay

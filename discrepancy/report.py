@@ -19,7 +19,7 @@ from castor_envs.robot import RobotDescription
 from castor_envs.vehicles import Vehicle, file_name
 from discrepancy.candidates import described
 from discrepancy.cost import WAY, cost_of
-from discrepancy.diagnosis import Diagnosis, Finding, Left, Rank
+from discrepancy.findings import Diagnosis, Finding, Left, Rank
 from discrepancy.preflight import Mistake
 from discrepancy.separation import separating_drive
 

@@ -30,8 +30,8 @@ from castor_envs.files import write_atomically
 from castor_envs.logs import Log, read_log, write_log
 from castor_envs.presets import preset
 from castor_envs.robot import RobotDescription
-from discrepancy.diagnosis import Diagnosis
 from discrepancy.examination import Examination, examine
+from discrepancy.findings import Diagnosis
 from discrepancy.trials.cases import Case, Hidden, draw, motion
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import EXACT, Noise
