@@ -16,7 +16,7 @@ from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, Channels, signatures_of, stacked
 from discrepancy.slipping import Slipping
-from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
+from estimators.calibration.log_likelihood import GAP, LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
 
 BURST = 0.05
@@ -241,7 +241,12 @@ def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tup
 
 
 def _burst(models: Sequence[LogLikelihood], logs: Sequence[Log], geometry: Geometry, at: State) -> Burst:
-    slips = [np.sum(model.missed(geometry, state) ** 2, axis=1) for model, state in zip(models, at.states, strict=True)]
+    slips = []
+    for model, log, state in zip(models, logs, at.states, strict=True):
+        step = np.diff(log.t)
+        gap = np.pad(step > GAP * np.median(step), 1)
+        known = ~(gap[:-2] | gap[1:-1] | gap[2:])  # nor are the steps beside a gap well known
+        slips.append(np.where(known, np.sum(model.missed(geometry, state) ** 2, axis=1), 0.0))
     ordered = np.sort(np.concatenate(slips))[::-1]
     share = float(ordered[: max(1, round(BURST * len(ordered)))].sum() / max(ordered.sum(), 1e-30))
     worst = int(np.argmax([slip.max() for slip in slips]))
