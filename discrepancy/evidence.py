@@ -39,10 +39,16 @@ Chosen = Sequence[tuple[int, float]]
 """Candidates, each with the part of it that wheels hide."""
 
 
+JUMPS = 0.005
+"""Part of the steps, the very worst, that does not count there: encoders may jump."""
+
+
 @dataclass(frozen=True)
 class Burst:
-    """Where most slip is: share of its squares in the worst `BURST` of all steps, and the worst step's log (from 0),
-    time (s) and place (m, in the reference's frame)."""
+    """Where most slip is: share of its squares in the worst `BURST` of all steps but for `JUMPS`.
+
+    And the worst step's log (from 0), time (s) and place (m, in the reference's frame).
+    """
 
     share: float
     log: int
@@ -248,6 +254,7 @@ def _burst(models: Sequence[LogLikelihood], logs: Sequence[Log], geometry: Geome
         known = ~(gap[:-2] | gap[1:-1] | gap[2:])  # nor are the steps beside a gap well known
         slips.append(np.where(known, np.sum(model.missed(geometry, state) ** 2, axis=1), 0.0))
     ordered = np.sort(np.concatenate(slips))[::-1]
+    ordered = ordered[max(2, round(JUMPS * len(ordered))) :]
     share = float(ordered[: max(1, round(BURST * len(ordered)))].sum() / max(ordered.sum(), 1e-30))
     worst = int(np.argmax([slip.max() for slip in slips]))
     k = int(np.argmax(slips[worst]))

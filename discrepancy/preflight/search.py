@@ -18,7 +18,7 @@ MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
 """A mistake must take away nearly all: leave a tenth, or a quarter where more than `MUCH` was there, as the motion of
 a robot that was steered by wrong readings is rough."""
 
-FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.05
+FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.2
 """Shares below are all the same; shares within the factors are alike, or the same."""
 
 GROSS = 1.5

@@ -93,7 +93,7 @@ def test_mistakes_are_one_line_and_nothing_is_written(logs, tmp_path, capsys):
         ([logs[0], *some, out, "--method", "pivoting", "--pivots"], "--pivots is for maximum likelihood"),
         ([logs[0], *some, there], "is there already"),
         ([logs[0], "--robot", "cfmmr-3", "--out", out], "is a train"),
-        ([logs[0], "--robot", "differential", "--out", out], "the logs show none of the robot's numbers"),
+        ([logs[0], "--robot", "differential", "--out", out], "has no castor 2; give the robot that made the log"),
         ([tmp_path / "gone.csv", *some, out], "gone.csv: cannot be read"),
         ([*logs, *some, tmp_path / "there.json" / "new.json"], "there.json"),
     ):
