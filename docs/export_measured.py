@@ -1,6 +1,6 @@
 """Writes the measured OptiOdom sessions as logs and robot files, a folder a session.
 
-    python docs/export_measured.py DATA measured
+python docs/export_measured.py DATA measured
 """
 
 import argparse
