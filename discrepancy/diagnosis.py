@@ -21,7 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
-from castor_envs.effects import ClockSkew, Effect, SampleJitter, SlipStiffness, SlipStiffnessLateral
+from castor_envs.effects import ClockSkew, ContactCreep, Effect, SampleJitter, SlipStiffness, SlipStiffnessLateral
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
 from castor_envs.logs import Log
@@ -36,8 +36,10 @@ from discrepancy.timing import Amount, jitter_of, skew_of
 LEAST_GAIN = 30.0
 """The deviance that a candidate must take away; what robots in good order leave stays below (docs/diagnose.md)."""
 
-LEAST_OF_CREEP = 60.0
-"""The same of stiffnesses of slip: creep is predicted within a third or so."""
+CREEPING = SlipStiffness, SlipStiffnessLateral, ContactCreep
+LEAST_OF_CREEP, MUCH_CREEP = 60.0, 2.0
+"""The same of how contacts creep, which is predicted within a third or so; and how many times more than any other
+candidate these must take away, as wrong contacts look a little like everything."""
 
 EACH_MORE = 10.0
 """Deviance that a candidate with two amplitudes must take away more than one with one."""
@@ -228,6 +230,7 @@ def _one_after_another(
     """Return the effects that take something away, refitted together, and the evidence of what is left."""
     found: list[_Found] = []
     left, first_gain = first, 0.0
+    tried_before: list[set[str]] = []
     while len(found) < MOST:
         best = _pick(left)
         if best is None or best.gain < max(least, NEXT * first_gain):
@@ -242,8 +245,10 @@ def _one_after_another(
         if tried is None:
             break
         more = _exchanged(robot, look, *tried)
-        if len(more[0]) <= len(found):
+        families = {one.candidate.family for one in more[0]}
+        if not families or families in tried_before:
             break
+        tried_before.append(families)
         found, left = more
     return found, left
 
@@ -318,7 +323,9 @@ def _judged(look: Look, found: list[_Found], k: int) -> Finding:
     apart = look([one.effect for one in found[:k] + found[k + 1 :]])
     ranks = _ranks(apart)
     place = apart.index(own.candidate)
-    best = ranks[0] if place is None else max(ranks[0], _rank(apart, place), key=lambda one: one.gain)
+    best = _pick(apart) or ranks[0]
+    if place is not None:
+        best = max(best, _rank(apart, place), key=lambda one: one.gain)
     chosen = _alike(apart, best)
     if all(one.candidate != own.candidate for one in chosen) and place is not None:
         chosen = (_rank(apart, place), *chosen)
@@ -445,18 +452,25 @@ def _ranks(seen: Evidence) -> tuple[Rank, ...]:
 
 def _pick(seen: Evidence) -> Rank | None:
     """Return the candidate that takes away most of those that take away enough; None if none does."""
-    return next((one for one in _ranks(seen) if one.gain >= _least(one) and one.sober >= LEAST_SOBER), None)
+    enough = [one for one in _ranks(seen) if one.gain >= _least(one) and one.sober >= LEAST_SOBER]
+    plain = [one for one in enough if not _creeps(one)]
+    if plain and plain[0].gain * MUCH_CREEP > enough[0].gain:
+        return plain[0]
+    return enough[0] if enough else None
 
 
 def _least(one: Rank) -> float:
-    creeps = one.candidate.kinds and isinstance(one.candidate.kinds[0], SlipStiffness | SlipStiffnessLateral)
-    return LEAST_OF_CREEP if creeps else LEAST_GAIN
+    return LEAST_OF_CREEP if _creeps(one) else LEAST_GAIN
+
+
+def _creeps(one: Rank) -> bool:
+    return bool(one.candidate.kinds) and isinstance(one.candidate.kinds[0], CREEPING)
 
 
 def _alike(seen: Evidence, best: Rank) -> tuple[Rank, ...]:
     """Return the candidates that cannot be told from the best one, it first."""
     limit = best.gain - MARGIN - PART * best.gain
-    return tuple(one for one in _ranks(seen) if limit <= one.gain <= best.gain)
+    return tuple(one for one in _ranks(seen) if limit <= one.gain <= best.gain and (_creeps(best) or not _creeps(one)))
 
 
 def _possible(one: Rank) -> bool:
