@@ -34,7 +34,7 @@ from discrepancy.parity import parity_residual
 from discrepancy.timing import Amount, jitter_of, skew_of
 
 LEAST_GAIN = 30.0
-"""The deviance that a candidate must take away; what robots in good order leave stays below (docs/diagnose.md)."""
+"""The deviance that a candidate must take away."""
 
 CREEPING = SlipStiffness, SlipStiffnessLateral, ContactCreep
 LEAST_OF_CREEP, MUCH_CREEP = 60.0, 2.0

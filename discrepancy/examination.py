@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.effects import CastorOrder, Effect, EncoderReversed, EncodersSwapped, readings
+from castor_envs.effects import Effect, readings
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
@@ -21,11 +21,9 @@ from discrepancy.diagnosis import diagnose
 from discrepancy.findings import WEAKEST_FIRST, Diagnosis, Left
 from discrepancy.html_report import html_of
 from discrepancy.preflight import Mistake, Preflight, preflight
-from discrepancy.replay import Replay, joined, replay
+from discrepancy.replay import WIRING, Replay, joined, replay
 from discrepancy.report import Data, as_data, mistake_data
 from discrepancy.traces import traces_of
-
-WIRING = (CastorOrder, EncoderReversed, EncodersSwapped)
 
 Logs = Mapping[str, Log]
 

@@ -20,6 +20,7 @@ from castor_envs.vehicles import Vehicle, file_name
 from discrepancy.candidates import described
 from discrepancy.cost import WAY, cost_of
 from discrepancy.findings import Diagnosis, Finding, Left, Rank
+from discrepancy.html_report import READ_AS
 from discrepancy.preflight import Mistake
 from discrepancy.separation import separating_drive
 
@@ -33,8 +34,8 @@ NOTHING = 1e-4
 SHOWN = 5
 """Rivals that are shown, best first."""
 
-READ_AS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "s": ("ms", 1e3), "1": ("%", 1e2), "s/s": ("ms/s", 1e3)}
-"""Units, and what people read instead, so many to one."""
+TOLD_AS = READ_AS | {"s/s": ("ms/s", 1e3)}
+"""Units, and what lines of text tell instead, so many to one."""
 
 Data = dict[str, Any]
 
@@ -205,7 +206,7 @@ def _finding_lines(one: Data) -> list[str]:
     if one["reason"] != one["title"]:
         lines.append(f"  {one['reason']}")
     if one["effect"] is not None and one["interval"] is not None:
-        unit, scale = READ_AS.get(one["unit"], (one["unit"], 1.0))
+        unit, scale = TOLD_AS.get(one["unit"], (one["unit"], 1.0))
         half = (one["interval"][1] - one["interval"][0]) / 2
         lines.append(f"  value {scale * one['effect']['value']:.4g} ± {scale * half:.2g} {unit} (95 %)")
     if one["same_as"]:

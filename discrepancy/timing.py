@@ -22,7 +22,7 @@ BESIDE = 0.5
 """What each encoder does for itself, as a part of what all do together: more is a jerky motion."""
 
 LEAST_JITTER = 3e-4
-"""s: what simulated robots in good order leave is below 6e-5 (docs/diagnose.md)."""
+"""s: above what motion alone leaves of simulated robots in good order."""
 
 MOVING = 0.3
 """Of the median squared speed: slower samples do not tell of time."""

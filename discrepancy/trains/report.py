@@ -6,13 +6,10 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from discrepancy.report import COVERAGE, FORMAT
 from discrepancy.trains.candidates import Placed
 from discrepancy.trains.diagnosis import Finding, Rank, TrainDiagnosis
 from discrepancy.trains.gap import HORIZON, Gap
-
-FORMAT = "castor-diagnosis/1"
-COVERAGE = 1.96
-"""Standard errors on either side of a 95 % interval."""
 
 SHOWN = 8
 """Candidates that are shown, best first."""
