@@ -1,8 +1,12 @@
 """How a frame between two axles bends, what its sensor then reads, and how far axles creep under its forces.
 
-A frame that is loaded at its ends alone bends with a curvature that is linear along it, kappa = a + b s / length:
-the pose of one end as seen from the other tells a and b, and how much shorter the bent frame is.
+A frame that is loaded at its ends alone, and not pulled, bends with a curvature that is linear along it, kappa = a +
+b s / length: the pose of one end as seen from the other tells a and b, and how much shorter the bent frame is. What
+pulls along it, as wheels do that are held at speeds that disagree, bows it besides.
 """
+
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,6 +17,8 @@ from castor_envs.train import Frame, TrainDescription
 
 GRAVITY = 9.81
 NEWTON = 3
+BUCKLING = -30.0
+"""E I / length^2: no tension is taken to be less; at -4 pi^2 a clamped frame buckles."""
 SMALL, MOST = 1e-3, 60.0
 """1/m: to take a derivative with, and more than any difference of curvature between a frame's ends."""
 
@@ -50,13 +56,29 @@ def ends_by_posture(frame: Frame, at_ends: Array) -> tuple[Array, Array]:
     return np.linalg.inv(by_ends[:, 1:]).astype(float), by_ends[:, 0]
 
 
-def reading(frame: Frame, at_ends: Array, offsets: Array, t: Array) -> Array:
+def bow(frame: Frame, at_ends: Array, tension: Array) -> Array:
+    """Return by how much (..., 2), 1/m, what pulls along a frame changes the curvature of its ends: alike, and apart.
+
+    kappa'' = tension kappa / E I, the pose of the ends the same, by the first terms in tension (...,), N: at a fraction
+    u of the frame the curvature changes by (6 u^2 - 6 u + 1) of the first, at the ends by -1 and 1 times the second.
+    """
+    pulled = np.maximum(tension * frame.length**2 / frame.bending_stiffness, BUCKLING)
+    alike = np.mean(at_ends, axis=-1) * pulled / (12 + pulled / 5)
+    return np.stack([alike, (at_ends[..., 1] - at_ends[..., 0]) * pulled / 120], axis=-1)
+
+
+def reading(
+    frame: Frame, at_ends: Array, offsets: Array, t: Array, bowed: Array | float = 0.0, raised: float = 0.0
+) -> Array:
     """Return what the sensor of a frame as it is built reads, (K, 3), when the curvature at its ends is (K, 2), 1/m.
 
-    In the mean over its noise, which bends and so shortens what is read. offsets (gauges,): 1/m. t (K,): s.
+    In the mean over its noise, which bends and so shortens what is read. offsets (gauges,): 1/m. t (K,): s. bowed
+    (K,): what `bow` says first; raised: part of it that gauges read more, wherever they are.
     """
     share = np.array(frame.gauge_positions) / frame.length
-    read = sensed(frame, at_ends[..., :1] * (1 - share) + at_ends[..., 1:] * share, offsets, t)
+    curved = at_ends[..., :1] * (1 - share) + at_ends[..., 1:] * share
+    curved = curved + np.asarray(bowed)[..., None] * (6 * share**2 - 6 * share + 1 + raised)
+    read = sensed(frame, curved, offsets, t)
     live = np.ones(len(share))
     live[[number - 1 for number in frame.dead_gauges]] = 0.0
     shorter = np.sum(frame.length - posture(frame, frame.gauge_noise * np.diag(live))[:, 0])
@@ -66,12 +88,22 @@ def reading(frame: Frame, at_ends: Array, offsets: Array, t: Array) -> Array:
 
 def yielding(train: TrainDescription) -> tuple[Array, Array]:
     """Return how much the contacts of each axle slip for a force of 1 N, along and across, (N,) each, 1/N."""
-    along, across = [], []
-    for module in train.modules:
-        load = float(np.sum(wheel_loads(module, GRAVITY)))
-        along.append(1.0 / (module.contact.slip_stiffness_long * load))
-        across.append(1.0 / (module.contact.slip_stiffness_lat * load))
-    return np.array(along), np.array(across)
+    stiffness = ([getattr(m.contact, f"slip_stiffness_{way}") for m in train.modules] for way in ("long", "lat"))
+    along, across = (1.0 / (np.array(own) * carried(train)) for own in stiffness)
+    return along, across
+
+
+def most(train: TrainDescription) -> Array:
+    """Return the force at which the wheels of each axle slide, (N,), N."""
+    return np.array([module.contact.friction for module in train.modules]) * carried(train)
+
+
+@lru_cache(maxsize=64)
+def carried(train: TrainDescription) -> Array:
+    """Return what the wheels of each axle carry, (N,), N: their module, and half of each frame on it."""
+    half = [0.5 * frame.linear_density * frame.length for frame in train.frames]
+    each = zip(train.modules, [0.0, *half], [*half, 0.0], strict=True)
+    return np.array([np.sum(wheel_loads(replace(m, mass=m.mass + a + b), GRAVITY)) for m, a, b in each])
 
 
 def half_track(train: TrainDescription) -> Array:
@@ -79,20 +111,32 @@ def half_track(train: TrainDescription) -> Array:
     return np.array([(m.castors[0].wheels[0].lateral - m.castors[0].wheels[1].lateral) / 2 for m in train.modules])
 
 
-def creep(train: TrainDescription, at_ends: Array) -> Array:
-    """Return the slip (K, N, 3) that bent frames drive the axles to: of the left wheel, of the right one, and across.
+def loads(train: TrainDescription, relative: Array, at_ends: Array, tension: Array) -> Array:
+    """Return what bent frames do to the axles (K, N, 3): force along and across each axle's way, N, and moment, N m.
 
-    Metres beyond what is rolled, a metre of travel, from the frames' moments and shear forces in steady rolling; what
-    pulls along the frames their bends do not tell. train: as it is built. at_ends (K, F, 2): curvatures, 1/m.
+    train: as it is built. relative (K, F, 3): the front axle's pose as the rear one sees it. at_ends (K, F, 2): the
+    curvatures that go with it, 1/m. tension (K, F): what pulls along the line between the two axles, N.
     """
-    k, n = len(at_ends), train.n_axles
-    moment, force = np.zeros((k, n)), np.zeros((k, n))
+    found = np.zeros((len(relative), train.n_axles, 3))
     for f, frame in enumerate(train.frames):
-        rear, front = at_ends[:, f].T * frame.bending_stiffness
-        moment[:, f] -= front
-        moment[:, f + 1] += rear
-        force[:, f] += (front - rear) / frame.length
-        force[:, f + 1] -= (front - rear) / frame.length
+        away = np.arctan2(relative[:, f, 1], relative[:, f, 0])  # from the rear axle to the front one
+        alike, apart = bow(frame, at_ends[:, f], tension[:, f]).T
+        moment = frame.bending_stiffness * (at_ends[:, f] + np.stack([alike - apart, alike + apart], axis=-1))
+        shear = (moment[:, 1] - moment[:, 0]) / np.hypot(relative[:, f, 0], relative[:, f, 1])
+        for axle, sign, angle in ((f, 1.0, away - relative[:, f, 2]), (f + 1, -1.0, away)):
+            c, s, pulled = np.cos(angle), np.sin(angle), -tension[:, f]
+            found[:, axle, 0] += sign * (pulled * c - shear * s)
+            found[:, axle, 1] += sign * (pulled * s + shear * c)
+            found[:, axle, 2] -= sign * moment[:, 1 if axle == f else 0]
+    return found
+
+
+def creep(train: TrainDescription, load: Array) -> Array:
+    """Return the slip (K, N, 3) of axles under `load` (K, N, 3): of the left wheel, of the right one, and across.
+
+    Metres beyond what is rolled, for a metre that each wheel rolls, steadily. train: as it is built.
+    """
     along, across = yielding(train)
-    turning = moment / half_track(train) * along
-    return np.stack([-turning, turning, force * across], axis=-1)
+    turning = load[..., 2] / half_track(train)
+    slip = [(load[..., 0] - turning) * along, (load[..., 0] + turning) * along, load[..., 1] * across]
+    return np.stack(slip, axis=-1)

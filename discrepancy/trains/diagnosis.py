@@ -11,6 +11,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,8 +21,8 @@ from pydantic import TypeAdapter
 from castor_envs.errors import InputError
 from castor_envs.logs import Log
 from castor_envs.train import TrainDescription
-from castor_envs.train_effects import GaugeNoise, SensorStops
-from discrepancy.trains.candidates import Candidate, Placed, dead_gauges, named_candidates
+from castor_envs.train_effects import AxleSlip, DeadGauge, GaugeGain, GaugeNoise, SensorStops
+from discrepancy.trains.candidates import Candidate, Placed, dead_gauges
 from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
 from discrepancy.trains.gap import Gap, gap_of
 from discrepancy.trains.rows import TrainLog
@@ -30,7 +31,7 @@ Verdict = Literal["named", "ambiguous", "unconfirmed", "unexplained", "no discre
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named")
 
 LEAST_GAIN = 30.0
-"""The deviance that a candidate must take away: simulated trains without any effect leave at most about 15."""
+"""The deviance that a candidate must take away: simulated trains without any effect leave at most about 20."""
 
 MOST = 4
 """Effects are found one after another, at most so many."""
@@ -40,6 +41,9 @@ PROMISING, SHORTLIST, RIVALS = 0.35, 5, 1
 
 MARGIN, PART = 6.0, 0.05
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
+
+NEXT = 0.02
+"""Part of the first effect's gain that the next one must promise."""
 
 EXERCISED = 25.0
 """The deviance that an effect of its size would make on held-out logs for them to bear it out or not."""
@@ -52,6 +56,9 @@ NOISIER = 1.15
 
 DIFFERENCES = 2 / 3
 """Of a reading's worth is what a difference of successive ones tells of their noise."""
+
+OFTEN = 0.9
+"""Part of the time up to which an axle is believed to slide; where it seems to more, the description is to blame."""
 
 STOPPED = 5
 """Samples for which a sensor must repeat itself to the end of a log to have stopped."""
@@ -91,6 +98,7 @@ class TrainDiagnosis:
 
     before, after: the gap on the logs; held_out: before and after, on held-out logs. clocks: by how much the reference
     of each log is ahead of its counts, s; None without one. slip: of wheels and of axles to their sides, after 1 m, m.
+    sliding: part of the time in which an axle may have slid, pushed and pulled by its frames; that counts for little.
     """
 
     train: TrainDescription
@@ -103,6 +111,7 @@ class TrainDiagnosis:
     held_out: tuple[Gap, Gap] | None
     clocks: tuple[float | None, ...]
     slip: tuple[float, float]
+    sliding: float
 
     @property
     def robot(self) -> TrainDescription:
@@ -163,14 +172,13 @@ def diagnose_train(
     background: list[Placed] = []
     least = LEAST_GAIN
     if clean:
-        there = [TrainLog(train, log) for log in clean]
-        background = [one.placed for one in _noise(train, there, settled(train, there)) if one.placed is not None]
+        there, settling = _logs(train, clean)
+        background = [one.placed for one in _noise(train, there, settling) if one.placed is not None]
         found, rest, _ = _one_after_another(_with(train, background), there, LEAST_GAIN)
         background += _placed(found)
         least = max(least, 2 * max((one.gain for one in _ranks(rest)), default=0.0))
     base = _with(train, background)
-    own = [TrainLog(base, log) for log in logs]
-    state = settled(base, own)
+    own, state = _logs(base, logs)
     first = evidence_of(base, own, state)
     beside = [*_stops(base, logs), *_noise(base, own, state)]
     noisier = _with(base, [one.placed for one in beside if one.placed is not None])
@@ -200,6 +208,7 @@ def diagnose_train(
         held_out=held,
         clocks=tuple(m.clock if len(log.at) else None for m, log in zip(left.settled.motions, own, strict=True)),
         slip=(left.settled.sizes.rolling, left.settled.sizes.side),
+        sliding=float(np.mean(np.concatenate([log.loose.any(axis=1) for log in own]))),
     )
 
 
@@ -215,6 +224,18 @@ def _check(train: TrainDescription, log: Log, number: int) -> None:
             f"log {number} has neither relative poses nor a reference, so nothing can be seen; give logs with rps or "
             "ref columns"
         )
+
+
+def _logs(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], Settled]:
+    """Return logs as equations, in which steps that axles may have slid in count for little, and their motion."""
+    rough = [TrainLog(train, log) for log in logs]
+    state, built = settled(train, rough), train.as_built()
+    loose = [one.sliding(built, motion) for one, motion in zip(rough, state.motions, strict=True)]
+    loose = [own & (own.mean(axis=0) <= OFTEN) for own in loose]
+    if not any(own.any() for own in loose):
+        return rough, state
+    own = [TrainLog(train, log, slid) for log, slid in zip(logs, loose, strict=True)]
+    return own, settled(train, own, state)
 
 
 def _with(train: TrainDescription, effects: Sequence[Placed]) -> TrainDescription:
@@ -235,9 +256,11 @@ def _one_after_another(
     left = evidence_of(train, logs, settled(train, logs)) if first is None else first
     for _ in range(MOST):
         ranks = _ranks(left)
-        if not ranks or ranks[0].gain < least or (found and ranks[0].gain < PART * found[0].gain):
+        if not ranks or ranks[0].gain < least or (found and ranks[0].gain < NEXT * found[0].gain):
             break
         tries = _tried(_with(train, _placed(found)), logs, left, ranks)
+        if not tries:
+            return found, left, ranks[0]
         best = tries[0]
         chosen = [one for one in tries if one.gain >= best.gain - MARGIN - PART * best.gain]
         named = [one for one in chosen if one.placed is not None]
@@ -249,9 +272,11 @@ def _one_after_another(
         )
         placed = named[0].placed
         assert placed is not None
+        if isinstance(placed.effect, DeadGauge):  # whatever else its readings are multiplied by
+            found = [one for one in found if not _reads(one.placed, placed.effect)]
         found.append(_Found(placed, named[0].error, named[0].gain, families, beaten))
         found, left = _refitted(train, logs, found, named[0].state, REFITS)
-        kept = [one for one in found if one.placed.value**2 >= least * one.error**2]
+        kept = [one for one in found if _errors_off(one) ** 2 >= least]
         if len(kept) < len(found):
             found, left = _refitted(train, logs, kept, left.settled, REFITS)
             break
@@ -269,17 +294,19 @@ def _tried(train: TrainDescription, logs: Sequence[TrainLog], left: Evidence, ra
         placed = one.candidate.placed
         assert placed is not None
         start = _Found(placed.sized(_possible(placed, one.amplitude)), one.error, 0.0, (), ())
-        (got,), _, state = _settled_with(train, logs, [start], now, TRIES)
-        tries.append(_Try(one.candidate, now.deviance - state.deviance, got.placed, got.error, state))
+        with suppress(InputError):  # it does not fit at all
+            (got,), _, state = _settled_with(train, logs, [start], now, TRIES)
+            tries.append(_Try(one.candidate, now.deviance - state.deviance, got.placed, got.error, state))
     for candidate in dead_gauges(train):
         if candidate.frame in frames:
             assert candidate.placed is not None
-            state = settled(candidate.placed.added(train), logs, now)
-            state = settled(candidate.placed.added(train), logs, state)
-            tries.append(_Try(candidate, now.deviance - state.deviance, candidate.placed, 0.0, state))
+            with suppress(InputError):
+                state = settled(candidate.placed.added(train), logs, now)
+                tries.append(_Try(candidate, now.deviance - state.deviance, candidate.placed, 0.0, state))
     for one in without:
-        state = settled(train, logs, now, rival=one.candidate.rival)
-        tries.append(_Try(one.candidate, now.deviance - state.deviance, None, one.error, state))
+        with suppress(InputError):
+            state = settled(train, logs, now, rival=one.candidate.rival)
+            tries.append(_Try(one.candidate, now.deviance - state.deviance, None, one.error, state))
     return sorted(tries, key=lambda one: -one.gain)
 
 
@@ -304,6 +331,20 @@ def _settled_with(
         if np.all(np.abs(changes) < 0.1 * errors):
             break
     return now, _with(train, _placed(now)), start
+
+
+def _reads(placed: Placed, dead: DeadGauge) -> bool:
+    """Whether an effect is the gain of a gauge, and that gauge is dead."""
+    effect = placed.effect
+    return isinstance(effect, GaugeGain) and (effect.frame, effect.gauge) == (dead.frame, dead.gauge)
+
+
+def _errors_off(one: _Found) -> float:
+    """Return by how many standard errors an effect is there; slip's error is a part of it, as only its part is seen."""
+    value = one.placed.value
+    if one.error == 0.0:
+        return np.inf
+    return (1 + value) * np.log1p(value) / one.error if isinstance(one.placed.effect, AxleSlip) else value / one.error
 
 
 def _refitted(
@@ -408,10 +449,10 @@ def _borne_out(
     train: TrainDescription, held_out: Sequence[Log], findings: Sequence[Finding]
 ) -> tuple[list[Finding], tuple[Gap, Gap]]:
     """Return the findings as held-out logs bear them out, and the gap there before and after."""
-    logs = [TrainLog(train, log) for log in held_out]
+    logs, apart = _logs(train, held_out)
     every = [one.placed for one in findings if one.placed is not None]
     full = _with(train, every)
-    apart, state = settled(train, logs), settled(full, logs)
+    state = settled(full, logs)
     judged = []
     for one in findings:
         if one.placed is None or one.verdict != "named":
@@ -448,14 +489,13 @@ def _borne(
         n, described = DIFFERENCES * sum(count for _, count in each), built.frames[f].gauge_noise
         square, wanted = DIFFERENCES * sum(s**2 * c for s, c in each) / max(n, 1.0), 1 + (placed.value / described) ** 2
         return n * (np.log(1 / wanted) + square - square / wanted), n * (np.log(1 / wanted) + wanted - 1)
-    if not hasattr(placed.effect, "value"):
+    if not hasattr(placed.effect, "value") or isinstance(placed.effect, AxleSlip):  # slip is far from linear in it
         gain = (
             settled(without, logs, full, full.sizes).deviance
             - settled(_with(train, every), logs, full, full.sizes).deviance
         )
         return gain, max(gain, EXERCISED if abs(gain) > MARGIN else 0.0)
     state = settled(without, logs, full, full.sizes)
-    candidate = next(one for one in named_candidates(without) if one.placed is not None and one.placed.same(placed))
-    seen = evidence_of(without, logs, state, [candidate])
+    seen = evidence_of(without, logs, state, [Candidate(placed.what(train), placed.effect.unit, placed)])
     value, strength = placed.value, float(seen.information[0, 0])
     return 2 * value * float(seen.pull[0]) - value**2 * strength, value**2 * strength

@@ -11,13 +11,16 @@ from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
 from castor_envs.train import TrainDescription
 from discrepancy.trains.candidates import Candidate, Rival, named_candidates, rivals
-from discrepancy.trains.rows import FITTED, LEAST_SIZE, Motion, Sizes, TrainLog
+from discrepancy.trains.rows import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes, TrainLog
 
 PROBES = 8
 """Random vectors by which the part of each kind of equations that the motion takes up is learned."""
 
-SETTLING, WARM = 10, 3
-"""Rounds until motion and sizes have settled, from nothing and from those of a similar train."""
+SETTLING, WARM = 10, 8
+"""Rounds in which motion and sizes settle at most, from nothing and from those of a similar train."""
+
+STILL = 1.0
+"""Change of deviance from round to round by which those of a similar train have settled."""
 
 FIRST = 3
 """Rounds from nothing before sizes are looked at."""
@@ -146,7 +149,7 @@ def settled(
     motions = [log.start(built) for log in logs] if start is None else list(start.motions)
     now = sizes or (Sizes(gauges=(1.0,) * len(train.frames)) if start is None else start.sizes)
     deviance = 0.0
-    rounds = SETTLING if start is None else WARM
+    rounds, last = SETTLING if start is None else WARM, np.inf
     for turn in range(rounds):
         squares: dict[str, float] = {}
         free: dict[str, float] = {}
@@ -183,6 +186,9 @@ def settled(
                     squares[kind] = squares.get(kind, 0.0) + float(left[own] @ left[own])
                     dof = problem.rows[kind] - float(taken[own].sum()) / PROBES
                     free[kind] = free.get(kind, 0.0) + max(dof, 1.0)
+        if start is not None and turn > 1 and abs(deviance - last) < STILL:
+            break
+        last = deviance
         if sizes is None and (start is not None or turn >= FIRST) and turn < rounds - 1:
             now = _resized(now, squares, free)
     return Settled(tuple(motions), now, deviance)
@@ -194,7 +200,7 @@ def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) ->
             continue
         least = LEAST_SIZE.get(kind, LEAST_GAUGES)
         change = np.clip((squares[kind] / free[kind]) ** 0.5, 0.2, 5.0)
-        sizes = sizes.with_size(kind, float(max(sizes.of(kind) * change, least)))
+        sizes = sizes.with_size(kind, float(np.clip(sizes.of(kind) * change, least, MOST_SIZE.get(kind, np.inf))))
     return sizes
 
 

@@ -1,7 +1,7 @@
 """How far a train's model is off what was measured: relative poses, and the axles' poses if there is a reference."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,10 +37,10 @@ def gap_of(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) ->
     built = train.as_built()
     sensors, poses = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for log, motion in zip(logs, state.motions, strict=True):
-        slip = log.creep(built, log.ends(built, motion.relative))
+        slip = log.creep(built, motion, log.ends(built, motion.relative), np.zeros_like(motion.pull))
         carried = _carried(log.start(built, slip).pose, motion, log.t)
         relative = relative_pose(carried[:, 1:], carried[:, :-1])
-        moved = Motion(carried, motion.roll, motion.pull, motion.offsets, motion.mount, motion.clock, motion.creep)
+        moved = replace(motion, pose=carried)
         left = log.residuals(built, moved, log.ends(built, relative))
         block = np.floor(log.t / MEAN).astype(int)
         for f in range(log.f):

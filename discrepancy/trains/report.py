@@ -24,6 +24,11 @@ def as_lines(found: TrainDiagnosis, names: Sequence[str]) -> list[str]:
         lines.append(found.reason)
     rolling, side = found.slip
     lines.append(f"slip beside it: {1e3 * rolling:.2g} mm along, {1e3 * side:.2g} across, after 1 m")
+    if found.sliding > 0:
+        lines.append(
+            f"axles are set against each other so much that some may slide in {100 * found.sliding:.0f} % of the time, "
+            "which counts for little; let their wheels yield"
+        )
     for name, clock in zip(names, found.clocks, strict=True):
         if clock is not None:
             how = "ahead of" if clock > 0 else "behind"
@@ -56,7 +61,7 @@ def as_data(found: TrainDiagnosis, names: Sequence[str]) -> dict[str, Any]:
         "findings": [_finding_data(one) for one in found.findings],
         "train": None if train is None else train.to_dict(),
         "reference": {"clocks": [{"ahead_s": _number(clock)} for clock in found.clocks]} if with_reference else None,
-        "slip": {"along_m": found.slip[0], "across_m": found.slip[1]},
+        "slip": {"along_m": found.slip[0], "across_m": found.slip[1], "may_slide": found.sliding},
         "gap": {"before": _gap_data(found.before), "after": _gap_data(found.after)},
         "gap_held_out": None
         if found.held_out is None

@@ -1,6 +1,6 @@
 """All that one log says of a train, as equations between its motion and what sensors read: one sparse linear problem.
 
-Unknown of every sample are the axles' poses, how far wheels have rolled, and what pulls along the frames; of the whole
+Unknown of every sample are the axles' poses, how far wheels have rolled, and the frames' tension; of the whole
 log its nuisances: offsets of the gauges, where the reference tracks each axle, and its clock.
 """
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.ndimage import binary_dilation
 
 from castor_envs.kinematics import Array
 from castor_envs.logs import Log
@@ -34,6 +35,21 @@ SMOOTH = 9
 CREEP = 1.0
 """One standard deviation of the part by which axles creep more than predicted: forces are known to a factor of two."""
 
+SLIDING, NEARLY, AROUND = 0.02, 0.7, 5
+"""What an axle's step is worth while it may slide; the part of its friction from which on it may; steps before and
+after that."""
+
+BENT = 1e-4
+"""rad, to take derivatives with."""
+
+RAISED = 0.06
+"""One standard deviation of the part of its bow by which a pulled frame's gauges read more: they are not points, and
+stand for the curvature between them."""
+
+PULLING, PULLED = 5.0, 1e-3
+"""s for which a frame's tension lasts, as what sets wheels against each other changes slowly; slip that it is measured
+by."""
+
 START = 1.0
 """m, rad: what is known of the first axle's pose at the start."""
 
@@ -42,10 +58,10 @@ START = 1.0
 class Motion:
     """What truly happened at K samples, as far as it is known.
 
-    pose (K, N, 3). roll (K, 2N), rad. pull (K, F): slip in a step of an axle that what pulls along a frame alone
-    would cause, m. offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles'
-    frames, m and rad. clock: s, by which the reference is ahead. creep (N,): part by which axles creep more than their
-    contacts say.
+    pose (K, N, 3). roll (K, 2N), rad. pull (K, F): tension of each frame in the step that begins, in `newtons`.
+    offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles' frames, m and rad.
+    clock: s, by which the reference is ahead. creep (N,): part by which axles creep more under bent frames than their
+    contacts say. raised (F,): part of a frame's bow by which its gauges read more.
     """
 
     pose: Array
@@ -55,6 +71,7 @@ class Motion:
     mount: Array
     clock: float
     creep: Array
+    raised: Array
 
     @property
     def relative(self) -> Array:
@@ -66,7 +83,8 @@ class Motion:
         n = self.pose.shape[1]
         pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
         own = len(self.offsets)
-        offsets, mount, clock, creep = np.split(by_number, [own, own + 3 * n, own + 3 * n + 1])
+        ends = np.cumsum([own, 3 * n, 1, n])
+        offsets, mount, clock, creep, raised = np.split(by_number, ends)
         return Motion(
             self.pose + pose.reshape(-1, n, 3),
             self.roll + roll,
@@ -75,19 +93,20 @@ class Motion:
             self.mount + mount.reshape(n, 3),
             self.clock + float(clock[0]),
             self.creep + creep,
+            self.raised + raised,
         )
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Standard deviations. rolling, side, pull: slip of a wheel, of an axle to its side, and what pulls along a frame,
-    m after 1 m; shape: of a frame's length along the bend, m; position, heading: of the reference, m and rad. gauges
-    (F,): of the readings of each frame's gauges, in what its description says.
+    """Standard deviations. rolling, side: slip of a wheel, and of an axle to its side, m after 1 m; pull: tension of a
+    frame, counted in `newtons`; shape: of a frame's length along the bend, m; position, heading: of the reference, m
+    and rad. gauges (F,): of the readings of each frame's gauges, in what its description says.
     """
 
     rolling: float = 1e-3
     side: float = 1e-3
-    pull: float = 3e-3
+    pull: float = 1.0
     shape: float = 3e-4
     position: float = 1e-3
     heading: float = 1e-3
@@ -107,8 +126,20 @@ class Sizes:
         return replace(self, **{kind: size})
 
 
-LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "pull": 2e-4, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
+LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "pull": 0.1, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
+MOST_SIZE = {"pull": 10.0}
 FITTED = tuple(LEAST_SIZE)
+
+
+def newtons(built: TrainDescription) -> Array:
+    """Return what the tension of each frame is counted in, (F,), N.
+
+    It is what drives the axles beside it to a slip of `PULLED` in the mean, so that what is seen, their slip against
+    each other, is the same on any floor; or what would bow a bent frame as much as it is bent, if that is less.
+    """
+    along, _ = bending.yielding(built)
+    limp = np.array([frame.bending_stiffness / frame.length**2 for frame in built.frames])
+    return np.minimum(limp, 2 * PULLED / (along[1:] + along[:-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +162,10 @@ class Bends:
 class TrainLog:
     """One log of a train, ready to be compared with trains built in different ways.
 
-    train: its effects do not count.
+    train: its effects do not count. loose (K - 1, N): steps in which axles may slide, and tell next to nothing.
     """
 
-    def __init__(self, train: TrainDescription, log: Log) -> None:
+    def __init__(self, train: TrainDescription, log: Log, loose: NDArray[np.bool_] | None = None) -> None:
         self.described = train.as_described()
         self.n, self.f, self.k = train.n_axles, len(train.frames), len(log)
         self.t = log.t - log.t[0]
@@ -150,13 +181,16 @@ class TrainLog:
         self.reference = given[self.at].reshape(-1, self.n, 3)
         self.block = 5 * self.n + frames
         self.gauges = np.cumsum([0, *(len(frame.gauge_positions) for frame in train.frames)])
-        self.numbers = int(self.gauges[-1]) + 4 * self.n + 1
-        self.pulled = np.diff(np.eye(self.n), axis=0).T  # (N, F): a frame pulls its front axle back, its rear one ahead
+        self.numbers = int(self.gauges[-1]) + 4 * self.n + 1 + frames
+        self.creeping = int(self.gauges[-1]) + 3 * self.n + 1
+        self.loose = np.zeros((self.k - 1, self.n), dtype=bool) if loose is None else loose
+        self.lasting = np.exp(-np.diff(self.t) / PULLING)[:, None]
         per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
         radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
         steps = np.abs(np.diff(roll, axis=0)) * radius
         self.travel = np.sqrt(steps.reshape(-1, self.n, 2).mean(axis=2) + LEAST_TRAVEL)
+        self.rolled = steps.reshape(-1, self.n, 2)
         self.signed_travel = (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2).mean(axis=2)
 
     def prior(self, train: TrainDescription) -> Array:
@@ -164,11 +198,12 @@ class TrainLog:
         offsets = [
             np.full(len(frame.gauge_positions), max(frame.gauge_offset, 1e-6)) for frame in train.as_described().frames
         ]
-        return np.concatenate([*offsets, np.tile(MOUNT, self.n), [CLOCK], np.full(self.n, CREEP)])
+        creep, raised = np.full(self.n, CREEP), np.full(self.f, RAISED)
+        return np.concatenate([*offsets, np.tile(MOUNT, self.n), [CLOCK], creep, raised])
 
     def nuisances(self, motion: Motion) -> Array:
         """Return the nuisances (n,) of a motion."""
-        return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep])
+        return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep, motion.raised])
 
     def start(self, built: TrainDescription, slip: Array | None = None) -> Motion:
         """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with.
@@ -201,7 +236,14 @@ class TrainLog:
                 pose[:, i] = own
         none = np.zeros((self.n, 3))
         return Motion(
-            pose, roll, np.zeros((self.k, self.f)), np.zeros(int(self.gauges[-1])), none, 0.0, np.zeros(self.n)
+            pose,
+            roll,
+            np.zeros((self.k, self.f)),
+            np.zeros(int(self.gauges[-1])),
+            none,
+            0.0,
+            np.zeros(self.n),
+            np.zeros(self.f),
         )
 
     def _seen(self, built: TrainDescription, f: int) -> Array:
@@ -227,16 +269,17 @@ class TrainLog:
         left = {"counts": motion.roll * per_turn / (2 * np.pi) - (self.counts - self.counts[0])}
 
         along, across, turn, _ = self._steps(motion)
-        slip = self.creep(built, ends) + self.creep(self.described, ends) * motion.creep[:, None]
-        pulled = motion.pull[:-1] @ self.pulled.T
+        slip = self.creep(built, motion, ends) + self.bent(motion, ends) * motion.creep[:, None]
         rolled = np.diff(motion.roll, axis=0) * radius
-        ahead = np.repeat(along - pulled, 2, axis=1) - lateral * np.repeat(turn, 2, axis=1)
+        ahead = np.repeat(along, 2, axis=1) - lateral * np.repeat(turn, 2, axis=1)
         left["rolling"] = ahead - rolled - slip[..., :2].reshape(-1, 2 * n)
         left["side"] = across - slip[..., 2]
-        left["pull"] = motion.pull
+        left["pull"] = motion.pull.copy()
+        left["pull"][1:] -= self.lasting * motion.pull[:-1]
         for f, frame in enumerate(built.frames):
             offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
-            read = bending.reading(frame, ends[:, f], offsets, self.t + self.clock_start)
+            bowed = bending.bow(frame, ends[:, f], newtons(built)[f] * motion.pull[:, f])[:, 0]
+            read = bending.reading(frame, ends[:, f], offsets, self.t + self.clock_start, bowed, motion.raised[f])
             left[f"gauges{f}"] = (self.rps[:, f] - read) * self.read[:, f, None]
         short = [bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
         left["shape"] = relative[..., 0] - np.stack(short, axis=1)
@@ -263,9 +306,9 @@ class TrainLog:
         shorter = UNSURE * (np.array([frame.length for frame in built.frames]) - np.stack(bent, axis=1))
         weights: dict[str, Array] = {
             "counts": np.full((self.k, 2 * self.n), 12**0.5),
-            "rolling": 1 / np.repeat(travel, 2, axis=1),
-            "side": 1 / travel,
-            "pull": np.concatenate([1 / (travel[:, 1:] + travel[:, :-1]) * 2, np.full((1, self.f), 1e3)]),
+            "rolling": np.repeat(np.where(self.loose, SLIDING, 1.0) / travel, 2, axis=1),
+            "side": np.where(self.loose, SLIDING, 1.0) / travel,
+            "pull": np.repeat(np.append(1.0, (1 - self.lasting**2) ** -0.5)[:, None], self.f, axis=1),
             "shape": 1 / np.hypot(1.0, shorter / STRAIGHT),
             "position": np.ones((len(self.at), self.n, 2)),
             "heading": np.ones((len(self.at), self.n)),
@@ -296,6 +339,7 @@ class TrainLog:
 
         along, across, turn, (c, s) = self._steps(motion)
         longer = 1 / np.sinc(turn / (2 * np.pi))
+        by_pull = self._by_pull(built, motion, ends)
         rolling = []
         for side in range(2):
             lateral, radius = (np.array([getattr(w, name) for w in wheels[side::2]]) for name in ("lateral", "radius"))
@@ -306,7 +350,7 @@ class TrainLog:
                 *(c * longer, s * longer, bend + grow - lateral),
                 np.broadcast_to(radius, along.shape),
                 np.broadcast_to(-radius, along.shape),
-                *(np.broadcast_to(-self.pulled[:, f], along.shape) for f in range(self.f)),
+                *(-by_pull[:, :, side, f] for f in range(self.f)),
             ]
             pose = steps[:, None] * block + 3 * np.arange(n)
             wheel = steps[:, None] * block + 3 * n + 2 * np.arange(n) + side
@@ -316,23 +360,31 @@ class TrainLog:
             rolling.append((np.stack(places, axis=-1), np.stack(values, axis=-1)))
         places = np.stack([own for own, _ in rolling], axis=2)
         values = np.stack([own for _, own in rolling], axis=2)
-        slip, axles = self.creep(self.described, ends), np.arange(n)
+        slip, axles = self.bent(motion, ends), np.arange(n)
         turned, aside = np.zeros((k - 1, n, 2, self.numbers)), np.zeros((k - 1, n, self.numbers))
-        turned[:, axles, :, self.numbers - n + axles] = -slip[..., :2].transpose(1, 0, 2)
-        aside[:, axles, self.numbers - n + axles] = -slip[..., 2]
+        turned[:, axles, :, self.creeping + axles] = -slip[..., :2].transpose(1, 0, 2)
+        aside[:, axles, self.creeping + axles] = -slip[..., 2]
         found["rolling"] = self._sparse(places, values, turned.reshape(-1, self.numbers))
         pose = steps[:, None] * block + 3 * np.arange(n)
         flat = along / longer
-        places = np.stack([pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2], axis=-1)
-        values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2], axis=-1)
+        pulls = [steps[:, None] * block + 5 * n + f + 0 * np.arange(n) for f in range(self.f)]
+        places = np.stack([pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, *pulls], axis=-1)
+        more = [-by_pull[:, :, 2, f] for f in range(self.f)]
+        values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2, *more], axis=-1)
         found["side"] = self._sparse(places, values, aside.reshape(-1, self.numbers))
         pull = every[:, None] * block + 5 * n + np.arange(self.f)
-        found["pull"] = self._sparse(pull[..., None], np.ones((k, self.f, 1)))
+        before = np.concatenate([pull[:1], pull[:-1]])
+        kept = np.append(0.0, -self.lasting)[:, None] * np.ones(self.f)
+        found["pull"] = self._sparse(np.stack([pull, before], axis=-1), np.stack([np.ones_like(kept), kept], axis=-1))
 
         by_pose, places = self._relative_derivatives(motion)
+        by_posture = [bending.ends_by_posture(frame, ends[:, f]) for f, frame in enumerate(built.frames)]
+        bent = np.stack([own for own, _ in by_posture], axis=1)
+        for kind, more in self._by_bend(built, motion, ends, bent, (by_pose, places)).items():
+            found[kind] = replace(found[kind], by_sample=found[kind].by_sample + more)
         short: list[Array] = []
         for f, frame in enumerate(built.frames):
-            by_y_phi, longer = bending.ends_by_posture(frame, ends[:, f])
+            by_y_phi, longer = by_posture[f]
             live = np.array(frame.gauge_gains or [1.0] * len(frame.gauge_positions))
             share = np.array(frame.gauge_positions) / frame.length
             by_ends = bends.by_gauge[f] @ (live[:, None] * np.stack([1 - share, share], axis=1))
@@ -343,6 +395,8 @@ class TrainLog:
             own = np.broadcast_to(places[:, f, None], (k, 3, 6))
             numbers = np.zeros((k, 3, self.numbers))
             numbers[..., self.gauges[f] : self.gauges[f + 1]] = -bends.by_gauge[f] * self.read[:, f, None, None]
+            raised = bending.bow(frame, ends[:, f], newtons(built)[f] * motion.pull[:, f])[:, 0] * self.read[:, f]
+            numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ live) * raised[:, None]
             found[f"gauges{f}"] = self._sparse(own, chained, numbers.reshape(3 * k, -1))
             short.append((shape @ by_pose[:, f])[:, 0])
         found["shape"] = self._sparse(places, np.stack(short, axis=1))
@@ -408,17 +462,111 @@ class TrainLog:
         """Return the derivatives (K, 3, gauges) of a frame's reading by its gauges' errors."""
         frame, first, last = built.frames[f], self.gauges[f], self.gauges[f + 1]
         t, columns = self.t + self.clock_start, []
+        bowed = bending.bow(frame, ends[:, f], newtons(built)[f] * motion.pull[:, f])[:, 0]
         for gauge in range(last - first):
             small = 1e-4 * np.eye(last - first)[gauge]
             more, less = (
-                bending.reading(frame, ends[:, f], motion.offsets[first:last] + d, t) for d in (small, -small)
+                bending.reading(frame, ends[:, f], motion.offsets[first:last] + d, t, bowed, motion.raised[f])
+                for d in (small, -small)
             )
             columns.append((more - less) / 2e-4)
         return np.stack(columns, axis=-1)
 
-    def creep(self, built: TrainDescription, ends: Array) -> Array:
-        """Return how far left wheels, right wheels and axles slip in each step (K - 1, N, 3), m, as bends predict."""
-        return bending.creep(built, (ends[1:] + ends[:-1]) / 2) * self.signed_travel[..., None]
+    def creep(self, built: TrainDescription, motion: Motion, ends: Array, pull: Array | None = None) -> Array:
+        """Return how far left wheels, right wheels and axles slip in each step (K - 1, N, 3), m, as is predicted.
+
+        pull (K, F): the frames' tension, counted in `newtons`; None: the motion's.
+        """
+        slip = bending.creep(built, self._loads(built, motion, ends, motion.pull if pull is None else pull))
+        return slip * self._travelled
+
+    def _loads(
+        self, built: TrainDescription, motion: Motion, ends: Array, pull: Array, more: Array | float = 0.0
+    ) -> Array:
+        """Return what frames do to the axles in each step (K - 1, N, 3), N and N m. more: for relative poses (F, 3)."""
+        relative, middle = motion.relative + more, (ends[1:] + ends[:-1]) / 2
+        return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, newtons(built) * pull[:-1])
+
+    def sliding(self, built: TrainDescription, motion: Motion) -> NDArray[np.bool_]:
+        """Return the steps (K - 1, N) in which a wheel carries nearly as much as the friction of its contact holds."""
+        load = self._loads(built, motion, self.ends(built, motion.relative), motion.pull)
+        turning = np.abs(load[..., 2]) / bending.half_track(built)
+        used = np.hypot(np.abs(load[..., 0]) + turning, load[..., 1]) / bending.most(built)
+        near = binary_dilation(used > NEARLY, iterations=AROUND, structure=np.array([[0, 1, 0]] * 3, dtype=bool))
+        return np.asarray(near, dtype=bool)
+
+    def _by_pull(self, built: TrainDescription, motion: Motion, ends: Array) -> Array:
+        """Return the derivatives (K - 1, N, 3, F) of slips by the frames' tension."""
+        none, *each = (np.broadcast_to(pull, (self.k, self.f)) for pull in (np.zeros(self.f), *np.eye(self.f)))
+        without = self.creep(built, motion, ends, none)
+        return np.stack([self.creep(built, motion, ends, pull) - without for pull in each], axis=-1)
+
+    def _by_bend(
+        self,
+        built: TrainDescription,
+        motion: Motion,
+        ends: Array,
+        by_y_phi: Array,
+        relative: tuple[Array, NDArray[np.integer]],
+    ) -> dict[str, sparse.csr_array]:
+        """Return how residuals of rolling and to the side change with poses as these bend frames, which drives slip.
+
+        by_y_phi (K, F, 2, 2): derivatives of `ends`. relative: see `_relative_derivatives`.
+        """
+        k, n, none, (by_pose, places) = self.k, self.n, np.zeros_like(motion.pull), relative
+        by_relative = np.zeros((k - 1, n, 3, self.f, 2))
+        steps = (np.array([0.0, BENT * self.described.frames[0].length, 0.0]), np.array([0.0, 0.0, BENT]))
+        for first in range(min(2, self.f)):  # frames that share no axle, all at once
+            chosen = (np.arange(self.f) % 2 == first)[:, None]
+            for j, step in enumerate(steps):
+                slips = []
+                for change in (step, -step):
+                    moved = ends + chosen * (by_y_phi @ change[1:])
+                    load, other = (
+                        self._loads(train, motion, moved, pull, chosen * change)
+                        for train, pull in ((built, motion.pull), (self.described, none))
+                    )
+                    creep = bending.creep(built, load) + bending.creep(self.described, other) * motion.creep[:, None]
+                    slips.append(creep * self._travelled)
+                for f in np.flatnonzero(chosen[:, 0]):
+                    by_relative[:, f : f + 2, :, f, j] = (slips[0] - slips[1])[:, f : f + 2] / (2 * step.sum())
+        found = {kind: sparse.csr_array((rows, k * self.block)) for kind, rows in self._slipping.items()}
+        for f in range(self.f):
+            values = [by_relative[:, f : f + 2, :, f] @ (by_pose[at, f, 1:] / 2)[:, None] for at in self._both]
+            own = np.concatenate(values, axis=-1)
+            where = np.concatenate([places[at, f] for at in self._both], axis=-1)[:, None, None]
+            for kind, part in (("rolling", own[:, :, :2]), ("side", own[:, :, 2:])):
+                width = part.shape[2]
+                rows = (np.arange(k - 1)[:, None, None] * n + np.array([f, f + 1])[:, None]) * width + np.arange(width)
+                matrix = self._placed(rows[..., None], where, -part, self._slipping[kind])
+                found[kind] = sparse.csr_array(found[kind] + matrix)
+        return found
+
+    @property
+    def _both(self) -> tuple[slice, slice]:
+        """The samples at which steps begin, and end."""
+        return slice(None, -1), slice(1, None)
+
+    @property
+    def _slipping(self) -> dict[str, int]:
+        """How many rows the kinds have in which there is slip."""
+        return {"rolling": 2 * self.n * (self.k - 1), "side": self.n * (self.k - 1)}
+
+    @property
+    def _travelled(self) -> Array:
+        """How far left wheels, right wheels and axles roll in each step, forward or back, (K - 1, N, 3), m."""
+        return np.concatenate([self.rolled, self.rolled.mean(axis=2, keepdims=True)], axis=2)
+
+    def _placed(
+        self, rows: NDArray[np.integer], columns: NDArray[np.integer], values: Array, total: int
+    ) -> sparse.csr_array:
+        """Return `total` rows of derivatives by samples, with values (...) at these rows and columns."""
+        each = tuple(np.broadcast_to(where, values.shape).ravel() for where in (rows, columns))
+        return sparse.csr_array((values.ravel(), each), shape=(total, self.k * self.block))
+
+    def bent(self, motion: Motion, ends: Array) -> Array:
+        """Return what `creep` says of the train as described if its frames have no tension."""
+        return self.creep(self.described, motion, ends, np.zeros_like(motion.pull))
 
     def _steps(self, motion: Motion) -> tuple[Array, Array, Array, tuple[Array, Array]]:
         """Return how far every axle goes along its arc, across, and turns in each step, and its middle direction."""
