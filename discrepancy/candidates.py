@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import Effect, Motion, PivotEccentricity, Slip, catalogue, readings
+from castor_envs.effects import Bump, Effect, FrictionPatch, Motion, PivotEccentricity, Slip, catalogue, readings
 from castor_envs.effects.motion import contact_paths
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
@@ -48,6 +48,9 @@ DITHERS = (np.arange(4) - 1.5) / 4
 """Counts a sample."""
 
 
+NEAR = 0.1
+"""Part of a cable's diameter over which its derivative is taken."""
+
 NUMBERS = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
 """Of a geometry, all that may differ between robots of one layout."""
 
@@ -68,6 +71,11 @@ class Candidate:
     def family(self) -> str:
         """The same for all that no log can tell apart: the name to report, and where on the robot."""
         return family_of(self.kinds[0]) if self.kinds else self.what
+
+    @property
+    def at_a_place(self) -> bool:
+        """Whether it is at one place on the floor."""
+        return any(isinstance(kind, Bump) for kind in self.kinds)
 
     def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
         """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
@@ -99,13 +107,19 @@ def place_of(effect: Effect) -> dict[str, object]:
 def family_of(effect: Effect) -> str:
     """Return the name to report of all effects that no log can tell from this one, and where on the robot it is."""
     name = effect.same_as[0] if effect.same_as else effect.name
-    return " ".join([name, *(str(value) for value in _place_but_phase(effect).values())])
+    places = (round(value, 2) if isinstance(value, float) else value for value in _place_but_phase(effect).values())
+    return " ".join([name, *(str(value) for value in places)])
 
 
 def described(effect: Effect) -> str:
     """Return an effect and its place in words."""
     place = place_of(effect)
     where = [f"{key} {value}" for key, value in place.items() if key in ("castor", "wheel") and value is not None]
+    if isinstance(effect, Bump):
+        where += [f"through x {effect.x:.2f}, y {effect.y:.2f} m", f"direction {effect.direction:.2f} rad"]
+    if isinstance(effect, FrictionPatch):
+        where += [f"around x {effect.x:.2f}, y {effect.y:.2f} m", f"{effect.length:.2f} by {effect.width:.2f} m"]
+        where += [f"turned by {effect.angle:.2f} rad"]
     return ", ".join([effect.title, *where])
 
 
@@ -114,7 +128,7 @@ class Signatures:
     """What candidates do to one log, a column each or two.
 
     The first G columns are of `geometries`, changed by `steps` (G,); the others of `readings` (K, s + d, R), counts
-    read more for a unit, and `slips`, R of them.
+    read more for a unit, and `slips`, R of them. places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -122,6 +136,7 @@ class Signatures:
     steps: Array
     readings: Array
     slips: tuple[Slip, ...]
+    places: tuple[int, ...]
 
 
 class Channels:
@@ -170,11 +185,12 @@ def signatures_of(
     wanted: Array,
     among: Sequence[Candidate] | None = None,
     of: str = "",
+    places: Sequence[Candidate] = (),
 ) -> Signatures:
     """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
 
     wanted: as `LogLikelihood.wanted`: it says where a channel jumps, if it does. of: which log it is, for rivals that
-    have their time in it.
+    have their time in it. places: more candidates, of the floor.
     """
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
@@ -196,7 +212,7 @@ def signatures_of(
     motion = channels.motion(log, state, agreeing=True)
     swept = np.ptp(motion.castor_angle, axis=0)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
-    for candidate in candidates_of(robot) if among is None else among:
+    for candidate in [*candidates_of(robot), *places] if among is None else among:
         kind = candidate.kinds[0]
         if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT:
             continue
@@ -212,29 +228,39 @@ def signatures_of(
             more = np.stack([added(one, dithers) for one in changed], axis=-1) / kind.value
             if np.any(more):
                 read.append((candidate, more, (still,) * candidate.columns))
-            elif (slip := _slip_of(kind, robot, motion)) is not None:
+            elif (slip := _slip_of(candidate, robot, motion)) is not None:
                 read.append((candidate, none, (slip,)))
     if among is None:
         read += [(one, more, (still,) * one.columns) for one, more in _misread(channels, log, counts, wanted, of)]
         read += [(one, np.repeat(none, one.columns, axis=-1), slips) for one, slips in _slipping(robot, motion)]
+    of_columns = [one for one, _, slips in read for _ in slips]
     return Signatures(
         (*(one for one, _, _ in built), *(one for one, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
         np.concatenate([none[..., :0], *(more for _, more, _ in read)], axis=-1),
         tuple(slip for _, _, slips in read for slip in slips),
+        tuple(k for k, one in enumerate(of_columns) if one.at_a_place),
     )
 
 
-def _slip_of(kind: Effect, robot: RobotDescription, motion: Motion) -> Slip | None:
-    """Return the slip of a unit of an effect; None if there is none."""
+def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> Slip | None:
+    """Return the slip of a unit of an effect; None if there is none.
+
+    Around the size that the robot has of it: what a cable makes wheels roll more is not in proportion to its diameter.
+    """
+    kind = candidate.kinds[0]
+    there = next((one.value for one in robot.effects if isinstance(one, Bump) and candidate.is_of(one)), 0.0)
+    low, high = ((1 - NEAR) * there, (1 + NEAR) * there) if there > 0 else (0.0, kind.value)
     try:
-        slip = kind.slip(robot.as_built(), motion)
+        slip = dataclasses.replace(kind, value=high).slip(robot.as_built(), motion)
+        less = dataclasses.replace(kind, value=low).slip(robot.as_built(), motion) if there > 0 else None
     except InputError:  # a robot that cannot stand by itself
         return None
     if slip is None or not (np.any(slip.rolling) or np.any(slip.side)):
         return None
-    return Slip(slip.rolling / kind.value, slip.side / kind.value)
+    slip = slip if less is None else slip - less
+    return Slip(slip.rolling / (high - low), slip.side / (high - low))
 
 
 def candidates_of(robot: RobotDescription) -> list[Candidate]:

@@ -31,6 +31,7 @@ from discrepancy.evidence import BURST, Evidence, evidence_of
 from discrepancy.findings import WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inspection import BLIND
 from discrepancy.parity import parity_residual
+from discrepancy.places import slides_there, slippery_in
 from discrepancy.timing import Amount, jitter_of, skew_of
 
 LEAST_GAIN = 30.0
@@ -47,6 +48,10 @@ EACH_MORE = 10.0
 LEAST_SOBER = 20.0
 """The deviance that it must take away where all wheels may creep."""
 
+LEAST_OF_PLACE, MUCH_OF_PLACE = 60.0, 2.0
+"""The same of something on the floor, whose place was looked for in the same logs: lines of all places and directions
+look a little like everything too."""
+
 MOST = 4
 """Effects are found one after another, at most so many."""
 
@@ -54,11 +59,21 @@ SLIDING, IN_BURSTS = 4e-4, 0.5
 """m after 1 m, and the share of slip in the worst steps (`BURST`): more of both is sliding in some place, no effect of
 the robot, and would be taken for many."""
 
+SLIPPING, PARTLY_IN_BURSTS, PASSED = 1e-4, 0.4, 20
+"""The same, from which on a slippery patch is looked for where nothing else is found; and the wheels' steps in it that
+held-out logs must have."""
+
+SLIDES = 2.0
+"""So many times larger than elsewhere the squares of slip are where held-out logs bear out a slippery patch."""
+
 BACKGROUND = 5
 """At most so many effects are taken from clean logs as background."""
 
 MARGIN, PART = 6.0, 0.03
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
+
+WIDER = 3.0
+"""Margins within which held-out logs decide: which candidate, as large as the logs ask for, takes away more there."""
 
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
@@ -88,7 +103,7 @@ BORNE_OUT = 0.5
 ROUGHLY = 0.25
 """The part by which amplitudes may be wrong before they are refitted."""
 
-REFITS, EXCHANGES = 4, 2
+REFITS, EXCHANGES, RIVALS = 4, 2, 3
 
 
 @dataclass(frozen=True)
@@ -121,16 +136,22 @@ def diagnose(
         if blind and parity_residual(robot, blind[0]).redundancy == 0:
             raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
     asked, robot = robot, without(robot, SampleJitter)
-    good = evidence_of(robot, clean) if clean else None
+    good = _of_clean(robot, tuple(clean)) if clean else None
     background = [] if good is None else _background(good)
-    first = last = evidence_of(robot, logs).less(background)
+    first = last = evidence_of(robot, logs, places=() if good is None else good.places).less(background)
+    places = dict.fromkeys(first.places)
     timing = _of_time(asked, logs, first, held_out, good, clean)
+
+    seen: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None], Evidence] = {((), None): first}
 
     def look(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
         nonlocal last
-        if not effects:
-            return first
-        last = evidence_of(robot.with_effects(*effects), logs, start=last, among=among).less(background)
+        key = tuple(effects), None if among is None else tuple(among)
+        if key not in seen:
+            changed = robot.with_effects(*effects)
+            seen[key] = evidence_of(changed, logs, start=last, among=among, places=tuple(places)).less(background)
+            places.update(dict.fromkeys(seen[key].places))
+        last = seen[key]
         return last
 
     ranks = _ranks(first)
@@ -142,21 +163,28 @@ def diagnose(
         ranks=ranks,
         before=_left(first),
     )
-    if first.noise.along > SLIDING and first.burst.share > IN_BURSTS:
-        burst = first.burst
-        reason = (
-            f"wheels slide in bursts, {100 * burst.share:.0f} % of all slip in {100 * BURST:.0f} % of the time; most "
-            f"at {burst.t:.1f} s of log {burst.log + 1}, near x {burst.x:.2f}, y {burst.y:.2f} m: look at the floor"
-        )
-        return dataclasses.replace(result, verdict="unexplained", reason=reason)
+    if not first.places and _slides(first):
+        return _sliding(robot, logs, first, held_out, result)
+
+    def look_again(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
+        changed = robot.with_effects(*effects)
+        return evidence_of(changed, held_out, among=among, places=tuple(places)).less(background)
+
+    again = look_again if held_out else None
     shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
-    found, left = _one_after_another(robot, look, first, LEAST_GAIN * (SHAKEN if shaken else 1.0))
-    findings = [_judged(look, found, k) for k in range(len(found))]
-    if held_out and found:
-        findings, gaps = _borne_out(robot, held_out, found, findings)
+    found, left = _one_after_another(robot, look, again, first, LEAST_GAIN * (SHAKEN if shaken else 1.0))
+    if not found and (_slides(first) or _slips_in_bursts(first)):
+        sliding = _sliding(robot, logs, first, held_out, result)
+        if _slides(first) or sliding.findings:
+            return sliding
+    if again is not None and found:
+        found, left = _decided(robot, look, again, found, left)
+    findings = [_judged(look, again, found, k) for k in range(len(found))]
+    if again is not None and found:
+        findings, gaps = _borne_out(again, found, findings)
         result = dataclasses.replace(result, held_out=gaps)
     rest = None if shaken else _pick(left)
-    if rest is not None and (not found or rest.gain > BESIDE * max(one.gain for one in findings or timing)):
+    if rest is not None and rest.gain > BESIDE * max((one.gain for one in (findings or timing) if found), default=0.0):
         findings.append(_nameless(left, rest))
     if good is not None and not findings and (louder := _louder(first, good)) is not None:
         findings.append(louder)
@@ -172,6 +200,60 @@ def diagnose(
         findings=tuple(findings),
         after=_left(left) if found else None,
     )
+
+
+def _slides(seen: Evidence) -> bool:
+    return seen.noise.along > SLIDING and seen.burst.share > IN_BURSTS
+
+
+def _slips_in_bursts(seen: Evidence) -> bool:
+    return seen.noise.along > SLIPPING and seen.burst.share > PARTLY_IN_BURSTS
+
+
+def _sliding(
+    robot: RobotDescription, logs: Sequence[Log], seen: Evidence, held_out: Sequence[Log], result: Diagnosis
+) -> Diagnosis:
+    """Return the diagnosis of wheels that slide in some place: a slippery patch, or what cannot be told more of."""
+    finding = _of_place(robot, logs, seen, held_out)
+    if finding is not None:
+        after = result.before if finding.verdict == "named" else None
+        return dataclasses.replace(
+            result, verdict=finding.verdict, reason=finding.reason, findings=(finding,), after=after
+        )
+    burst = seen.burst
+    reason = (
+        f"wheels slide in bursts, {100 * burst.share:.0f} % of all slip in {100 * BURST:.0f} % of the time; most "
+        f"at {burst.t:.1f} s of log {burst.log + 1}, near x {burst.x:.2f}, y {burst.y:.2f} m: look at the floor"
+    )
+    return dataclasses.replace(result, verdict="unexplained", reason=reason)
+
+
+def _of_place(robot: RobotDescription, logs: Sequence[Log], seen: Evidence, held_out: Sequence[Log]) -> Finding | None:
+    """Return the finding of a slippery patch; None where wheels slip no more in one place than elsewhere."""
+    patch = None if seen.left is None else slippery_in(robot, logs, seen.state, seen.patches)
+    if patch is None:
+        return None
+    effect = patch.effect
+    candidate = Candidate(described(effect), (effect,))
+    rank = Rank(candidate, patch.gain, patch.gain, 0.0, (effect.value,), (patch.error,))
+    finding = Finding("named", candidate.what, (rank,), (), effect, patch.error)
+    if held_out:
+        again = evidence_of(robot, held_out, among=())
+        reason = None
+        steps, times = slides_there(robot, held_out, again.state, again.slips, effect)
+        if steps < PASSED:
+            reason = f"the held-out motion does not show {candidate.what}"
+        elif times < SLIDES:
+            reason = f"the held-out logs do not bear out {candidate.what}"
+        if reason is not None:
+            finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
+    return finding
+
+
+@lru_cache(maxsize=1)
+def _of_clean(robot: RobotDescription, clean: tuple[Log, ...]) -> Evidence:
+    """Return the evidence of clean logs, which often serve for many others."""
+    return evidence_of(robot, clean)
 
 
 def _of_time(
@@ -225,25 +307,35 @@ def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again:
 
 
 def _one_after_another(
-    robot: RobotDescription, look: Look, first: Evidence, least: float
+    robot: RobotDescription, look: Look, again: Look | None, first: Evidence, least: float
 ) -> tuple[list[_Found], Evidence]:
     """Return the effects that take something away, refitted together, and the evidence of what is left."""
     found: list[_Found] = []
     left, first_gain = first, 0.0
     tried_before: list[set[str]] = []
+    vanished: list[Candidate] = []
     while len(found) < MOST:
-        best = _pick(left)
+        best = _pick(left, vanished)
         if best is None or best.gain < max(least, NEXT * first_gain):
             break
-        first_gain = max(first_gain, best.gain)
-        named = next((one for one in _alike(left, best) if one.candidate.kinds), None)
-        if named is None:
+        if any(best.candidate == one.candidate for one in found):  # which cannot be as large as the logs want
             break
-        chosen = _rather_two(left, named) if named.candidate.columns > 1 else [named]
+        first_gain = max(first_gain, best.gain)
+        near = _near(left, best, [one.effect for one in found], again)
+        chosen = _chosen(left, [one for one in near if one.candidate not in vanished])
+        if not chosen:
+            break
         more = [one for rank in chosen for one in _as_found(robot, rank)]
         tried = _settled(robot, look, [*found, *more]) if more else None
         if tried is None:
             break
+        if _wanting(*tried) > BESIDE * best.gain:
+            more, tried = _or_another(robot, look, found, left, more, tried)
+        kept = [one.candidate for one in tried[0]]
+        gone = [one.candidate for one in more if one.candidate not in kept]
+        vanished += gone
+        if len(gone) == len(more):
+            continue
         more = _exchanged(robot, look, *tried)
         families = {one.candidate.family for one in more[0]}
         if not families or families in tried_before:
@@ -253,21 +345,74 @@ def _one_after_another(
     return found, left
 
 
-def _rather_two(left: Evidence, named: Rank) -> list[Rank]:
-    """Return two effects with an amplitude each that do as well as one with two; that one if there are none."""
-    single = [one for one in _ranks(left) if one.candidate.kinds and one.candidate.columns == 1][:SINGLES]
+def _wanting(found: list[_Found], left: Evidence) -> float:
+    """Return what more of the effects found would take away: 0 if they explain what they stand for."""
+    best = _pick(left)
+    return best.gain if best is not None and any(best.candidate == one.candidate for one in found) else 0.0
+
+
+def _or_another(
+    robot: RobotDescription,
+    look: Look,
+    found: list[_Found],
+    left: Evidence,
+    more: list[_Found],
+    tried: tuple[list[_Found], Evidence],
+) -> tuple[list[_Found], tuple[list[_Found], Evidence]]:
+    """Return the effects to take in, and all refitted with what is left: those tried, or a rival that leaves less.
+
+    Where an effect is large, contacts creep much otherwise than predicted until it is in the model; the best candidate
+    by then may be a rival of the right one.
+    """
+    ranks = [one for one in _ranks(left) if one.candidate.kinds and not _creeps(one)]
+    families = {one.candidate.family for one in more}
+    rivals = [one for one in ranks if one.gain > ranks[0].gain / 2 and one.candidate.family not in families][:RIVALS]
+    options = [(more, tried)]
+    for rival in rivals:
+        other = _as_found(robot, rival)
+        settled = _settled(robot, look, [*found, *other]) if other else None
+        if settled is not None and len(settled[0]) > len(found):
+            options.append((other, settled))
+    return min(options, key=lambda one: max((rank.gain for rank in _ranks(one[1][1])), default=0.0))
+
+
+def _near(left: Evidence, best: Rank, effects: list[Effect], again: Look | None) -> tuple[Rank, ...]:
+    """Return the candidates that cannot be told from the best one, it first; by held-out logs too, if it has no name
+    and others nearly as good have."""
+    near = _alike(left, best)
+    if again is None or best.candidate.kinds or not any(one.candidate.kinds for one in _alike(left, best, WIDER)):
+        return near
+    seen = again(effects)
+    told = sorted((_beside(seen, one) for one in _alike(left, best, WIDER)), key=lambda one: -one.gain)
+    return tuple(one for one in told if one.gain >= told[0].gain - MARGIN - PART * told[0].gain)
+
+
+def _chosen(left: Evidence, near: Sequence[Rank]) -> list[Rank]:
+    """Return the effect to take in, or two where two with an amplitude each do better than any one with two, or than
+    what has no name; none if there is none."""
+    best, named = near[0], next((one for one in near if one.candidate.kinds), None)
+    if named is not None and named.candidate.columns == 1:
+        return [named]
+    gain, pair = _best_pair(left)
+    if named is None:
+        return list(pair) if gain - EACH_MORE > best.gain + MARGIN + PART * best.gain else []
+    return list(pair) if gain - EACH_MORE > named.gain - MARGIN - PART * named.gain else [named]
+
+
+def _best_pair(left: Evidence) -> tuple[float, tuple[Rank, ...]]:
+    """Return what two effects with an amplitude each gain together at best, and these; 0 and none if there are none."""
+    single = [one for one in _ranks(left) if one.candidate.kinds and one.candidate.columns == 1 and not _creeps(one)]
     pairs = []
-    for pair in itertools.combinations(single, 2):
+    for pair in itertools.combinations(single[:SINGLES], 2):
         places = [(left.index(one.candidate), one.part) for one in pair]
         pairs.append((left.best([(k, part) for k, part in places if k is not None])[2], pair))
-    gain, pair = max(pairs, key=lambda one: one[0], default=(0.0, (named,)))
-    return list(pair) if gain - EACH_MORE > named.gain - MARGIN - PART * named.gain else [named]
+    return max(pairs, key=lambda one: one[0], default=(0.0, ()))
 
 
 def _settled(robot: RobotDescription, look: Look, found: list[_Found]) -> tuple[list[_Found], Evidence] | None:
     """Return effects with the amplitudes at which the logs pull them no more, and what is left; None: impossible."""
     own = [one.candidate for one in found]
-    for k in range(REFITS + 1):
+    for k in range(REFITS + 1 if found else 0):
         left = look([one.effect for one in found], own)
         places = [left.index(one) for one in own]
         if None in places:
@@ -279,16 +424,20 @@ def _settled(robot: RobotDescription, look: Look, found: list[_Found]) -> tuple[
         found = [dataclasses.replace(one, error=float(error.max())) for one, _, error in parts]
         if np.all(np.abs(changes) < 0.1 * errors) or k == REFITS:
             break
-        try:
-            found = [
-                dataclasses.replace(
-                    new, effect=_within(robot, one.candidate, one.candidate.amplitudes(one.effect) + by)
-                )
-                for new, (one, by, _) in zip(found, parts, strict=True)
-            ]
-        except InputError:  # at the end of what can be
-            break
+        moved = [_moved(robot, new, by) for new, (_, by, _) in zip(found, parts, strict=True)]
+        if None in moved:
+            return _settled(robot, look, [one for one, new in zip(found, moved, strict=True) if new is not None])
+        found = [one for one in moved if one is not None]
     return found, look([one.effect for one in found])
+
+
+def _moved(robot: RobotDescription, one: _Found, by: Array) -> _Found | None:
+    """Return an effect with its amplitudes changed; as it is at the end of what can be; None if it would vanish."""
+    before = one.candidate.amplitudes(one.effect)
+    try:
+        return dataclasses.replace(one, effect=_within(robot, one.candidate, before + by))
+    except InputError:
+        return one if before @ by > 0 else None
 
 
 def _exchanged(
@@ -308,7 +457,8 @@ def _exchanged(
                 own = apart.index(found[k].candidate)
                 if own is not None and named.gain - _rank(apart, own).gain < MARGIN + PART * named.gain:
                     continue
-                settled = _settled(robot, look, [*others, *_as_found(robot, named)])
+                twice = any(named.candidate == one.candidate for one in others)
+                settled = _settled(robot, look, others if twice else [*others, *_as_found(robot, named)])
                 if settled is not None:
                     found, left = settled
                     break
@@ -317,19 +467,55 @@ def _exchanged(
     return found, left
 
 
-def _judged(look: Look, found: list[_Found], k: int) -> Finding:
+def _decided(
+    robot: RobotDescription, look: Look, again: Look, found: list[_Found], left: Evidence
+) -> tuple[list[_Found], Evidence]:
+    """Return the effects, each exchanged for a rival if it foretells the held-out logs better."""
+    for k in range(len(found)):
+        near = _foretold(look, again, found, k)
+        best = max(near, key=lambda one: one.gain)
+        if best.candidate.kinds and all(best.candidate.family != one.candidate.family for one in found):
+            if best.gain - max(one.gain for one in near if one.candidate == found[k].candidate) < MARGIN:
+                continue
+            settled = _settled(robot, look, [*found[:k], *_as_found(robot, best), *found[k + 1 :]])
+            if settled is not None:
+                found, left = settled
+    return found, left
+
+
+def _foretold(look: Look, again: Look | None, found: list[_Found], k: int) -> list[Rank]:
+    """Return effect k beside the others, first, and its rivals, with what they take away from the logs and, as large
+    as these ask for, from the held-out ones."""
+    others = [one.effect for one in found[:k] + found[k + 1 :]]
+    apart = look(others)
+    place = apart.index(found[k].candidate)
+    own = [] if place is None else [_rank(apart, place)]
+    best = max([*own, _pick(apart) or _ranks(apart)[0]], key=lambda one: one.gain)
+    near = own + [one for one in _alike(apart, best, WIDER) if one.candidate != found[k].candidate]
+    if again is None or len({one.candidate.family for one in near}) < 2:
+        return near
+    named = [one.candidate for one in near] if all(one.candidate.kinds for one in near) else None
+    held = again(others, named)
+    return [_beside(held, one) for one in near]
+
+
+def _beside(held: Evidence, one: Rank) -> Rank:
+    """Return a candidate with what it takes away from held-out logs besides, as large as the logs ask for."""
+    return dataclasses.replace(one, gain=one.gain + held.foretold(one.candidate, one.part, one.amplitudes))
+
+
+def _judged(look: Look, again: Look | None, found: list[_Found], k: int) -> Finding:
     """Return what is to be said of effect k beside the others."""
     own = found[k]
-    apart = look([one.effect for one in found[:k] + found[k + 1 :]])
-    ranks = _ranks(apart)
-    place = apart.index(own.candidate)
-    best = _pick(apart) or ranks[0]
-    if place is not None:
-        best = max(best, _rank(apart, place), key=lambda one: one.gain)
-    chosen = _alike(apart, best)
-    if all(one.candidate != own.candidate for one in chosen) and place is not None:
-        chosen = (_rank(apart, place), *chosen)
-    beaten = tuple(one for one in ranks if one not in chosen)
+    near = _foretold(look, again, found, k)
+    limit = max(one.gain for one in near)
+    limit -= MARGIN + PART * limit
+    chosen = tuple(
+        one for n, one in enumerate(near) if one.gain >= limit or (n == 0 and one.candidate == own.candidate)
+    )
+    ranks = _ranks(look([one.effect for one in found[:k] + found[k + 1 :]]))
+    among = {one.candidate for one in chosen}
+    beaten = tuple(one for one in ranks if one.candidate not in among)
     finding = Finding("named", own.candidate.what, chosen, beaten, own.effect, own.error)
     if len(finding.families) > 1:
         reason = f"these motions do not tell apart: {'; '.join(finding.families)}"
@@ -345,7 +531,7 @@ def _nameless(left: Evidence, best: Rank) -> Finding:
     kinds = best.candidate.kinds
     reason = f"no effect of the catalogue looks like it; it is: {best.candidate.what}"
     if kinds:
-        reason = f"{best.candidate.what} would have to be {best.size:.3g} {kinds[0].unit}, which cannot be"
+        reason = f"{best.candidate.what} of {best.size:.3g} {kinds[0].unit} looks most like it, and does not explain it"
     return Finding("unexplained", reason, chosen, beaten)
 
 
@@ -374,15 +560,13 @@ def _louder(seen: Evidence, good: Evidence) -> Finding | None:
     return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {said}", (rank,), ())
 
 
-def _borne_out(
-    robot: RobotDescription, held_out: Sequence[Log], found: list[_Found], findings: list[Finding]
-) -> tuple[list[Finding], tuple[Left, Left]]:
+def _borne_out(again: Look, found: list[_Found], findings: list[Finding]) -> tuple[list[Finding], tuple[Left, Left]]:
     """Return the findings, and what is left of held-out logs.
 
     What they do not bear out is unconfirmed; if it is but something found beside larger effects, it was nothing.
     """
     own = [one.candidate for one in found]
-    nominal, with_all = (evidence_of(one, held_out, among=own) for one in (robot, _with(robot, found)))
+    nominal, with_all = (again(effects, own) for effects in ([], [one.effect for one in found]))
     judged = []
     for one, finding in zip(found, findings, strict=True):
         shown, change = _wanted(with_all, one)
@@ -393,6 +577,8 @@ def _borne_out(
             if finding.gain < max(other.gain for other in findings) / 2:
                 continue
             reason = f"the held-out logs do not bear out {one.candidate.what}"
+        if reason is not None and isinstance(one.effect, CREEPING) and len(findings) > 1:
+            continue
         if reason is not None and finding.verdict == "named":
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
         judged.append(finding)
@@ -408,10 +594,6 @@ def _wanted(with_all: Evidence, one: _Found) -> tuple[float, float]:
     change, _, _ = with_all.best([(place, 0.0)])
     shown = float(amplitudes @ with_all.plain[0][np.ix_(columns, columns)] @ amplitudes)
     return shown, float(np.linalg.norm(change) / np.linalg.norm(amplitudes))
-
-
-def _with(robot: RobotDescription, found: Sequence[_Found]) -> RobotDescription:
-    return robot.with_effects(*(one.effect for one in found))
 
 
 def _as_found(robot: RobotDescription, rank: Rank) -> list[_Found]:
@@ -450,16 +632,19 @@ def _ranks(seen: Evidence) -> tuple[Rank, ...]:
     return tuple(sorted((one for one in ranks if _possible(one)), key=lambda one: -one.gain))
 
 
-def _pick(seen: Evidence) -> Rank | None:
-    """Return the candidate that takes away most of those that take away enough; None if none does."""
-    enough = [one for one in _ranks(seen) if one.gain >= _least(one) and one.sober >= LEAST_SOBER]
-    plain = [one for one in enough if not _creeps(one)]
-    if plain and plain[0].gain * MUCH_CREEP > enough[0].gain:
+def _pick(seen: Evidence, but: Sequence[Candidate] = ()) -> Rank | None:
+    """Return the candidate that takes away most of those that take away enough, but for some; None if none does."""
+    some = [one for one in _ranks(seen) if one.candidate not in but]
+    enough = [one for one in some if one.gain >= _least(one) and one.sober >= LEAST_SOBER]
+    plain = [one for one in enough if not (_creeps(one) or one.candidate.at_a_place)]
+    if plain and plain[0].gain * (MUCH_CREEP if _creeps(enough[0]) else MUCH_OF_PLACE) > enough[0].gain:
         return plain[0]
     return enough[0] if enough else None
 
 
 def _least(one: Rank) -> float:
+    if one.candidate.at_a_place:
+        return LEAST_OF_PLACE
     return LEAST_OF_CREEP if _creeps(one) else LEAST_GAIN
 
 
@@ -467,9 +652,9 @@ def _creeps(one: Rank) -> bool:
     return bool(one.candidate.kinds) and isinstance(one.candidate.kinds[0], CREEPING)
 
 
-def _alike(seen: Evidence, best: Rank) -> tuple[Rank, ...]:
-    """Return the candidates that cannot be told from the best one, it first."""
-    limit = best.gain - MARGIN - PART * best.gain
+def _alike(seen: Evidence, best: Rank, wider: float = 1.0) -> tuple[Rank, ...]:
+    """Return the candidates that cannot be told from the best one, it first; `wider` for so many times the margin."""
+    limit = best.gain - wider * (MARGIN + PART * best.gain)
     return tuple(one for one in _ranks(seen) if limit <= one.gain <= best.gain and (_creeps(best) or not _creeps(one)))
 
 

@@ -15,6 +15,7 @@ from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, Channels, signatures_of, stacked
+from discrepancy.places import Slippery, slips_of, with_places
 from discrepancy.slipping import Slipping
 from estimators.calibration.log_likelihood import GAP, LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
@@ -34,6 +35,10 @@ SETTLED = 2
 CREEP = 1.5e-4
 """Standard deviation of what a wheel may always roll too much, as a part of its way, and a castor to the side: contact
 is not as rigid as rolling. Beyond this something is significant."""
+
+LEAST_SLIP = 3e-5
+"""m after 1 m: contacts are taken to slip at least so much at random. Those of a simulator that hardly do are no better
+known for that."""
 
 Chosen = Sequence[tuple[int, float]]
 """Candidates, each with the part of it that wheels hide."""
@@ -65,6 +70,8 @@ class Evidence:
 
     left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted, and
     what more wheels hide of each of the robot's effects. clock_errors (logs, 2): standard errors of `state.clocks`.
+    patches: rectangles of the floor where wheels slip far more than elsewhere. slips (K - 1, w) of each log: of wheels
+    beyond what is expected, m.
     """
 
     candidates: tuple[Candidate, ...]
@@ -77,6 +84,8 @@ class Evidence:
     burst: Burst
     parts: tuple[float, ...]
     clock_errors: Array
+    patches: tuple[Slippery, ...]
+    slips: tuple[Array, ...]
 
     def best(self, chosen: Chosen, sober: bool = False) -> tuple[Array, Array, float]:
         """Return the best amplitudes of some candidates together (c,), their covariance (c, c), and what they gain:
@@ -104,6 +113,20 @@ class Evidence:
         """Return the part of candidate k that wheels hide most likely, beside others."""
         return max(PARTS, key=lambda part: self.best([*others, (k, part)])[2])
 
+    @property
+    def places(self) -> tuple[Candidate, ...]:
+        """The candidates that are at a place on the floor."""
+        return tuple(one for one in self.candidates if one.at_a_place)
+
+    def foretold(self, candidate: Candidate, part: float, amplitudes: Sequence[float]) -> float:
+        """Return the deviance that a candidate of some amplitudes, hidden in part, takes away, or adds, if below 0."""
+        if (k := self.index(candidate)) is None:
+            return 0.0
+        (information, pull), columns, size = self.plain, self.columns[k], np.array(amplitudes)
+        both = np.concatenate([columns, columns + len(pull) // 2])
+        change = np.concatenate([size, part * size])
+        return float(2 * change @ pull[both] - change @ information[np.ix_(both, both)] @ change)
+
     def index(self, candidate: Candidate) -> int | None:
         """Return the place of a candidate; None where the motion leaves it without any trace."""
         return next((k for k, one in enumerate(self.candidates) if one == candidate), None)
@@ -127,11 +150,13 @@ def evidence_of(
     noise: Noise | None = None,
     start: Evidence | None = None,
     among: Sequence[Candidate] | None = None,
+    places: Sequence[Candidate] = (),
 ) -> Evidence:
     """Return what logs say of all candidates beyond the effects that the robot's file has.
 
     noise: sizes to hold to; None: found. start: evidence of the same logs, to begin with what it found. among:
-    candidates to look at; None: all, and rivals without a name.
+    candidates to look at; None: all, and rivals without a name. places: of the floor, to look at beside those that the
+    logs speak for.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
@@ -145,28 +170,40 @@ def evidence_of(
             model.correct(channels.read(robot, log, counts) - counts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
     slipping = [Slipping(robot, model, log, state) for model, log, state in zip(models, logs, at.states, strict=True)]
-    known = [one.known() for one in slipping]
+    known, sure = [one.known() for one in slipping], [one.sure() for one in slipping]
+    for model, slips in zip(models, sure, strict=True):
+        model.expect(slips)
     parts = np.zeros(1 + len(robot.effects))
     for _ in range(SETTLED):
         parts = _parts_of(models, geometry, at, sizes, known, parts)
-        for model, slips in zip(models, known, strict=True):
-            model.expect(slips @ parts)
+        for model, slips, certain in zip(models, known, sure, strict=True):
+            model.expect(certain + slips @ parts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
 
+    patches: tuple[Slippery, ...] = ()
+    beyond = tuple(
+        slips_of(robot, model, log, state, certain + one @ parts)
+        for model, log, state, one, certain in zip(models, logs, at.states, known, sure, strict=True)
+    )
+    if among is None:
+        places, patches = with_places(places, robot, logs, at, beyond)
     told: list[tuple[tuple[Candidate, ...], Reduced]] = []
+    least = replace(sizes, along=max(sizes.along, LEAST_SLIP), across=max(sizes.across, LEAST_SLIP))
     for k, (model, log, state, clock, own, slip) in enumerate(
         zip(models, logs, at.states, at.clocks, known, slipping, strict=True)
     ):
         of = f" of log {k + 1}" if len(logs) > 1 else ""
-        found = signatures_of(robot, log, state, model.wanted(state), among, of)
+        found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
         changed = stacked(geometry, found.geometries)
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slip.yields)
         always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
         direct = [model.rows_of(one.rolling, one.side)[..., None] for one in found.slips]
+        for column in found.places:  # what wheels disagree by is taken for creep as long as no cable is known
+            direct[column] -= parts[0] * slip.seen_as_creep(found.slips[column])[..., None]
         slips = np.concatenate([*direct, fought, own, always], axis=-1)
         readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - len(direct))))
         more = More(readings, slips)
-        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, sizes, 0, more)
+        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, least, 0, more)
         told.append((found.candidates, reduced))
     candidates, information, gradient = _together(told)
     n, e, r = 2 * sum(one.columns for one in candidates), len(parts), len(models[0].rows)
@@ -187,6 +224,8 @@ def evidence_of(
         left=_left(models, geometry, at),
         burst=_burst(models, logs, geometry, at),
         parts=tuple(parts.tolist()),
+        patches=patches,
+        slips=beyond,
         clock_errors=np.array([np.sqrt(np.diag(np.linalg.inv(reduced.clock))) for _, reduced in told]),
     )
 

@@ -30,21 +30,40 @@ class Slipping:
         rolled = np.maximum(rolled, SLOWEST * rolled.max(axis=1, keepdims=True)) + 1e-6
         along = model.rows < len(geometry.radius)
         self.yields = rolled / np.where(along, contact.slip_stiffness_long, contact.slip_stiffness_lat)
+        self._over = self._over_cables()
+        self._creep = self._predicted(self._over)
+
+    def sure(self) -> Array:
+        """Return slips (K - 1, rows) that are certain: what wheels roll more on the robot's cables."""
+        return self._model.rows_of(self._over.rolling, self._over.side)
 
     def known(self) -> Array:
         """Return slips (K - 1, rows, 1 + e): as predicted; by which wheels would hide each of the robot's effects."""
-        return np.concatenate([self._model.rows_of(*self._predicted())[..., None], self._hiding()], axis=-1)
+        return np.concatenate([self._model.rows_of(*self._creep)[..., None], self._hiding()], axis=-1)
 
-    def _predicted(self) -> tuple[Array, Array]:
+    def seen_as_creep(self, slip: Slip) -> Array:
+        """Return by how much less creep (K - 1, rows) would be predicted if wheels were known to slip by `slip`."""
+        (rolling, side), (less, less_side) = self._creep, self._predicted(self._over + slip)
+        return self._model.rows_of(rolling - less, side - less_side)
+
+    def _predicted(self, known: Slip) -> tuple[Array, Array]:
+        """Return the creep predicted where wheels are known to slip for another reason as well."""
         robot, motion = self._robot, self._channels.motion(self._log, self._state)
+        rolled_more = np.cumsum(known.rolling, axis=0) / self._channels.geometry.radius
+        motion = replace(motion, wheel_angle=motion.wheel_angle + np.pad(rolled_more, ((1, 0), (0, 0))))
         try:
             slip = creep(robot.as_built(), motion, floor_of(robot, Floor()), yielding_of(robot))
         except InputError:  # it cannot stand by itself
             slip = Slip.none(motion)
-        for effect in robot.effects:
-            if isinstance(effect, Bump) and (more := effect.slip(robot, motion)) is not None:
-                slip = slip + more
         return slip.rolling, slip.side
+
+    def _over_cables(self) -> Slip:
+        motion = self._channels.motion(self._log, self._state)
+        total = Slip.none(motion)
+        for effect in self._robot.effects:
+            if isinstance(effect, Bump):
+                total = total + effect.slip(self._robot.as_built(), motion)
+        return total
 
     def _hiding(self) -> Array:
         """Return the slips (K - 1, rows, e) by which wheels would hide each of the robot's effects altogether."""

@@ -186,6 +186,11 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
         missing = f"the castor at {blind[0].pivot} has no pivot encoder" if blind else "no wheel has a motor"
         raise InputError(f"robot {robot.name!r} cannot be driven: {missing}; give it counts per turn")
     build, described = Build.of(robot), Build.of(robot.as_described())
+    if min(build.long, build.side) < 0:
+        raise InputError(
+            f"robot {robot.name!r} has tyres that hold better than described; MuJoCo's contacts are almost rigid "
+            "already, and tyres can but slip more: give slip stiffnesses below 0"
+        )
     height = float(described.radius.max())
     root = ET.Element("mujoco")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")

@@ -15,9 +15,10 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -288,10 +289,8 @@ def _judge_case(case: Path, clean: list[Path], outcome: Path) -> None:
     robot = RobotDescription.load(case / "robot.json")
     result: dict[str, Any] = {"format": FORMAT, "case": int(case.name[-4:])}
     try:
-        logs, held_out, good = (
-            {str(path): read_log(path, robot) for path in paths}
-            for paths in ([case / "log.csv"], [case / "holdout.csv"], clean)
-        )
+        logs, held_out = ({str(path): read_log(path, robot)} for path in (case / "log.csv", case / "holdout.csv"))
+        good = _read_clean(robot, tuple(clean))
         examined = examine(robot, logs, held_out, good, replayed=False)
         result |= dataclasses.asdict(said_by(examined))
         result |= {"reason": examined.data["reason"], "found": intervals(examined.diagnosis)}
@@ -302,6 +301,12 @@ def _judge_case(case: Path, clean: list[Path], outcome: Path) -> None:
         result |= dataclasses.asdict(Said("broken")) | {"reason": traceback.format_exc(), "found": [], "robot": None}
     result["seconds"] = time.perf_counter() - started
     _write(outcome, result)
+
+
+@lru_cache(maxsize=1)
+def _read_clean(robot: RobotDescription, clean: tuple[Path, ...]) -> Mapping[str, Log]:
+    """Return the clean logs, which are the same in all cases."""
+    return {str(path): read_log(path, robot) for path in clean}
 
 
 def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:

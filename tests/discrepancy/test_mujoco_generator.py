@@ -451,3 +451,5 @@ def test_what_cannot_be_built_is_refused():
     blind = dataclasses.replace(ASOC.castors[0], pivot_counts_per_rev=None)
     with pytest.raises(InputError, match="no pivot encoder"):
         simulate(dataclasses.replace(ASOC, castors=(blind, *ASOC.castors[1:])), AHEAD, 0, duration=1.0)
+    with pytest.raises(InputError, match="hold better than described"):
+        simulate(ASOC.with_effects(effects.SlipStiffness(value=0.1)), AHEAD, 0, duration=1.0)
