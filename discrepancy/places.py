@@ -462,6 +462,8 @@ Box = tuple[float, float, float, float, float]
 def _boxes(steps: Steps) -> list[Box]:
     """Return rectangles of a scan, the one whose variance differs most first."""
     middle, squares = (steps.start + steps.end) / 2, steps.slip**2
+    if not len(squares):  # nothing moves
+        return []
     every, whole = float(len(squares)), float(squares.sum())
     found: list[tuple[float, Box]] = []
     for angle in np.arange(TILTS) * np.pi / 2 / TILTS:

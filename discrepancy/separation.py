@@ -24,10 +24,11 @@ def separating_drive(
     poses: how many reference poses can be had. None if no drive would tell them apart.
     """
     best, farthest = None, ENOUGH
+    among = [one for one, _ in candidates] if all(one.kinds for one, _ in candidates) else None
     for drive, make in DRIVES.items():
         try:
             logs = [log_of(robot, trajectory, poses) for trajectory in make(robot)]
-            seen = evidence_of(robot, logs, TYPICAL)
+            seen = evidence_of(robot, logs, TYPICAL, among=among)
         except InputError:
             continue
         distance = _distance(seen, candidates)
