@@ -13,6 +13,10 @@ from estimators.calibration.log_likelihood import Noise
 from estimators.calibration.maximum_likelihood import State
 
 Verdict = Literal["named", "ambiguous", "unconfirmed", "unexplained", "no discrepancy"]
+
+BORNE_OUT = 0.5
+"""The part of itself by which held-out logs may want an effect changed."""
+
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named")
 
 

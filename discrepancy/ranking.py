@@ -1,0 +1,96 @@
+"""Which candidate explains most of what logs say: what counts at all, what comes last, what cannot be told apart."""
+
+import dataclasses
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from castor_envs.effects import ContactCreep, SlipStiffness, SlipStiffnessLateral
+from discrepancy.candidates import Candidate
+from discrepancy.evidence import Evidence
+from discrepancy.findings import Rank
+
+LEAST_GAIN = 30.0
+"""The deviance that a candidate must take away."""
+
+CREEPING = SlipStiffness, SlipStiffnessLateral, ContactCreep
+
+LEAST_OF_CREEP, MUCH_CREEP = 60.0, 2.0
+"""The same of how contacts creep, which is predicted within a third or so; and how many times more than any other
+candidate these must take away, as wrong contacts look a little like everything."""
+
+EACH_MORE = 10.0
+"""Deviance that a candidate with two amplitudes must take away more than one with one."""
+
+LEAST_SOBER = 20.0
+"""The deviance that it must take away where all wheels may creep."""
+
+LEAST_OF_PLACE, MUCH_OF_PLACE = 60.0, 2.0
+"""The same of something on the floor, whose place was looked for in the same logs: lines of all places and directions
+look a little like everything too."""
+
+MARGIN, PART = 6.0, 0.03
+"""Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
+
+ROUGHLY = 0.25
+"""The part by which amplitudes may be wrong before they are refitted."""
+
+
+@lru_cache(maxsize=32)
+def ranks_of(seen: Evidence) -> tuple[Rank, ...]:
+    """Return all candidates that can be, the one that takes away most first."""
+    ranks = [rank_of(seen, k) for k in range(len(seen.candidates))]
+    return tuple(sorted((one for one in ranks if _possible(one)), key=lambda one: -one.gain))
+
+
+def rank_of(seen: Evidence, k: int) -> Rank:
+    """Return candidate k, with the part of it that wheels hide most likely, and what it takes away."""
+    part = seen.parted(k)
+    amplitudes, covariance, gain = seen.best([(k, part)])
+    _, _, sober = seen.best([(k, part)], sober=True)
+    errors = np.sqrt(np.diag(covariance))
+    gain, sober = (one - EACH_MORE * (len(amplitudes) - 1) for one in (gain, sober))
+    return Rank(seen.candidates[k], gain, sober, part, tuple(amplitudes.tolist()), tuple(errors.tolist()))
+
+
+def pick(seen: Evidence, but: Sequence[Candidate] = ()) -> Rank | None:
+    """Return the candidate that takes away most of those that take away enough, but for some; None if none does."""
+    some = [one for one in ranks_of(seen) if one.candidate not in but]
+    enough = [one for one in some if one.gain >= _least(one) and one.sober >= LEAST_SOBER]
+    plain = [one for one in enough if not (creeps(one) or one.candidate.at_a_place)]
+    if plain and plain[0].gain * (MUCH_CREEP if creeps(enough[0]) else MUCH_OF_PLACE) > enough[0].gain:
+        return plain[0]
+    return enough[0] if enough else None
+
+
+def alike(seen: Evidence, best: Rank, wider: float = 1.0) -> tuple[Rank, ...]:
+    """Return the candidates that cannot be told from the best one, it first; `wider` for so many times the margin."""
+    limit = best.gain - wider * (MARGIN + PART * best.gain)
+    return tuple(one for one in ranks_of(seen) if limit <= one.gain <= best.gain and (creeps(best) or not creeps(one)))
+
+
+def creeps(one: Rank) -> bool:
+    """Whether it is about how contacts creep."""
+    return bool(one.candidate.kinds) and isinstance(one.candidate.kinds[0], CREEPING)
+
+
+def _least(one: Rank) -> float:
+    if one.candidate.at_a_place:
+        return LEAST_OF_PLACE
+    return LEAST_OF_CREEP if creeps(one) else LEAST_GAIN
+
+
+def _possible(one: Rank) -> bool:
+    """Whether an effect can have an amplitude within three standard errors, or `ROUGHLY`, of this one."""
+    if not one.candidate.kinds or one.candidate.columns > 1:
+        return True
+    kind, far = one.candidate.kinds[0], max(3 * one.errors[0], ROUGHLY * abs(one.size))
+    low, high = one.size - far, one.size + far
+    for value in (one.size, low, high, *(end for end in (kind.step, 0.0) if low <= end <= high)):
+        try:
+            dataclasses.replace(kind, value=value)
+        except ValueError:
+            continue
+        return True
+    return False

@@ -1,0 +1,274 @@
+"""Takes effects in one after another, refitted together; each the best one beside the others.
+
+A candidate's gain is linear; what it is worth is seen when it has been refitted. One that vanishes in this was nothing,
+and one that leaves much of what it stands for gives way to a rival. Held-out logs decide between near ones: as large as
+the logs ask for, which foretells them better?
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from castor_envs.effects import Effect
+from castor_envs.errors import InputError
+from castor_envs.kinematics import Array
+from castor_envs.robot import RobotDescription
+from discrepancy.candidates import Candidate
+from discrepancy.evidence import Evidence
+from discrepancy.findings import Rank
+from discrepancy.ranking import EACH_MORE, MARGIN, PART, alike, creeps, pick, rank_of, ranks_of
+
+MOST = 4
+"""Effects are found one after another, at most so many."""
+
+WIDER = 3.0
+"""Margins within which held-out logs decide: which candidate, as large as the logs ask for, takes away more there."""
+
+SINGLES = 8
+"""Effects with an amplitude each, the best ones, of which two are tried in the place of one with two."""
+
+NEXT = 0.025
+"""The part of what the first effect takes away that the next ones must."""
+
+BESIDE = 0.15
+"""What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
+that are a little wrong, and creep, leave some."""
+
+REFITS, EXCHANGES, RIVALS = 4, 2, 3
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect on its way: of which candidate, and how large, with the standard error of its size."""
+
+    candidate: Candidate
+    effect: Effect
+    error: float
+
+
+class Look(Protocol):
+    """Looks at what is left of the logs beside some effects, by all candidates or only some."""
+
+    def __call__(self, effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
+        """Return the evidence beside effects; among: candidates to look at, None: all."""
+        ...
+
+
+def one_after_another(
+    robot: RobotDescription, look: Look, again: Look | None, first: Evidence, least: float
+) -> tuple[list[Found], Evidence]:
+    """Return the effects that take something away, refitted together, and the evidence of what is left."""
+    found: list[Found] = []
+    left, first_gain = first, 0.0
+    tried_before: list[set[str]] = []
+    vanished: list[Candidate] = []
+    while len(found) < MOST:
+        best = pick(left, vanished)
+        if best is None or best.gain < max(least, NEXT * first_gain):
+            break
+        if any(best.candidate == one.candidate for one in found):  # which cannot be as large as the logs want
+            break
+        first_gain = max(first_gain, best.gain)
+        near = _near(left, best, [one.effect for one in found], again)
+        chosen = _chosen(left, [one for one in near if one.candidate not in vanished])
+        if not chosen:
+            break
+        more = [one for rank in chosen for one in _as_found(robot, rank)]
+        tried = _settled(robot, look, [*found, *more]) if more else None
+        if tried is None:
+            break
+        if _wanting(*tried) > BESIDE * best.gain:
+            more, tried = _or_another(robot, look, found, left, more, tried)
+        kept = [one.candidate for one in tried[0]]
+        gone = [one.candidate for one in more if one.candidate not in kept]
+        vanished += gone
+        if len(gone) == len(more):
+            continue
+        more = _exchanged(robot, look, *tried)
+        families = {one.candidate.family for one in more[0]}
+        if not families or families in tried_before:
+            break
+        tried_before.append(families)
+        found, left = more
+    return found, left
+
+
+def decided(
+    robot: RobotDescription, look: Look, again: Look, found: list[Found], left: Evidence
+) -> tuple[list[Found], Evidence]:
+    """Return the effects, each exchanged for a rival if it foretells the held-out logs better."""
+    for k in range(len(found)):
+        near = foretold(look, again, found, k)
+        best = max(near, key=lambda one: one.gain)
+        if best.candidate.kinds and all(best.candidate.family != one.candidate.family for one in found):
+            if best.gain - max(one.gain for one in near if one.candidate == found[k].candidate) < MARGIN:
+                continue
+            settled = _settled(robot, look, [*found[:k], *_as_found(robot, best), *found[k + 1 :]])
+            if settled is not None:
+                found, left = settled
+    return found, left
+
+
+def foretold(look: Look, again: Look | None, found: list[Found], k: int) -> list[Rank]:
+    """Return effect k beside the others, first, and its rivals, with what they take away from the logs and, as large
+    as these ask for, from the held-out ones."""
+    others = [one.effect for one in found[:k] + found[k + 1 :]]
+    apart = look(others)
+    place = apart.index(found[k].candidate)
+    own = [] if place is None else [rank_of(apart, place)]
+    best = max([*own, pick(apart) or ranks_of(apart)[0]], key=lambda one: one.gain)
+    near = own + [one for one in alike(apart, best, WIDER) if one.candidate != found[k].candidate]
+    if again is None or len({one.candidate.family for one in near}) < 2:
+        return near
+    named = [one.candidate for one in near] if all(one.candidate.kinds for one in near) else None
+    held = again(others, named)
+    return [_beside(held, one) for one in near]
+
+
+def _beside(held: Evidence, one: Rank) -> Rank:
+    """Return a candidate with what it takes away from held-out logs besides, as large as the logs ask for."""
+    return dataclasses.replace(one, gain=one.gain + held.foretold(one.candidate, one.part, one.amplitudes))
+
+
+def _wanting(found: list[Found], left: Evidence) -> float:
+    """Return what more of the effects found would take away: 0 if they explain what they stand for."""
+    best = pick(left)
+    return best.gain if best is not None and any(best.candidate == one.candidate for one in found) else 0.0
+
+
+def _or_another(
+    robot: RobotDescription,
+    look: Look,
+    found: list[Found],
+    left: Evidence,
+    more: list[Found],
+    tried: tuple[list[Found], Evidence],
+) -> tuple[list[Found], tuple[list[Found], Evidence]]:
+    """Return the effects to take in, and all refitted with what is left: those tried, or a rival that leaves less.
+
+    Where an effect is large, contacts creep much otherwise than predicted until it is in the model; the best candidate
+    by then may be a rival of the right one.
+    """
+    ranks = [one for one in ranks_of(left) if one.candidate.kinds and not creeps(one)]
+    families = {one.candidate.family for one in more}
+    rivals = [one for one in ranks if one.gain > ranks[0].gain / 2 and one.candidate.family not in families][:RIVALS]
+    options = [(more, tried)]
+    for rival in rivals:
+        other = _as_found(robot, rival)
+        settled = _settled(robot, look, [*found, *other]) if other else None
+        if settled is not None and len(settled[0]) > len(found):
+            options.append((other, settled))
+    return min(options, key=lambda one: max((rank.gain for rank in ranks_of(one[1][1])), default=0.0))
+
+
+def _near(left: Evidence, best: Rank, effects: list[Effect], again: Look | None) -> tuple[Rank, ...]:
+    """Return the candidates that cannot be told from the best one, it first; by held-out logs too, if it has no name
+    and others nearly as good have."""
+    near = alike(left, best)
+    if again is None or best.candidate.kinds or not any(one.candidate.kinds for one in alike(left, best, WIDER)):
+        return near
+    seen = again(effects)
+    told = sorted((_beside(seen, one) for one in alike(left, best, WIDER)), key=lambda one: -one.gain)
+    return tuple(one for one in told if one.gain >= told[0].gain - MARGIN - PART * told[0].gain)
+
+
+def _chosen(left: Evidence, near: Sequence[Rank]) -> list[Rank]:
+    """Return the effect to take in, or two where two with an amplitude each do better than any one with two, or than
+    what has no name; none if there is none."""
+    best, named = near[0], next((one for one in near if one.candidate.kinds), None)
+    if named is not None and named.candidate.columns == 1:
+        return [named]
+    gain, pair = _best_pair(left)
+    if named is None:
+        return list(pair) if gain - EACH_MORE > best.gain + MARGIN + PART * best.gain else []
+    return list(pair) if gain - EACH_MORE > named.gain - MARGIN - PART * named.gain else [named]
+
+
+def _best_pair(left: Evidence) -> tuple[float, tuple[Rank, ...]]:
+    """Return what two effects with an amplitude each gain together at best, and these; 0 and none if there are none."""
+    single = [one for one in ranks_of(left) if one.candidate.kinds and one.candidate.columns == 1 and not creeps(one)]
+    pairs = []
+    for pair in itertools.combinations(single[:SINGLES], 2):
+        places = [(left.index(one.candidate), one.part) for one in pair]
+        pairs.append((left.best([(k, part) for k, part in places if k is not None])[2], pair))
+    return max(pairs, key=lambda one: one[0], default=(0.0, ()))
+
+
+def _settled(robot: RobotDescription, look: Look, found: list[Found]) -> tuple[list[Found], Evidence] | None:
+    """Return effects with the amplitudes at which the logs pull them no more, and what is left; None: impossible."""
+    own = [one.candidate for one in found]
+    for k in range(REFITS + 1 if found else 0):
+        left = look([one.effect for one in found], own)
+        places = [left.index(one) for one in own]
+        if None in places:
+            return None
+        changes, covariance, _ = left.best([(place, 0.0) for place in places if place is not None])
+        errors = np.sqrt(np.diag(covariance))
+        ends = np.cumsum([one.columns for one in own])[:-1]
+        parts = list(zip(found, np.split(changes, ends), np.split(errors, ends), strict=True))
+        found = [dataclasses.replace(one, error=float(error.max())) for one, _, error in parts]
+        if np.all(np.abs(changes) < 0.1 * errors) or k == REFITS:
+            break
+        moved = [_moved(robot, new, by) for new, (_, by, _) in zip(found, parts, strict=True)]
+        if None in moved:
+            return _settled(robot, look, [one for one, new in zip(found, moved, strict=True) if new is not None])
+        found = [one for one in moved if one is not None]
+    return found, look([one.effect for one in found])
+
+
+def _moved(robot: RobotDescription, one: Found, by: Array) -> Found | None:
+    """Return an effect with its amplitudes changed; as it is at the end of what can be; None if it would vanish."""
+    before = one.candidate.amplitudes(one.effect)
+    try:
+        return dataclasses.replace(one, effect=_within(robot, one.candidate, before + by))
+    except InputError:
+        return one if before @ by > 0 else None
+
+
+def _exchanged(robot: RobotDescription, look: Look, found: list[Found], left: Evidence) -> tuple[list[Found], Evidence]:
+    """Return effects each of which is the best one beside the others."""
+    for _ in range(EXCHANGES):
+        for k in range(len(found)) if len(found) > 1 else ():
+            others = found[:k] + found[k + 1 :]
+            apart = look([one.effect for one in others])
+            best = pick(apart)
+            if best is None:
+                settled = _settled(robot, look, others)
+                return (found, left) if settled is None else settled
+            named = next((one for one in alike(apart, best) if one.candidate.kinds), None)
+            if named is not None and named.candidate.family != found[k].candidate.family:
+                own = apart.index(found[k].candidate)
+                if own is not None and named.gain - rank_of(apart, own).gain < MARGIN + PART * named.gain:
+                    continue
+                twice = any(named.candidate == one.candidate for one in others)
+                settled = _settled(robot, look, others if twice else [*others, *_as_found(robot, named)])
+                if settled is not None:
+                    found, left = settled
+                    break
+        else:
+            break
+    return found, left
+
+
+def _as_found(robot: RobotDescription, rank: Rank) -> list[Found]:
+    """Return a candidate as an effect of its size, or of its step if it cannot have this size; none if neither."""
+    for amplitudes in (np.array(rank.amplitudes), rank.candidate.amplitudes(rank.candidate.kinds[0])):
+        try:
+            return [Found(rank.candidate, _within(robot, rank.candidate, amplitudes), rank.error)]
+        except InputError:
+            continue
+    return []
+
+
+def _within(robot: RobotDescription, candidate: Candidate, amplitudes: Array) -> Effect:
+    """Return the effect; raises InputError if it or the robot cannot have these amplitudes."""
+    try:
+        effect = candidate.effect(amplitudes)
+        robot.with_effects(effect).as_built()
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    return effect
