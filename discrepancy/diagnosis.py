@@ -35,11 +35,16 @@ from discrepancy.selection import BESIDE, Found, Look, decided, foretold, one_af
 from discrepancy.sliding import slides, sliding, slips_in_bursts
 from discrepancy.timing import of_time
 
+Background = Sequence[tuple[Candidate, float, Array]]
+
 BACKGROUND = 5
 """At most so many effects are taken from clean logs as background."""
 
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
+
+AS_DESCRIBED = 0.5
+"""By what part clean logs may creep otherwise than predicted for effects on creep to be named beyond them."""
 
 LOUDER, RIGID = 2.5, 1.5e-5
 """So many times more noise than in clean logs is a discrepancy; slip in these is at least so much, m after 1 m."""
@@ -73,8 +78,7 @@ def diagnose(
         nonlocal last
         key = tuple(effects), None if among is None else tuple(among)
         if key not in seen:
-            changed = robot.with_effects(*effects)
-            seen[key] = evidence_of(changed, logs, start=last, among=among, places=tuple(places)).less(background)
+            seen[key] = _beyond(background, robot.with_effects(*effects), logs, among, tuple(places), last)
             places.update(dict.fromkeys(seen[key].places))
         last = seen[key]
         return last
@@ -92,8 +96,7 @@ def diagnose(
         return sliding(robot, logs, first, held_out, result)
 
     def look_again(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
-        changed = robot.with_effects(*effects)
-        return evidence_of(changed, held_out, among=among, places=tuple(places)).less(background)
+        return _beyond(background, robot.with_effects(*effects), held_out, among, tuple(places))
 
     again = look_again if held_out else None
     shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
@@ -105,6 +108,8 @@ def diagnose(
     if again is not None and found:
         found, left = decided(robot, look, again, found, left)
     findings = [_judged(look, again, found, k) for k in range(len(found))]
+    if good is not None and abs(good.parts[0] - 1) > AS_DESCRIBED:
+        findings = [_doubted(one) if isinstance(one.effect, CREEPING) else one for one in findings]
     if again is not None and found:
         findings, gaps = _borne_out(again, found, findings)
         result = dataclasses.replace(result, held_out=gaps)
@@ -125,6 +130,20 @@ def diagnose(
         findings=tuple(findings),
         after=_left(left) if found else None,
     )
+
+
+def _beyond(
+    background: Background,
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    among: Sequence[Candidate] | None,
+    places: Sequence[Candidate],
+    start: Evidence | None = None,
+) -> Evidence:
+    """Return the evidence of logs beyond the background, which has to be among the candidates for that."""
+    if among is not None:
+        among = list(dict.fromkeys([*among, *(one for one, _, _ in background)]))
+    return evidence_of(robot, logs, start=start, among=among, places=places).less(background)
 
 
 @lru_cache(maxsize=1)
@@ -150,6 +169,20 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
         reason = f"these motions do not tell apart: {'; '.join(finding.families)}"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     return finding
+
+
+def _doubted(one: Finding) -> Finding:
+    """Return the finding of an effect on creep where contacts are not those described even in clean logs.
+
+    Much that is wrong makes such contacts creep otherwise.
+    """
+    best = one.chosen[0]
+    other = dataclasses.replace(best, candidate=Candidate("contacts creep otherwise, for a reason that is not told"))
+    reason = (
+        f"contacts creep otherwise than in the clean logs; as they do not creep as described in these, it may be "
+        f"{one.candidate.what}, or have another reason"
+    )
+    return dataclasses.replace(one, verdict="ambiguous", reason=reason, chosen=(*one.chosen, other))
 
 
 def _nameless(left: Evidence, best: Rank) -> Finding:
@@ -225,7 +258,7 @@ def _wanted(with_all: Evidence, one: Found) -> tuple[float, float]:
     return shown, float(np.linalg.norm(change) / np.linalg.norm(amplitudes))
 
 
-def _background(clean: Evidence) -> list[tuple[Candidate, float, Array]]:
+def _background(clean: Evidence) -> Background:
     """Return the effects, one by one, that take something away from clean logs, with hidden parts and amplitudes."""
     chosen: list[tuple[int, float]] = []
     named = [k for k, candidate in enumerate(clean.candidates) if candidate.kinds]

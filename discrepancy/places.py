@@ -277,7 +277,8 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
     center = np.average(middle[crossing], axis=0, weights=shape) if shape.sum() > 0 else middle.mean(axis=0)
     left = np.array([-math.sin(direction), math.cos(direction)])
     center = center + (offset - center @ left) * left
-    size = max(float(np.std(middle[crossing] @ [math.cos(direction), math.sin(direction)])), 0.1)
+    along = middle[crossing] @ [math.cos(direction), math.sin(direction)]
+    size = max(float(np.std(along)), 0.1) if len(along) else 0.1
 
     def told(at: Array) -> tuple[float, float, float, float]:
         x, y = (center + at[1] * left).tolist()

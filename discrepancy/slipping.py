@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from castor_envs.effects import Bump, Slip, floor_of, yielding_of
+from castor_envs.effects import (
+    Bump,
+    ContactCreep,
+    FloorSlope,
+    Slip,
+    SlipStiffness,
+    SlipStiffnessLateral,
+    floor_of,
+)
 from castor_envs.effects.creep import creep
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
@@ -13,6 +21,9 @@ from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Channels, differ, stacked
 from estimators.calibration.log_likelihood import LogLikelihood
+
+OF_CREEP = SlipStiffness, SlipStiffnessLateral, ContactCreep, FloorSlope
+"""Effects that make contacts creep otherwise: what is predicted without them is true in part, they are so wholly."""
 
 SLOWEST = 0.02
 """Of the fastest wheel's speed: no contact is taken to roll slower."""
@@ -24,6 +35,7 @@ class Slipping:
 
     def __init__(self, robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> None:
         self._robot, self._model, self._log, self._state = robot, model, log, state
+        self._without = replace(robot, effects=tuple(one for one in robot.effects if not isinstance(one, OF_CREEP)))
         self._channels = Channels(robot)
         contact, geometry = robot.as_built().contact, self._channels.geometry
         rolled = np.abs(model.rolled(geometry, state)) / np.diff(log.t)[:, None]
@@ -34,8 +46,16 @@ class Slipping:
         self._creep = self._predicted(self._over)
 
     def sure(self) -> Array:
-        """Return slips (K - 1, rows) that are certain: what wheels roll more on the robot's cables."""
-        return self._model.rows_of(self._over.rolling, self._over.side)
+        """Return slips (K - 1, rows) that are certain: what wheels roll more on the robot's cables, and its effects on
+        how contacts creep."""
+        motion, total = self._channels.motion(self._log, self._state, agreeing=True), self._over
+        for effect in self._robot.effects:
+            if isinstance(effect, OF_CREEP):
+                try:
+                    total = total + effect.slip(self._without.as_built(), motion)
+                except InputError:  # it cannot stand by itself
+                    continue
+        return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:
         """Return slips (K - 1, rows, 1 + e): as predicted; by which wheels would hide each of the robot's effects."""
@@ -48,11 +68,11 @@ class Slipping:
 
     def _predicted(self, known: Slip) -> tuple[Array, Array]:
         """Return the creep predicted where wheels are known to slip for another reason as well."""
-        robot, motion = self._robot, self._channels.motion(self._log, self._state)
+        robot, motion = self._without, self._channels.motion(self._log, self._state)
         rolled_more = np.cumsum(known.rolling, axis=0) / self._channels.geometry.radius
         motion = replace(motion, wheel_angle=motion.wheel_angle + np.pad(rolled_more, ((1, 0), (0, 0))))
         try:
-            slip = creep(robot.as_built(), motion, floor_of(robot, Floor()), yielding_of(robot))
+            slip = creep(robot.as_built(), motion, floor_of(robot, Floor()))
         except InputError:  # it cannot stand by itself
             slip = Slip.none(motion)
         return slip.rolling, slip.side
