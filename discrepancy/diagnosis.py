@@ -180,7 +180,7 @@ def _doubted(one: Finding) -> Finding:
     other = dataclasses.replace(best, candidate=Candidate("contacts creep otherwise, for a reason that is not told"))
     reason = (
         f"contacts creep otherwise than in the clean logs; as they do not creep as described in these, it may be "
-        f"{one.candidate.what}, or have another reason"
+        f"{best.candidate.what}, or have another reason"
     )
     return dataclasses.replace(one, verdict="ambiguous", reason=reason, chosen=(*one.chosen, other))
 
