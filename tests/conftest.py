@@ -1,10 +1,13 @@
-"""What all tests share: plug-ins that a test wrote are forgotten after it, and hypothesis keeps no clock."""
+"""What all tests share: plug-ins that a test wrote are forgotten after it, hypothesis keeps no clock, and linear
+algebra uses one thread a process, as tests run in several."""
 
+import os
 import sys
 
 import pytest
 from hypothesis import settings
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 

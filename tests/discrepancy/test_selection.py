@@ -1,0 +1,101 @@
+"""How effects are taken in and weighed against rivals: laws of the quadratic form, and logs that decide."""
+
+import numpy as np
+import pytest
+
+from castor_envs.effects import ContactCreep, Effect, TickLoss, WheelRadius, readings
+from castor_envs.encoders import Encoders
+from castor_envs.kinematics import Geometry
+from castor_envs.logs import Log
+from castor_envs.presets import preset
+from castor_envs.rolling import roll
+from castor_envs.trajectories import wander
+from discrepancy.candidates import Candidate, candidates_of
+from discrepancy.diagnosis import _beyond
+from discrepancy.evidence import Evidence, evidence_of
+from discrepancy.ranking import rank_of
+from discrepancy.selection import Found, decided, foretold
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("asoc-prototype")
+RADIUS = WheelRadius(castor=2, wheel=1, value=3e-4)
+LOSS = TickLoss(castor=2, wheel=1, value=2e-3, above=5.0)
+
+
+def rolled(effect: Effect, seed: int) -> Log:
+    """A log of perfect rolling with an effect."""
+    robot = ROBOT.with_effects(effect)
+    motion = roll(robot.as_built(), wander(np.random.default_rng([seed, 1]), duration=30.0), [0.3, 2.0, -1.5])
+    encoders = Encoders(Geometry.of(robot.as_built()), np.full(6, 0.4))
+    wheel, castor = readings(robot, motion.t, motion.wheel_angle, motion.castor_angle)
+    reference = motion.pose + np.random.default_rng([seed, 3]).normal(size=motion.pose.shape) * 1e-3
+    reference[np.arange(len(reference)) % 20 > 0] = np.nan
+    return Log(motion.t, encoders.wheel(wheel), encoders.pivot(castor), reference=reference)
+
+
+def of(effect: Effect) -> Candidate:
+    """The candidate of an effect's kind and place."""
+    return next(one for one in candidates_of(ROBOT) if one.is_of(effect))
+
+
+def looking_at(*logs: Log):
+    """Evidence of some logs beside effects, of the two rivals alone where not told otherwise."""
+
+    def look(effects, among=None) -> Evidence:
+        return evidence_of(ROBOT.with_effects(*effects), logs, among=among or [of(RADIUS), of(LOSS)])
+
+    return look
+
+
+@pytest.fixture(scope="module")
+def seen() -> Evidence:
+    return evidence_of(ROBOT, [rolled(RADIUS, 1)])
+
+
+def test_what_a_candidate_foretells_is_a_parabola_whose_top_is_its_gain(seen: Evidence):
+    place = seen.index(of(RADIUS))
+    assert place is not None
+    amplitudes, _, gain = seen.best([(place, 0.5)])
+    assert seen.foretold(of(RADIUS), 0.5, amplitudes.tolist()) == pytest.approx(gain)
+    assert seen.foretold(of(RADIUS), 0.5, (2 * amplitudes).tolist()) == pytest.approx(0.0, abs=1e-6 * gain)
+    assert seen.foretold(of(RADIUS), 0.5, (-amplitudes).tolist()) == pytest.approx(-3 * gain)
+    assert seen.foretold(Candidate("nothing that this log shows"), 0.5, (1.0,)) == 0.0
+
+
+def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence):
+    place = seen.index(of(LOSS))
+    assert place is not None
+    background = [(of(LOSS), 0.0, np.array([1e-4]))]
+    log = rolled(RADIUS, 1)
+    alone, among_all = (_beyond(background, ROBOT, [log], among, ()) for among in ([of(RADIUS)], None))
+    gains = [one.best([(one.candidates.index(of(RADIUS)), 0.5)])[2] for one in (alone, among_all)]
+    assert gains[0] == pytest.approx(gains[1], rel=1e-6)
+    before = seen.best([(seen.candidates.index(of(RADIUS)), 0.5)])[2]
+    assert abs(gains[0] - before) > 1.0
+
+
+@pytest.mark.parametrize(("truth", "other"), [(RADIUS, LOSS), (LOSS, RADIUS)], ids=["radius", "loss"])
+def test_held_out_logs_decide_between_near_rivals(truth: Effect, other: Effect):
+    """A radius looks much as counts lost when a wheel is fast; found is the wrong one, with its best size."""
+    look, again = looking_at(rolled(truth, 2)), looking_at(*(rolled(truth, seed) for seed in (3, 4)))
+    alone = look([])
+    size = rank_of(alone, alone.candidates.index(of(other))).size
+    wrong = [Found(of(other), of(other).effect([size]), 1e-5)]
+    near = foretold(look, again, wrong, 0)
+    assert near[0].candidate == of(other)
+    found, _ = decided(ROBOT, look, again, wrong, alone)
+    assert [one.candidate for one in found] == [of(truth)]
+    assert found[0].effect.value == pytest.approx(truth.value, rel=0.2)
+
+
+def test_creep_in_the_model_and_creep_that_is_wanted_add_up():
+    """Whatever part of it the model has, contacts must creep as much in all."""
+    true = ContactCreep(value=2e-4)
+    motion = wander(np.random.default_rng([1, 1]), duration=30.0)
+    log = drive(ROBOT.with_effects(true), motion, 1, duration=30.0)
+    wanted = []
+    for value in (5e-5, 1e-4, 2e-4):
+        seen = evidence_of(ROBOT.with_effects(ContactCreep(value=value)), [log], among=[of(true)])
+        wanted.append(value + rank_of(seen, 0).size)
+    assert wanted == pytest.approx([wanted[-1]] * 3, rel=0.15)
+    assert wanted[-1] == pytest.approx(true.value, rel=0.35)
