@@ -56,12 +56,16 @@ def rank_of(seen: Evidence, k: int) -> Rank:
 
 def pick(seen: Evidence, but: Sequence[Candidate] = ()) -> Rank | None:
     """Return the candidate that takes away most of those that take away enough, but for some; None if none does."""
-    some = [one for one in ranks_of(seen) if one.candidate not in but]
-    enough = [one for one in some if one.gain >= _least(one) and one.sober >= LEAST_SOBER]
-    plain = [one for one in enough if not (creeps(one) or one.candidate.at_a_place)]
-    if plain and plain[0].gain * (MUCH_CREEP if creeps(enough[0]) else MUCH_OF_PLACE) > enough[0].gain:
+    some = [one for one in enough(seen) if one.candidate not in but]
+    plain = [one for one in some if not (creeps(one) or one.candidate.at_a_place)]
+    if plain and plain[0].gain * (MUCH_CREEP if creeps(some[0]) else MUCH_OF_PLACE) > some[0].gain:
         return plain[0]
-    return enough[0] if enough else None
+    return some[0] if some else None
+
+
+def enough(seen: Evidence) -> list[Rank]:
+    """Return the candidates that take away enough to count, the one that takes away most first."""
+    return [one for one in ranks_of(seen) if one.gain >= _least(one) and one.sober >= LEAST_SOBER]
 
 
 def alike(seen: Evidence, best: Rank, wider: float = 1.0) -> tuple[Rank, ...]:

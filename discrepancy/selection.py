@@ -20,7 +20,7 @@ from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate
 from discrepancy.evidence import Evidence
 from discrepancy.findings import Rank
-from discrepancy.ranking import EACH_MORE, MARGIN, PART, alike, creeps, pick, rank_of, ranks_of
+from discrepancy.ranking import EACH_MORE, MARGIN, PART, alike, creeps, enough, pick, rank_of, ranks_of
 
 MOST = 4
 """Effects are found one after another, at most so many."""
@@ -37,6 +37,9 @@ NEXT = 0.025
 BESIDE = 0.15
 """What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
 that are a little wrong, and creep, leave some."""
+
+CLOSE, LESS = 0.7, 15.0
+"""The part of the best one's gain from which on a rival is refitted too; and deviance by which it must leave less."""
 
 REFITS, EXCHANGES, RIVALS = 4, 2, 3
 
@@ -81,8 +84,11 @@ def one_after_another(
         tried = _settled(robot, look, [*found, *more]) if more else None
         if tried is None:
             break
-        if _wanting(*tried) > BESIDE * best.gain:
-            more, tried = _or_another(robot, look, found, left, more, tried)
+        rivals = _rivals(left, [*found, *more])
+        if rivals and (
+            creeps(chosen[0]) or rivals[0].gain > CLOSE * best.gain or _wanting(*tried) > BESIDE * best.gain
+        ):
+            more, tried = _or_another(robot, look, found, rivals, more, tried)
         kept = [one.candidate for one in tried[0]]
         gone = [one.candidate for one in more if one.candidate not in kept]
         vanished += gone
@@ -121,6 +127,8 @@ def foretold(look: Look, again: Look | None, found: list[Found], k: int) -> list
     place = apart.index(found[k].candidate)
     own = [] if place is None else [rank_of(apart, place)]
     best = max([*own, pick(apart) or ranks_of(apart)[0]], key=lambda one: one.gain)
+    if own and creeps(best):  # which look a little like everything
+        best = own[0]
     near = own + [one for one in alike(apart, best, WIDER) if one.candidate != found[k].candidate]
     if again is None or len({one.candidate.family for one in near}) < 2:
         return near
@@ -144,7 +152,7 @@ def _or_another(
     robot: RobotDescription,
     look: Look,
     found: list[Found],
-    left: Evidence,
+    rivals: Sequence[Rank],
     more: list[Found],
     tried: tuple[list[Found], Evidence],
 ) -> tuple[list[Found], tuple[list[Found], Evidence]]:
@@ -153,16 +161,25 @@ def _or_another(
     Where an effect is large, contacts creep much otherwise than predicted until it is in the model; the best candidate
     by then may be a rival of the right one.
     """
-    ranks = [one for one in ranks_of(left) if one.candidate.kinds and not creeps(one)]
-    families = {one.candidate.family for one in more}
-    rivals = [one for one in ranks if one.gain > ranks[0].gain / 2 and one.candidate.family not in families][:RIVALS]
-    options = [(more, tried)]
+    options = [(more, tried, _remaining(tried[1]) - LESS)]
     for rival in rivals:
         other = _as_found(robot, rival)
         settled = _settled(robot, look, [*found, *other]) if other else None
         if settled is not None and len(settled[0]) > len(found):
-            options.append((other, settled))
-    return min(options, key=lambda one: max((rank.gain for rank in ranks_of(one[1][1])), default=0.0))
+            options.append((other, settled, _remaining(settled[1])))
+    return min(options, key=lambda one: one[2])[:2]
+
+
+def _rivals(left: Evidence, but: list[Found]) -> list[Rank]:
+    """Return effects, but for some and those on creep, that take away half of what the best of them does, or more."""
+    ranks = [one for one in enough(left) if one.candidate.kinds and not creeps(one)]
+    families = {one.candidate.family for one in but}
+    return [one for one in ranks if one.gain > ranks[0].gain / 2 and one.candidate.family not in families][:RIVALS]
+
+
+def _remaining(left: Evidence) -> float:
+    """Return what the best candidate would take away besides."""
+    return max((one.gain for one in ranks_of(left)), default=0.0)
 
 
 def _near(left: Evidence, best: Rank, effects: list[Effect], again: Look | None) -> tuple[Rank, ...]:
