@@ -120,16 +120,21 @@ def decided(
 
 
 def foretold(look: Look, again: Look | None, found: list[Found], k: int) -> list[Rank]:
-    """Return effect k beside the others, first, and its rivals, with what they take away from the logs and, as large
-    as these ask for, from the held-out ones."""
+    """Return effect k beside the others, first, and its near rivals, with what they take away from the logs and, as
+    large as these ask for, from the held-out ones.
+
+    Far better ones are no rivals: they left more when they were refitted.
+    """
     others = [one.effect for one in found[:k] + found[k + 1 :]]
     apart = look(others)
     place = apart.index(found[k].candidate)
-    own = [] if place is None else [rank_of(apart, place)]
-    best = max([*own, pick(apart) or ranks_of(apart)[0]], key=lambda one: one.gain)
-    if own and creeps(best):  # which look a little like everything
-        best = own[0]
-    near = own + [one for one in alike(apart, best, WIDER) if one.candidate != found[k].candidate]
+    best = ranks_of(apart)[0] if place is None else rank_of(apart, place)
+    reach = WIDER * (MARGIN + PART * best.gain)
+    near = [best] + [
+        one
+        for one in ranks_of(apart)
+        if abs(one.gain - best.gain) <= reach and one.candidate != best.candidate and (creeps(best) or not creeps(one))
+    ]
     if again is None or len({one.candidate.family for one in near}) < 2:
         return near
     named = [one.candidate for one in near] if all(one.candidate.kinds for one in near) else None
