@@ -20,7 +20,19 @@ from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate
 from discrepancy.evidence import Evidence
 from discrepancy.findings import Rank
-from discrepancy.ranking import EACH_MORE, MARGIN, PART, alike, creeps, enough, pick, rank_of, ranks_of
+from discrepancy.ranking import (
+    EACH_MORE,
+    LEAST_GAIN,
+    LEAST_SOBER,
+    MARGIN,
+    PART,
+    alike,
+    creeps,
+    enough,
+    pick,
+    rank_of,
+    ranks_of,
+)
 
 MOST = 4
 """Effects are found one after another, at most so many."""
@@ -37,6 +49,9 @@ NEXT = 0.025
 BESIDE = 0.15
 """What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
 that are a little wrong, and creep, leave some."""
+
+STILL = 0.75
+"""Of what an effect had to take away where wheels may creep: enough to stay."""
 
 CLOSE, LESS = 0.7, 15.0
 """The part of the best one's gain from which on a rival is refitted too; and deviance by which it must leave less."""
@@ -257,14 +272,19 @@ def _exchanged(robot: RobotDescription, look: Look, found: list[Found], left: Ev
         for k in range(len(found)) if len(found) > 1 else ():
             others = found[:k] + found[k + 1 :]
             apart = look([one.effect for one in others])
+            place = apart.index(found[k].candidate)
+            own = None if place is None else rank_of(apart, place)
             best = pick(apart)
             if best is None:
+                if own is not None and own.gain >= LEAST_GAIN and own.sober >= STILL * LEAST_SOBER:
+                    continue
                 settled = _settled(robot, look, others)
                 return (found, left) if settled is None else settled
+            if own is not None and creeps(best) and not creeps(own):  # it left more when it was refitted
+                continue
             named = next((one for one in alike(apart, best) if one.candidate.kinds), None)
             if named is not None and named.candidate.family != found[k].candidate.family:
-                own = apart.index(found[k].candidate)
-                if own is not None and named.gain - rank_of(apart, own).gain < MARGIN + PART * named.gain:
+                if own is not None and named.gain - own.gain < MARGIN + PART * named.gain:
                     continue
                 twice = any(named.candidate == one.candidate for one in others)
                 settled = _settled(robot, look, others if twice else [*others, *_as_found(robot, named)])
