@@ -3,8 +3,7 @@
 1. Everything that is no property of the robot is fitted first: what truly happened, slip, noise and clock of the
    reference, the tracked point (`evidence_of`).
 2. Every effect of the catalogue competes with rivals that have no name. The gain is the deviance that a candidate takes
-   away; candidates hardly worse than the best one cannot be told from it.
-   (`ranking`).
+   away; candidates hardly worse than the best one cannot be told from it (`ranking`).
 3. What is found goes into the model and is refitted, all of it together; then the next is looked for. Each is checked
    against all others with the rest in place, and exchanged for a better one (`selection`).
 4. Between near rivals held-out logs decide, where there are such; and a name must be borne out by them.
@@ -30,7 +29,7 @@ from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.findings import BORNE_OUT, WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inspection import BLIND
 from discrepancy.parity import parity_residual
-from discrepancy.ranking import CREEPING, LEAST_GAIN, MARGIN, PART, alike, pick, ranks_of
+from discrepancy.ranking import CREEPING, LEAST_GAIN, alike, margin, pick, ranks_of
 from discrepancy.selection import BESIDE, Found, Look, decided, foretold, one_after_another
 from discrepancy.sliding import slides, sliding, slips_in_bursts
 from discrepancy.timing import of_time
@@ -156,8 +155,8 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     """Return what is to be said of effect k beside the others."""
     own = found[k]
     near = foretold(look, again, found, k)
-    limit = max(one.gain for one in near)
-    limit -= MARGIN + PART * limit
+    top = max(one.gain for one in near)
+    limit = top - margin(top)
     chosen = tuple(
         one for n, one in enumerate(near) if one.gain >= limit or (n == 0 and one.candidate == own.candidate)
     )

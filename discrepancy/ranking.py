@@ -70,8 +70,13 @@ def enough(seen: Evidence) -> list[Rank]:
 
 def alike(seen: Evidence, best: Rank, wider: float = 1.0) -> tuple[Rank, ...]:
     """Return the candidates that cannot be told from the best one, it first; `wider` for so many times the margin."""
-    limit = best.gain - wider * (MARGIN + PART * best.gain)
+    limit = best.gain - wider * margin(best.gain)
     return tuple(one for one in ranks_of(seen) if limit <= one.gain <= best.gain and (creeps(best) or not creeps(one)))
+
+
+def margin(gain: float) -> float:
+    """Return by how much less than the best one's gain a candidate's may be and not be told from it."""
+    return MARGIN + PART * gain
 
 
 def creeps(one: Rank) -> bool:

@@ -25,10 +25,10 @@ from discrepancy.ranking import (
     LEAST_GAIN,
     LEAST_SOBER,
     MARGIN,
-    PART,
     alike,
     creeps,
     enough,
+    margin,
     pick,
     rank_of,
     ranks_of,
@@ -144,7 +144,7 @@ def foretold(look: Look, again: Look | None, found: list[Found], k: int) -> list
     apart = look(others)
     place = apart.index(found[k].candidate)
     best = ranks_of(apart)[0] if place is None else rank_of(apart, place)
-    reach = WIDER * (MARGIN + PART * best.gain)
+    reach = WIDER * margin(best.gain)
     near = [best] + [
         one
         for one in ranks_of(apart)
@@ -210,7 +210,7 @@ def _near(left: Evidence, best: Rank, effects: list[Effect], again: Look | None)
         return near
     seen = again(effects)
     told = sorted((_beside(seen, one) for one in alike(left, best, WIDER)), key=lambda one: -one.gain)
-    return tuple(one for one in told if one.gain >= told[0].gain - MARGIN - PART * told[0].gain)
+    return tuple(one for one in told if one.gain >= told[0].gain - margin(told[0].gain))
 
 
 def _chosen(left: Evidence, near: Sequence[Rank]) -> list[Rank]:
@@ -221,8 +221,8 @@ def _chosen(left: Evidence, near: Sequence[Rank]) -> list[Rank]:
         return [named]
     gain, pair = _best_pair(left)
     if named is None:
-        return list(pair) if gain - EACH_MORE > best.gain + MARGIN + PART * best.gain else []
-    return list(pair) if gain - EACH_MORE > named.gain - MARGIN - PART * named.gain else [named]
+        return list(pair) if gain - EACH_MORE > best.gain + margin(best.gain) else []
+    return list(pair) if gain - EACH_MORE > named.gain - margin(named.gain) else [named]
 
 
 def _best_pair(left: Evidence) -> tuple[float, tuple[Rank, ...]]:
@@ -284,7 +284,7 @@ def _exchanged(robot: RobotDescription, look: Look, found: list[Found], left: Ev
                 continue
             named = next((one for one in alike(apart, best) if one.candidate.kinds), None)
             if named is not None and named.candidate.family != found[k].candidate.family:
-                if own is not None and named.gain - own.gain < MARGIN + PART * named.gain:
+                if own is not None and named.gain - own.gain < margin(named.gain):
                     continue
                 twice = any(named.candidate == one.candidate for one in others)
                 settled = _settled(robot, look, others if twice else [*others, *_as_found(robot, named)])

@@ -58,7 +58,7 @@ def make(
         (folder / part).mkdir(parents=True, exist_ok=True)
     _write(path, asked)
     missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"case-{k:04}.json").exists()]
-    run._each([(_make_case, (plan, k, folder)) for k in missing], jobs)
+    run.each([(_make_case, (plan, k, folder)) for k in missing], jobs)
 
 
 def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
@@ -66,9 +66,7 @@ def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
     folder = Path(folder)
     names = [f"case-{k:04}" for k in range(1, plan_of(folder).cases + 1)]
     missing = [name for name in names if not (folder / "outcomes" / f"{name}.json").exists()]
-    run._each(
-        [(_judge_case, (folder / "cases" / name, folder / "outcomes" / f"{name}.json")) for name in missing], jobs
-    )
+    run.each([(_judge_case, (folder / "cases" / name, folder / "outcomes" / f"{name}.json")) for name in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:

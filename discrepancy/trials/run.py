@@ -104,7 +104,7 @@ def make(
         (folder / part).mkdir(parents=True, exist_ok=True)
     clean = [k for k in range(1, CLEAN + 1) if not (folder / "clean" / f"{k}.csv").exists()]
     missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"case-{k:04}.json").exists()]
-    _each(
+    each(
         [*((_make_clean, (plan, k, folder)) for k in clean), *((_make_case, (plan, k, folder)) for k in missing)], jobs
     )
 
@@ -116,7 +116,7 @@ def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
     clean = sorted((folder / "clean").glob("*.csv")) if _generator_of(plan).foreign else []
     every = [folder / "cases" / f"case-{k:04}" for k in range(1, plan.cases + 1)]
     missing = [case for case in every if case.exists() and not (folder / "outcomes" / f"{case.name}.json").exists()]
-    _each([(_judge_case, (case, clean, folder / "outcomes" / f"{case.name}.json")) for case in missing], jobs)
+    each([(_judge_case, (case, clean, folder / "outcomes" / f"{case.name}.json")) for case in missing], jobs)
 
 
 def resimulate(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
@@ -125,7 +125,7 @@ def resimulate(folder: str | os.PathLike[str], *, jobs: int | None = None) -> No
     plan = plan_of(folder)
     done = [path.stem for path in sorted((folder / "outcomes").glob("case-*.json"))]
     missing = [name for name in done if not (folder / "left" / f"{name}.json").exists()]
-    _each([(_resimulate_case, (plan, name, folder)) for name in missing], jobs)
+    each([(_resimulate_case, (plan, name, folder)) for name in missing], jobs)
 
 
 def said_by(examined: Examination) -> Said:
@@ -190,7 +190,7 @@ def _one_thread() -> Iterator[None]:
             os.environ["OMP_NUM_THREADS"] = before
 
 
-def _each(tasks: Sequence[tuple[Callable[..., None], tuple[Any, ...]]], jobs: int | None) -> None:
+def each(tasks: Sequence[tuple[Callable[..., None], tuple[Any, ...]]], jobs: int | None) -> None:
     """Do all tasks (what, with what), each in one of some new processes."""
     if not tasks:
         return
