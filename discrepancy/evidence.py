@@ -15,7 +15,7 @@ from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, Channels, signatures_of, stacked
-from discrepancy.places import Slippery, slips_of, with_places
+from discrepancy.places import slips_of, with_cables
 from discrepancy.slipping import Slipping
 from estimators.calibration.log_likelihood import GAP, LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
@@ -70,8 +70,7 @@ class Evidence:
 
     left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted, and
     what more wheels hide of each of the robot's effects. clock_errors (logs, 2): standard errors of `state.clocks`.
-    patches: rectangles of the floor where wheels slip far more than elsewhere. slips (K - 1, w) of each log: of wheels
-    beyond what is expected, m.
+    slips (K - 1, w) of each log: of wheels beyond what is expected, m.
     """
 
     candidates: tuple[Candidate, ...]
@@ -84,7 +83,6 @@ class Evidence:
     burst: Burst
     parts: tuple[float, ...]
     clock_errors: Array
-    patches: tuple[Slippery, ...]
     slips: tuple[Array, ...]
 
     def best(self, chosen: Chosen, sober: bool = False) -> tuple[Array, Array, float]:
@@ -180,13 +178,12 @@ def evidence_of(
             model.expect(certain + slips @ parts)
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
 
-    patches: tuple[Slippery, ...] = ()
     beyond = tuple(
         slips_of(robot, model, log, state, certain + one @ parts)
         for model, log, state, one, certain in zip(models, logs, at.states, known, sure, strict=True)
     )
     if among is None:
-        places, patches = with_places(places, robot, logs, at, beyond)
+        places = with_cables(places, robot, logs, at, beyond)
     told: list[tuple[tuple[Candidate, ...], Reduced]] = []
     least = replace(sizes, along=max(sizes.along, LEAST_SLIP), across=max(sizes.across, LEAST_SLIP))
     for k, (model, log, state, clock, own, slip) in enumerate(
@@ -224,7 +221,6 @@ def evidence_of(
         left=_left(models, geometry, at),
         burst=_burst(models, logs, geometry, at),
         parts=tuple(parts.tolist()),
-        patches=patches,
         slips=beyond,
         clock_errors=np.array([np.sqrt(np.diag(np.linalg.inv(reduced.clock))) for _, reduced in told]),
     )

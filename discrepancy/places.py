@@ -151,23 +151,23 @@ def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence
     return [candidate_of(one) for one in lines if one.lasting >= BUMP_GAIN and one.passes >= PASSES][:MOST]
 
 
-def with_places(
+def with_cables(
     known: Sequence[Candidate], robot: RobotDescription, logs: Sequence[Log], at: State, slips: Sequence[Array]
-) -> tuple[list[Candidate], tuple["Slippery", ...]]:
-    """Return the cables known and those that logs speak for beside them, and patches, at their most likely state.
+) -> list[Candidate]:
+    """Return the cables known and those that logs speak for beside them, at their most likely state.
 
     slips: as `slips_of` of each log. Logs without reference poses tell no places.
     """
     motions, slips = _placed(robot, logs, at, slips)
     if not motions:
-        return list(known), ()
+        return list(known)
     own = _lines_in([*robot.effects, *(kind for one in known for kind in one.kinds)])
     new = [
         one
         for one in bumps_of(robot, motions, slips)
         if not any(same_line(line, other) for line in _lines_in(one.kinds) for other in own)
     ]
-    return [*known, *new], tuple(patches_of(robot, motions, slips))
+    return [*known, *new]
 
 
 def _lines_in(effects: Sequence[Effect]) -> list[Bump]:
@@ -381,11 +381,16 @@ def patches_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequen
     return [one for _, one in sorted(found, key=lambda one: -one[0])]
 
 
-def slippery_in(
-    robot: RobotDescription, logs: Sequence[Log], at: State, patches: Sequence[Slippery]
-) -> Slippery | None:
-    """Return the patch, and the friction in it, with which simulation repeats logs best; None where none helps much."""
+def slippery_in(robot: RobotDescription, logs: Sequence[Log], at: State, slips: Sequence[Array]) -> Slippery | None:
+    """Return the patch, and the friction in it, with which simulation repeats logs best; None where none helps much.
+
+    at: the logs' most likely state. slips: as `slips_of` of each.
+    """
     tried: list[Slippery] = []
+    motions, slips = _placed(robot, logs, at, slips)
+    patches = patches_of(robot, motions, slips) if motions else []
+    if not patches:
+        return None
     try:
         plain = _missed_by(robot, logs, at)
     except InputError:  # a robot that cannot be replayed

@@ -52,7 +52,7 @@ def sliding(
 
 def _of_place(robot: RobotDescription, logs: Sequence[Log], seen: Evidence, held_out: Sequence[Log]) -> Finding | None:
     """Return the finding of a slippery patch; None where wheels slip no more in one place than elsewhere."""
-    patch = None if seen.left is None else slippery_in(robot, logs, seen.state, seen.patches)
+    patch = None if seen.left is None else slippery_in(robot, logs, seen.state, seen.slips)
     if patch is None:
         return None
     effect = patch.effect
