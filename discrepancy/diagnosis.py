@@ -42,9 +42,6 @@ BACKGROUND = 5
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
 
-AS_DESCRIBED = 0.5
-"""By what part clean logs may creep otherwise than predicted for effects on creep to be named beyond them."""
-
 LOUDER, RIGID = 2.5, 1.5e-5
 """So many times more noise than in clean logs is a discrepancy; slip in these is at least so much, m after 1 m."""
 
@@ -67,7 +64,7 @@ def diagnose(
     asked, robot = robot, without(robot, SampleJitter)
     good = _of_clean(robot, tuple(clean)) if clean else None
     background = [] if good is None else _background(good)
-    first = last = evidence_of(robot, logs, places=() if good is None else good.places).less(background)
+    first = last = evidence_of(robot, logs, places=() if good is None else good.places, usual=good).less(background)
     places = dict.fromkeys(first.places)
     timing = of_time(asked, logs, first, held_out, good, clean)
 
@@ -77,7 +74,7 @@ def diagnose(
         nonlocal last
         key = tuple(effects), None if among is None else tuple(among)
         if key not in seen:
-            seen[key] = _beyond(background, robot.with_effects(*effects), logs, among, tuple(places), last)
+            seen[key] = _beyond(background, robot.with_effects(*effects), logs, among, tuple(places), good, last)
             places.update(dict.fromkeys(seen[key].places))
         last = seen[key]
         return last
@@ -94,8 +91,12 @@ def diagnose(
     if not first.places and slides(first):
         return sliding(robot, logs, first, held_out, result)
 
+    last_again: Evidence | None = None
+
     def look_again(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
-        return _beyond(background, robot.with_effects(*effects), held_out, among, tuple(places))
+        nonlocal last_again
+        last_again = _beyond(background, robot.with_effects(*effects), held_out, among, tuple(places), good, last_again)
+        return last_again
 
     again = look_again if held_out else None
     shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
@@ -107,14 +108,12 @@ def diagnose(
     if again is not None and found:
         found, left = decided(robot, look, again, found, left)
     findings = [_judged(look, again, found, k) for k in range(len(found))]
-    if good is not None and abs(good.parts[0] - 1) > AS_DESCRIBED:
-        findings = [_doubted(one) if isinstance(one.effect, CREEPING) else one for one in findings]
     if again is not None and found:
         findings, gaps = _borne_out(again, found, findings)
         result = dataclasses.replace(result, held_out=gaps)
     rest = None if shaken else pick(left)
     if rest is not None and rest.gain > BESIDE * max((one.gain for one in (findings or timing) if found), default=0.0):
-        findings.append(_nameless(left, rest))
+        findings = [*(_in_doubt(one, rest) for one in findings), _nameless(left, rest)]
     if good is not None and not findings and (louder := _louder(first, good)) is not None:
         findings.append(louder)
     findings += timing
@@ -137,12 +136,13 @@ def _beyond(
     logs: Sequence[Log],
     among: Sequence[Candidate] | None,
     places: Sequence[Candidate],
+    usual: Evidence | None = None,
     start: Evidence | None = None,
 ) -> Evidence:
     """Return the evidence of logs beyond the background, which has to be among the candidates for that."""
     if among is not None:
         among = list(dict.fromkeys([*among, *(one for one, _, _ in background)]))
-    return evidence_of(robot, logs, start=start, among=among, places=places).less(background)
+    return evidence_of(robot, logs, start=start, among=among, places=places, usual=usual).less(background)
 
 
 @lru_cache(maxsize=1)
@@ -170,18 +170,15 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     return finding
 
 
-def _doubted(one: Finding) -> Finding:
-    """Return the finding of an effect on creep where contacts are not those described even in clean logs.
-
-    Much that is wrong makes such contacts creep otherwise.
-    """
-    best = one.chosen[0]
-    other = dataclasses.replace(best, candidate=Candidate("contacts creep otherwise, for a reason that is not told"))
-    reason = (
-        f"contacts creep otherwise than in the clean logs; as they do not creep as described in these, it may be "
-        f"{best.candidate.what}, or have another reason"
+def _in_doubt(one: Finding, rest: Rank) -> Finding:
+    """Return the finding of an effect beside which much is left that has no name: it may be a part of that."""
+    if one.verdict != "named" or rest.gain <= BESIDE * one.gain:
+        return one
+    other = Candidate(f"something that {rest.candidate.what} is a part of too")
+    reason = f"it may be {one.reason}, or a part of what leaves this beside it: {rest.candidate.what}"
+    return dataclasses.replace(
+        one, verdict="ambiguous", reason=reason, chosen=(*one.chosen, dataclasses.replace(rest, candidate=other))
     )
-    return dataclasses.replace(one, verdict="ambiguous", reason=reason, chosen=(*one.chosen, other))
 
 
 def _nameless(left: Evidence, best: Rank) -> Finding:
@@ -259,15 +256,7 @@ def _wanted(with_all: Evidence, one: Found) -> tuple[float, float]:
 
 def _background(clean: Evidence) -> Background:
     """Return the effects, one by one, that take something away from clean logs, with hidden parts and amplitudes."""
-    chosen: list[tuple[int, float]] = []
-    named = [k for k, candidate in enumerate(clean.candidates) if candidate.kinds]
-    for _ in range(BACKGROUND):
-        before = clean.best(chosen)[2]
-        tried = [(k, clean.parted(k, chosen)) for k in named if k not in dict(chosen)]
-        best = max(tried, key=lambda one: clean.best([*chosen, one])[2])
-        if clean.best([*chosen, best])[2] - before < LEAST_GAIN:
-            break
-        chosen.append(best)
+    chosen = clean.greedily(BACKGROUND, LEAST_GAIN)
     amplitudes = clean.best(chosen)[0]
     sizes = np.split(amplitudes, np.cumsum([len(clean.columns[k]) for k, _ in chosen])[:-1]) if chosen else []
     return [(clean.candidates[k], part, size) for (k, part), size in zip(chosen, sizes, strict=True)]

@@ -6,7 +6,8 @@ none where they yield, all where they hold. It is found, between none and all. H
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,31 +15,36 @@ from numpy.typing import NDArray
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate, Channels, signatures_of, stacked
+from discrepancy.candidates import Candidate, Channels, stacked
+from discrepancy.columns import Columns, Shared, columns_of, quieter, together, without
 from discrepancy.places import slips_of, with_cables
-from discrepancy.slipping import Slipping
+from discrepancy.slipping import CREEPS, FORCED, Slipping
+from discrepancy.sober import sober
 from estimators.calibration.log_likelihood import GAP, LogLikelihood, More, Noise, Reduced
-from estimators.calibration.maximum_likelihood import MOUNT, State, fitted
+from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 
 BURST = 0.05
 """Part of a log's steps in which slip that comes in bursts is looked for."""
 
-PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+PARTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Of an effect that wheels may hide by coming to terms: what is tried."""
 
 DOUBT = 0.5
 """Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
 
-SETTLED = 2
-"""Rounds in which these parts and the noise that is left settle."""
+MOST_CREEP = 4.0
+"""Times what is predicted that contacts may creep."""
 
-CREEP = 1.5e-4
-"""Standard deviation of what a wheel may always roll too much, as a part of its way, and a castor to the side: contact
-is not as rigid as rolling. Beyond this something is significant."""
+AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
+"""The same of the part of creep under forces, and of all where clean logs tell it. Contacts that creep by less than
+such a part of what their description says are taken for rigid ones."""
 
-LEAST_SLIP = 3e-5
-"""m after 1 m: contacts are taken to slip at least so much at random. Those of a simulator that hardly do are no better
-known for that."""
+SETTLED, SETTLED_AGAIN, SOME = 2, 1, 3
+"""Rounds, of some steps each and then one of as many as it takes, in which these parts, what truly happened and the
+noise that is left settle; and where a state to begin with is known."""
+
+QUIETENS, MOST_QUIET, MUCH_LESS = 10.0, 2, 0.8
+"""Noise is what at most so many effects leave that take away so much each, if that is less than such a part of it."""
 
 Chosen = Sequence[tuple[int, float]]
 """Candidates, each with the part of it that wheels hide."""
@@ -66,11 +72,11 @@ class Burst:
 class Evidence:
     """Of candidates with C columns in all: columns of each; information (2C, 2C) and pull (2C,), the slope of the log-
     likelihood, by the amplitudes and then by what wheels hide of each; plain: where contact is rigid, sober: where all
-    wheels may creep by `CREEP`.
+    wheels may creep by `CREEP`, and each as unevenly as the logs allow.
 
-    left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted, and
-    what more wheels hide of each of the robot's effects. clock_errors (logs, 2): standard errors of `state.clocks`.
-    slips (K - 1, w) of each log: of wheels beyond what is expected, m.
+    left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted where
+    wheels disagree, and under forces, and what more wheels hide of each of the robot's effects. clock_errors (logs, 2):
+    standard errors of `state.clocks`. slips (K - 1, w) of each log: of wheels beyond what is expected, m.
     """
 
     candidates: tuple[Candidate, ...]
@@ -111,6 +117,19 @@ class Evidence:
         """Return the part of candidate k that wheels hide most likely, beside others."""
         return max(PARTS, key=lambda part: self.best([*others, (k, part)])[2])
 
+    def greedily(self, most: int, least: float) -> list[tuple[int, float]]:
+        """Return effects, one by one, each of which takes away most, and `least` or more, beside those before."""
+        chosen: list[tuple[int, float]] = []
+        named = [k for k, candidate in enumerate(self.candidates) if candidate.kinds]
+        for _ in range(most):
+            before = self.best(chosen)[2]
+            tried = [(k, self.parted(k, chosen)) for k in named if k not in dict(chosen)]
+            best = max(tried, key=lambda one: self.best([*chosen, one])[2], default=None)
+            if best is None or self.best([*chosen, best])[2] - before < least:
+                break
+            chosen.append(best)
+        return chosen
+
     @property
     def places(self) -> tuple[Candidate, ...]:
         """The candidates that are at a place on the floor."""
@@ -149,128 +168,179 @@ def evidence_of(
     start: Evidence | None = None,
     among: Sequence[Candidate] | None = None,
     places: Sequence[Candidate] = (),
+    usual: Evidence | None = None,
 ) -> Evidence:
     """Return what logs say of all candidates beyond the effects that the robot's file has.
 
     noise: sizes to hold to; None: found. start: evidence of the same logs, to begin with what it found. among:
     candidates to look at; None: all, and rivals without a name. places: of the floor, to look at beside those that the
-    logs speak for.
+    logs speak for. usual: that of clean logs, which creep about as much.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log) for log in logs]
-    none, begin = np.zeros(0), None if start is None else (start.state, start.noise)
-    at, sizes, _ = fitted(models, geometry, (), none, noise, begin)
+    at, sizes, shared, slips = _settled(robot, models, logs, noise, start, usual)
+    beyond = tuple(
+        slips_of(robot, model, log, state, one.certain + one.known @ shared.parts)
+        for model, log, state, one in zip(models, logs, at.states, slips, strict=True)
+    )
+    if among is None:
+        places = with_cables(places, robot, logs, at, beyond)
+    columns = [
+        Columns.of(robot, model, log, state, clock, one.slipping, one.known, shared.parts, among, places, of)
+        for model, log, state, clock, one, of in zip(
+            models, logs, at.states, at.clocks, slips, _names_of(logs), strict=True
+        )
+    ]
+    candidates, information, gradient, clocks = _told(columns, shared, sizes)
+    plain = _rigid(candidates, information, gradient, shared)
+    seen = Evidence(
+        candidates=candidates,
+        columns=columns_of(candidates),
+        plain=plain,
+        sober=plain,
+        noise=sizes,
+        state=at,
+        left=_left(models, geometry, at),
+        burst=_burst(models, logs, geometry, at),
+        parts=tuple(shared.parts.tolist()),
+        slips=beyond,
+        clock_errors=clocks,
+    )
+    some = [candidates[k] for k, _ in seen.greedily(MOST_QUIET, QUIETENS)]
+    if some and noise is None:
+        less = quieter(columns, some, shared, sizes)
+        if _much_less(less, sizes):
+            _, information, gradient, _ = _told(columns, shared, less)
+            seen = replace(seen, plain=_rigid(candidates, information, gradient, shared))
+    if among is not None:
+        return replace(seen, sober=seen.plain)
+    return replace(
+        seen, sober=sober(seen, information, gradient, len(shared.parts), models[0].rows < len(geometry.radius))
+    )
+
+
+class _Slips(NamedTuple):
+    """How one log's contacts slip, as a state of it tells: for certain, and what is known in part."""
+
+    slipping: Slipping
+    certain: Array
+    known: Array
+
+
+def _settled(
+    robot: RobotDescription,
+    models: list[LogLikelihood],
+    logs: Sequence[Log],
+    noise: Noise | None,
+    start: Evidence | None,
+    usual: Evidence | None,
+) -> tuple[State, Noise, Shared, list[_Slips]]:
+    """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
+
+    what truly happened tells how wheels disagree, and how they creep for that tells what truly happened.
+    """
+    geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
+    if start is None:
+        at, sizes, _ = fitted(models, geometry, (), none, noise)
+    else:
+        at, sizes = start.state, noise or start.noise
     if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
         channels = Channels(robot)
         for model, log, state in zip(models, logs, at.states, strict=True):
             counts = state[:, 3:]
             model.correct(channels.read(robot, log, counts) - counts)
-        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
-    slipping = [Slipping(robot, model, log, state) for model, log, state in zip(models, logs, at.states, strict=True)]
-    known, sure = [one.known() for one in slipping], [one.sure() for one in slipping]
-    for model, slips in zip(models, sure, strict=True):
-        model.expect(slips)
-    parts = np.zeros(1 + len(robot.effects))
-    for _ in range(SETTLED):
-        parts = _parts_of(models, geometry, at, sizes, known, parts)
-        for model, slips, certain in zip(models, known, sure, strict=True):
-            model.expect(certain + slips @ parts)
-        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
-
-    beyond = tuple(
-        slips_of(robot, model, log, state, certain + one @ parts)
-        for model, log, state, one, certain in zip(models, logs, at.states, known, sure, strict=True)
-    )
-    if among is None:
-        places = with_cables(places, robot, logs, at, beyond)
-    told: list[tuple[tuple[Candidate, ...], Reduced]] = []
-    least = replace(sizes, along=max(sizes.along, LEAST_SLIP), across=max(sizes.across, LEAST_SLIP))
-    for k, (model, log, state, clock, own, slip) in enumerate(
-        zip(models, logs, at.states, at.clocks, known, slipping, strict=True)
-    ):
-        of = f" of log {k + 1}" if len(logs) > 1 else ""
-        found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
-        changed = stacked(geometry, found.geometries)
-        fought = model.fought(geometry, changed, found.steps, state, found.readings, slip.yields)
-        always = model.rolled(geometry, state)[..., None] * np.eye(len(model.rows))
-        direct = [model.rows_of(one.rolling, one.side)[..., None] for one in found.slips]
-        for column in found.places:  # what wheels disagree by is taken for creep as long as no cable is known
-            direct[column] -= parts[0] * slip.seen_as_creep(found.slips[column])[..., None]
-        slips = np.concatenate([*direct, fought, own, always], axis=-1)
-        readings = np.pad(found.readings, ((0, 0), (0, 0), (0, slips.shape[-1] - len(direct))))
-        more = More(readings, slips)
-        reduced = model.reduce(geometry, changed, found.steps, state, clock, at.mount, least, 0, more)
-        told.append((found.candidates, reduced))
-    candidates, information, gradient = _together(told)
-    n, e, r = 2 * sum(one.columns for one in candidates), len(parts), len(models[0].rows)
-    information[n + e + r :, n + e + r :] += np.diag(MOUNT**-2.0)
-    gradient[n + e + r :] += at.mount / MOUNT**2
-    information[n : n + e, n : n + e] += np.eye(e) / DOUBT**2
-    creep = np.arange(n + e, n + e + r)
-    rigid, sober = np.delete(np.arange(len(gradient)), creep), np.arange(len(gradient))
-    plain = _without(information[np.ix_(rigid, rigid)], gradient[rigid], n)
-    information[creep, creep] += CREEP**-2.0
-    return Evidence(
-        candidates=candidates,
-        columns=_columns(candidates),
-        plain=plain,
-        sober=_without(information[np.ix_(sober, sober)], gradient[sober], n),
-        noise=sizes,
-        state=at,
-        left=_left(models, geometry, at),
-        burst=_burst(models, logs, geometry, at),
-        parts=tuple(parts.tolist()),
-        slips=beyond,
-        clock_errors=np.array([np.sqrt(np.diag(np.linalg.inv(reduced.clock))) for _, reduced in told]),
-    )
+        if start is None:
+            at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
+    parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
+    while True:
+        slips = []
+        for model, log, state in zip(models, logs, at.states, strict=True):
+            slipping = Slipping(robot, model, log, state)
+            slips.append(_Slips(slipping, slipping.sure(), slipping.known()))
+        _expect(models, slips, parts)
+        shared = _shared(models, geometry, at, sizes, [one.known for one in slips], parts, usual)
+        parts = shared.parts
+        _expect(models, slips, parts)
+        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS)
+        if not k:
+            return at, sizes, replace(shared, mount=at.mount), slips
+        k -= 1
 
 
-def _together(told: Sequence[tuple[tuple[Candidate, ...], Reduced]]) -> tuple[tuple[Candidate, ...], Array, Array]:
-    """Return all candidates of several logs, and what these say of their amplitudes together, then what wheels hide of
-    each, and then of the numbers that all logs share: information and gradient."""
-    candidates = tuple(dict.fromkeys(one for some, _ in told for one in some))
-    columns = dict(zip(candidates, _columns(candidates), strict=True))
-    half = sum(one.columns for one in candidates)
-    shared = len(told[0][1].information) - 2 * sum(one.columns for one in told[0][0])
-    information, gradient = np.zeros((2 * half + shared, 2 * half + shared)), np.zeros(2 * half + shared)
-    for some, reduced in told:
-        own = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[one] for one in some)])
-        at = np.concatenate([own, own + half, np.arange(2 * half, 2 * half + shared)])
-        information[np.ix_(at, at)] += reduced.information
-        gradient[at] += reduced.gradient[:, 0]
-    return candidates, information, gradient
+def _expect(models: Sequence[LogLikelihood], slips: Sequence[_Slips], parts: Array) -> None:
+    for model, one in zip(models, slips, strict=True):
+        model.expect(one.certain + one.known @ parts)
 
 
-def _without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
-    """Return information (n, n) and pull (n,) of the first n numbers, the others eliminated."""
-    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
-    told = information[:n, :n] - information[:n, n:] @ both[:, :n]
-    return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ both[:, n])
+def _names_of(logs: Sequence[Log]) -> list[str]:
+    return [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
 
 
-def _columns(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
-    ends = np.cumsum([one.columns for one in candidates])
-    return tuple(np.arange(end - one.columns, end) for one, end in zip(candidates, ends, strict=True))
+def _much_less(sizes: Noise, than: Noise) -> bool:
+    return min(a / b for a, b in zip(astuple(sizes), astuple(than), strict=True)) < MUCH_LESS
 
 
-def _parts_of(
-    models: Sequence[LogLikelihood], geometry: Geometry, at: State, noise: Noise, known: Sequence[Array], parts: Array
-) -> Array:
-    """Return what part of the creep predicted there is, and what more wheels hide of each of the robot's effects, (e,),
-    as far as the logs tell."""
+def _told(
+    columns: Sequence[Columns], shared: Shared, noise: Noise
+) -> tuple[tuple[Candidate, ...], Array, Array, Array]:
+    """Return all candidates, what logs say of all numbers together, and standard errors of the clocks (logs, 2)."""
+    told = [one.reduce(shared.mount, noise) for one in columns]
+    each = [(one.candidates, reduced) for one, reduced in zip(columns, told, strict=True)]
+    candidates, information, gradient, _ = together(each)
+    shared.believed(information, gradient, 2 * sum(one.columns for one in candidates))
+    clocks = np.array([np.sqrt(np.diag(np.linalg.inv(reduced.clock))) for reduced in told])
+    return candidates, information, gradient[:, 0], clocks
+
+
+def _rigid(candidates: Sequence[Candidate], information: Array, gradient: Array, shared: Shared) -> tuple[Array, Array]:
+    """Return information and pull of candidates, and of what wheels hide of each, where nothing creeps unforeseen."""
+    n = 2 * sum(one.columns for one in candidates)
+    rigid = np.concatenate([np.arange(n + len(shared.parts)), np.arange(-len(shared.mount), 0)])
+    return without(information[np.ix_(rigid, rigid)], gradient[rigid], n)
+
+
+def _limits(e: int) -> tuple[Array, Array]:
+    """Return the least and the most (e,) that these parts can be."""
+    most = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
+    return np.where(np.arange(e) < CREEPS, 0.0, -1.0), most
+
+
+def _foreseen(e: int, usual: Evidence | None, rigid: bool) -> tuple[Array, Array]:
+    """Return the parts (e,) of creep that there are, and of effects that wheels hide, before any log speaks; and their
+    standard deviations. rigid: whether contacts hardly creep at all under forces."""
+    expected, doubt = np.zeros(e), np.full(e, DOUBT)
+    if usual is None:
+        expected[:CREEPS], doubt[FORCED] = 1.0, AS_DESCRIBED
+        expected[FORCED] = 0.0 if rigid else 1.0
+    else:
+        expected[:CREEPS], doubt[:CREEPS] = usual.parts[:CREEPS], AS_USUAL
+    return expected, doubt
+
+
+def _shared(
+    models: Sequence[LogLikelihood],
+    geometry: Geometry,
+    at: State,
+    noise: Noise,
+    known: Sequence[Array],
+    parts: Array,
+    usual: Evidence | None,
+) -> Shared:
+    """Return what parts (e,) of the creep predicted there are, and what more wheels hide of each of the robot's
+    effects, as far as the logs tell."""
     none, e = stacked(geometry, []), known[0].shape[-1]
-    information, gradient = np.zeros(()), np.zeros(())
+    told: list[tuple[tuple[Candidate, ...], Reduced]] = []
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
         more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
-        reduced = model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)
-        information, gradient = information + reduced.information, gradient + reduced.gradient[:, 0]
-    information[e:, e:] += np.diag(MOUNT**-2.0)
-    gradient[e:] += at.mount / MOUNT**2
-    told, pull = _without(information, gradient, e)
-    sure = np.eye(e) / DOUBT**2
-    parts = parts + np.linalg.solve(told + sure, pull + sure @ ((np.arange(e) == 0.0) - parts))
-    return np.clip(parts, [0.0, *[-1.0] * (e - 1)], [2.0, *[1.0] * (e - 1)])
+        told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
+    _, information, gradient, _ = together(told)
+    freely = without(information[:e, :e] + np.eye(e) / DOUBT**2, gradient[:e, 0] + parts / DOUBT**2, e)
+    rigid = bool((parts + np.linalg.solve(*freely))[FORCED] < RIGID)
+    shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
+    shared.believed(information, gradient, 0)
+    own, pull = without(information, gradient[:, 0], e)
+    return replace(shared, parts=np.clip(parts + np.linalg.solve(own, pull), *_limits(e)))
 
 
 def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:

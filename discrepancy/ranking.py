@@ -14,23 +14,26 @@ from discrepancy.findings import Rank
 LEAST_GAIN = 30.0
 """The deviance that a candidate must take away."""
 
+LEAST_WITHOUT_NAME = 40.0
+"""The same of what has no name; there are many of these."""
+
 CREEPING = SlipStiffness, SlipStiffnessLateral, ContactCreep
 
-LEAST_OF_CREEP, MUCH_CREEP = 60.0, 2.0
+LEAST_OF_CREEP, MUCH_CREEP = 40.0, 2.0
 """The same of how contacts creep, which is predicted within a third or so; and how many times more than any other
 candidate these must take away, as wrong contacts look a little like everything."""
 
 EACH_MORE = 10.0
 """Deviance that a candidate with two amplitudes must take away more than one with one."""
 
-LEAST_SOBER = 20.0
+LEAST_SOBER = 10.0
 """The deviance that it must take away where all wheels may creep."""
 
 LEAST_OF_PLACE, MUCH_OF_PLACE = 60.0, 2.0
 """The same of something on the floor, whose place was looked for in the same logs: lines of all places and directions
 look a little like everything too."""
 
-MARGIN, PART = 6.0, 0.03
+MARGIN, PART = 6.0, 0.015
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
 
 ROUGHLY = 0.25
@@ -87,6 +90,8 @@ def creeps(one: Rank) -> bool:
 def _least(one: Rank) -> float:
     if one.candidate.at_a_place:
         return LEAST_OF_PLACE
+    if not one.candidate.kinds:
+        return LEAST_WITHOUT_NAME
     return LEAST_OF_CREEP if creeps(one) else LEAST_GAIN
 
 

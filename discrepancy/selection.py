@@ -46,7 +46,7 @@ SINGLES = 8
 NEXT = 0.025
 """The part of what the first effect takes away that the next ones must."""
 
-BESIDE = 0.15
+BESIDE = 0.1
 """What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
 that are a little wrong, and creep, leave some."""
 
@@ -57,6 +57,9 @@ CLOSE, LESS = 0.7, 15.0
 """The part of the best one's gain from which on a rival is refitted too; and deviance by which it must leave less."""
 
 REFITS, EXCHANGES, RIVALS = 4, 2, 3
+
+MOST_AHEAD = 0.6
+"""Part of a change that the next one is taken to be, at most, to go all their way at once."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,24 @@ def one_after_another(
             break
         tried_before.append(families)
         found, left = more
+    return _without_the_needless(robot, look, found, left)
+
+
+def _without_the_needless(
+    robot: RobotDescription, look: Look, found: list[Found], left: Evidence
+) -> tuple[list[Found], Evidence]:
+    """Return effects but for those that count no more beside the others, the least one first."""
+    while len(found) > 1:
+        ranks = []
+        for k, one in enumerate(found):
+            apart = look([other.effect for other in found[:k] + found[k + 1 :]])
+            place = apart.index(one.candidate)
+            ranks.append((0.0 if place is None else rank_of(apart, place).gain, k))
+        gain, k = min(ranks)
+        settled = _settled(robot, look, found[:k] + found[k + 1 :]) if gain < LEAST_GAIN else None
+        if settled is None:
+            break
+        found, left = settled
     return found, left
 
 
@@ -237,7 +258,7 @@ def _best_pair(left: Evidence) -> tuple[float, tuple[Rank, ...]]:
 
 def _settled(robot: RobotDescription, look: Look, found: list[Found]) -> tuple[list[Found], Evidence] | None:
     """Return effects with the amplitudes at which the logs pull them no more, and what is left; None: impossible."""
-    own = [one.candidate for one in found]
+    own, before = [one.candidate for one in found], None
     for k in range(REFITS + 1 if found else 0):
         left = look([one.effect for one in found], own)
         places = [left.index(one) for one in own]
@@ -246,6 +267,7 @@ def _settled(robot: RobotDescription, look: Look, found: list[Found]) -> tuple[l
         changes, covariance, _ = left.best([(place, 0.0) for place in places if place is not None])
         errors = np.sqrt(np.diag(covariance))
         ends = np.cumsum([one.columns for one in own])[:-1]
+        changes, before = _ahead(changes / errors, before) * errors, changes / errors
         parts = list(zip(found, np.split(changes, ends), np.split(errors, ends), strict=True))
         found = [dataclasses.replace(one, error=float(error.max())) for one, _, error in parts]
         if np.all(np.abs(changes) < 0.1 * errors) or k == REFITS:
@@ -255,6 +277,14 @@ def _settled(robot: RobotDescription, look: Look, found: list[Found]) -> tuple[l
             return _settled(robot, look, [one for one, new in zip(found, moved, strict=True) if new is not None])
         found = [one for one in moved if one is not None]
     return found, look([one.effect for one in found])
+
+
+def _ahead(changes: Array, before: Array | None) -> Array:
+    """Return changes, larger if each is a part of the one before: what truly happened follows only by and by."""
+    if before is None or not before @ before > 0:
+        return changes
+    part = float(np.clip(changes @ before / (before @ before), 0.0, MOST_AHEAD))
+    return changes / (1 - part)
 
 
 def _moved(robot: RobotDescription, one: Found, by: Array) -> Found | None:

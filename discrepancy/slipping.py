@@ -25,6 +25,9 @@ from estimators.calibration.log_likelihood import LogLikelihood
 OF_CREEP = SlipStiffness, SlipStiffnessLateral, ContactCreep, FloorSlope
 """Effects that make contacts creep otherwise: what is predicted without them is true in part, they are so wholly."""
 
+CREEPS, FORCED = 2, 1
+"""Kinds of creep that are predicted: where wheels disagree, whatever holds them, and under the forces of the motion."""
+
 SLOWEST = 0.02
 """Of the fastest wheel's speed: no contact is taken to roll slower."""
 
@@ -58,17 +61,21 @@ class Slipping:
         return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:
-        """Return slips (K - 1, rows, 1 + e): as predicted; by which wheels would hide each of the robot's effects."""
-        return np.concatenate([self._model.rows_of(*self._creep)[..., None], self._hiding()], axis=-1)
+        """Return slips (K - 1, rows, 2 + e): as predicted where wheels disagree, and under the forces of the motion; by
+        which wheels would hide each of the robot's effects."""
+        (rolling, side), (forced, forced_side) = self._creep, self._predicted(agreeing=True)
+        both = self._model.rows_of(rolling - forced, side - forced_side), self._model.rows_of(forced, forced_side)
+        return np.concatenate([np.stack(both, axis=-1), self._hiding()], axis=-1)
 
     def seen_as_creep(self, slip: Slip) -> Array:
         """Return by how much less creep (K - 1, rows) would be predicted if wheels were known to slip by `slip`."""
         (rolling, side), (less, less_side) = self._creep, self._predicted(self._over + slip)
         return self._model.rows_of(rolling - less, side - less_side)
 
-    def _predicted(self, known: Slip) -> tuple[Array, Array]:
-        """Return the creep predicted where wheels are known to slip for another reason as well."""
-        robot, motion = self._without, self._channels.motion(self._log, self._state)
+    def _predicted(self, known: Slip | None = None, agreeing: bool = False) -> tuple[Array, Array]:
+        """Return the creep predicted where wheels are known to slip for another reason; agreeing: where they agree."""
+        robot, motion = self._without, self._channels.motion(self._log, self._state, agreeing=agreeing)
+        known = Slip.none(motion) if known is None else known
         rolled_more = np.cumsum(known.rolling, axis=0) / self._channels.geometry.radius
         motion = replace(motion, wheel_angle=motion.wheel_angle + np.pad(rolled_more, ((1, 0), (0, 0))))
         try:

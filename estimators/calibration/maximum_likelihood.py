@@ -136,10 +136,12 @@ def fitted(
     before: Array,
     noise: Noise | None,
     start: tuple["State", Noise] | None = None,
+    rounds: int = ROUNDS,
 ) -> tuple["State", Noise, "_Solution"]:
     """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well.
 
     noise: known sizes; None: they are found. start: what to begin with, of the same logs; None: what the counts say.
+    rounds: how many steps to take at most.
     """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
@@ -162,11 +164,11 @@ def fitted(
             [state for state, _, _ in finished],
             np.array([clock for _, clock, _ in finished]),
         )
-        last, sizes = sizes, sizes if noise else _resized(sizes, [left for _, _, left in finished])
+        last, sizes = sizes, sizes if noise else resized(sizes, [left for _, _, left in finished])
         changes = np.array(list(asdict(sizes).values())) / list(asdict(last).values()) - 1
         done = k > settling and solution.moved < CONVERGED and np.abs(changes).max() < SETTLED
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
-        if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == ROUNDS:
+        if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
         k += 1
 
@@ -258,7 +260,7 @@ def _solve(each: list[Reduced], scale: Array, mount: Array, away: Array, farthes
     return _Solution(step, set_by, moved, strength, way, seen)
 
 
-def _resized(sizes: Noise, left: list[Leftover]) -> Noise:
+def resized(sizes: Noise, left: list[Leftover]) -> Noise:
     """Return the sizes of noise by which the squares that are left would be what they are on average."""
     better = asdict(sizes)
     for name, size in asdict(sizes).items():
