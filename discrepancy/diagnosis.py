@@ -7,7 +7,8 @@
 3. What is found goes into the model and is refitted, all of it together; then the next is looked for. Each is checked
    against all others with the rest in place, and exchanged for a better one (`selection`).
 4. Between near rivals held-out logs decide, where there are such; and a name must be borne out by them.
-5. What is no effect on angles is looked for by itself: time (`timing`), and wheels that slide in places (`sliding`).
+5. What is no effect on angles is looked for by itself: time (`timing`), wheels that slide in places (`sliding`), and,
+   if nothing else is found, a tracked point that swings (`swinging`).
 
 A gain counts where it would count as well if every wheel crept a little (`evidence.CREEP`): contact is not as rigid as
 rolling, and a log of a minute tells far smaller parts of a radius than mean anything.
@@ -32,6 +33,7 @@ from discrepancy.parity import parity_residual
 from discrepancy.ranking import CREEPING, LEAST_GAIN, alike, margin, pick, ranks_of
 from discrepancy.selection import BESIDE, Found, Look, decided, foretold, one_after_another
 from discrepancy.sliding import slides, sliding, slips_in_bursts
+from discrepancy.swinging import swinging
 from discrepancy.timing import of_time
 
 Background = Sequence[tuple[Candidate, float, Array]]
@@ -114,6 +116,8 @@ def diagnose(
     rest = None if shaken else pick(left)
     if rest is not None and rest.gain > BESIDE * max((one.gain for one in (findings or timing) if found), default=0.0):
         findings = [*(_in_doubt(one, rest) for one in findings), _nameless(left, rest)]
+    if not findings and (swing := swinging(robot, logs, first)) is not None:
+        findings.append(swing)
     if good is not None and not findings and (louder := _louder(first, good)) is not None:
         findings.append(louder)
     findings += timing
