@@ -94,10 +94,15 @@ def diagnose(
         return sliding(robot, logs, first, held_out, result)
 
     last_again: Evidence | None = None
+    seen_again: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None, int], Evidence] = {}
 
     def look_again(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
         nonlocal last_again
-        last_again = _beyond(background, robot.with_effects(*effects), held_out, among, tuple(places), good, last_again)
+        key = tuple(effects), None if among is None else tuple(among), len(places)
+        if key not in seen_again:
+            changed = robot.with_effects(*effects)
+            seen_again[key] = _beyond(background, changed, held_out, among, tuple(places), good, last_again)
+        last_again = seen_again[key]
         return last_again
 
     again = look_again if held_out else None

@@ -1,13 +1,11 @@
 """What logs say for and against every candidate, all else eliminated: one linear problem.
 
 Driven wheels that disagree creep until they come to terms (`LogLikelihood.fought`), and hide a part of what is wrong:
-none where they yield, all where they hold. It is found, between none and all. How far all contacts creep is predicted
-(`slipping`); what part of the prediction is true is found too.
+none where they yield, all where they hold, and more beside creep that was taken for theirs. It is found.
 """
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,33 +13,19 @@ from numpy.typing import NDArray
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate, Channels, stacked
+from discrepancy.candidates import Candidate
 from discrepancy.columns import Columns, Shared, columns_of, quieter, together, without
 from discrepancy.places import slips_of, with_cables
-from discrepancy.slipping import CREEPS, FORCED, Slipping
+from discrepancy.settled import settled
 from discrepancy.sober import sober
-from estimators.calibration.log_likelihood import GAP, LogLikelihood, More, Noise, Reduced
-from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
+from estimators.calibration.log_likelihood import GAP, LogLikelihood, Noise
+from estimators.calibration.maximum_likelihood import State
 
 BURST = 0.05
 """Part of a log's steps in which slip that comes in bursts is looked for."""
 
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Of an effect that wheels may hide by coming to terms: what is tried."""
-
-DOUBT = 0.5
-"""Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
-
-MOST_CREEP = 4.0
-"""Times what is predicted that contacts may creep."""
-
-AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
-"""The same of the part of creep under forces, and of all where clean logs tell it. Contacts that creep by less than
-such a part of what their description says are taken for rigid ones."""
-
-SETTLED, SETTLED_AGAIN, SOME = 2, 1, 3
-"""Rounds, of some steps each and then one of as many as it takes, in which these parts, what truly happened and the
-noise that is left settle; and where a state to begin with is known."""
 
 QUIETENS, MOST_QUIET, MUCH_LESS = 10.0, 2, 0.8
 """Noise is what at most so many effects leave that take away so much each, if that is less than such a part of it."""
@@ -179,7 +163,7 @@ def evidence_of(
     """
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log) for log in logs]
-    at, sizes, shared, slips = _settled(robot, models, logs, noise, start, usual)
+    at, sizes, shared, slips = settled(robot, models, logs, noise, start, usual)
     beyond = tuple(
         slips_of(robot, model, log, state, one.certain + one.known @ shared.parts)
         for model, log, state, one in zip(models, logs, at.states, slips, strict=True)
@@ -220,59 +204,6 @@ def evidence_of(
     )
 
 
-class _Slips(NamedTuple):
-    """How one log's contacts slip, as a state of it tells: for certain, and what is known in part."""
-
-    slipping: Slipping
-    certain: Array
-    known: Array
-
-
-def _settled(
-    robot: RobotDescription,
-    models: list[LogLikelihood],
-    logs: Sequence[Log],
-    noise: Noise | None,
-    start: Evidence | None,
-    usual: Evidence | None,
-) -> tuple[State, Noise, Shared, list[_Slips]]:
-    """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
-
-    what truly happened tells how wheels disagree, and how they creep for that tells what truly happened.
-    """
-    geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
-    if start is None:
-        at, sizes, _ = fitted(models, geometry, (), none, noise)
-    else:
-        at, sizes = start.state, noise or start.noise
-    if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
-        channels = Channels(robot)
-        for model, log, state in zip(models, logs, at.states, strict=True):
-            counts = state[:, 3:]
-            model.correct(channels.read(robot, log, counts) - counts)
-        if start is None:
-            at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
-    parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
-    while True:
-        slips = []
-        for model, log, state in zip(models, logs, at.states, strict=True):
-            slipping = Slipping(robot, model, log, state)
-            slips.append(_Slips(slipping, slipping.sure(), slipping.known()))
-        _expect(models, slips, parts)
-        shared = _shared(models, geometry, at, sizes, [one.known for one in slips], parts, usual)
-        parts = shared.parts
-        _expect(models, slips, parts)
-        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS)
-        if not k:
-            return at, sizes, replace(shared, mount=at.mount), slips
-        k -= 1
-
-
-def _expect(models: Sequence[LogLikelihood], slips: Sequence[_Slips], parts: Array) -> None:
-    for model, one in zip(models, slips, strict=True):
-        model.expect(one.certain + one.known @ parts)
-
-
 def _names_of(logs: Sequence[Log]) -> list[str]:
     return [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
 
@@ -298,49 +229,6 @@ def _rigid(candidates: Sequence[Candidate], information: Array, gradient: Array,
     n = 2 * sum(one.columns for one in candidates)
     rigid = np.concatenate([np.arange(n + len(shared.parts)), np.arange(-len(shared.mount), 0)])
     return without(information[np.ix_(rigid, rigid)], gradient[rigid], n)
-
-
-def _limits(e: int) -> tuple[Array, Array]:
-    """Return the least and the most (e,) that these parts can be."""
-    most = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
-    return np.where(np.arange(e) < CREEPS, 0.0, -1.0), most
-
-
-def _foreseen(e: int, usual: Evidence | None, rigid: bool) -> tuple[Array, Array]:
-    """Return the parts (e,) of creep that there are, and of effects that wheels hide, before any log speaks; and their
-    standard deviations. rigid: whether contacts hardly creep at all under forces."""
-    expected, doubt = np.zeros(e), np.full(e, DOUBT)
-    if usual is None:
-        expected[:CREEPS], doubt[FORCED] = 1.0, AS_DESCRIBED
-        expected[FORCED] = 0.0 if rigid else 1.0
-    else:
-        expected[:CREEPS], doubt[:CREEPS] = usual.parts[:CREEPS], AS_USUAL
-    return expected, doubt
-
-
-def _shared(
-    models: Sequence[LogLikelihood],
-    geometry: Geometry,
-    at: State,
-    noise: Noise,
-    known: Sequence[Array],
-    parts: Array,
-    usual: Evidence | None,
-) -> Shared:
-    """Return what parts (e,) of the creep predicted there are, and what more wheels hide of each of the robot's
-    effects, as far as the logs tell."""
-    none, e = stacked(geometry, []), known[0].shape[-1]
-    told: list[tuple[tuple[Candidate, ...], Reduced]] = []
-    for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
-        more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
-        told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
-    _, information, gradient, _ = together(told)
-    freely = without(information[:e, :e] + np.eye(e) / DOUBT**2, gradient[:e, 0] + parts / DOUBT**2, e)
-    rigid = bool((parts + np.linalg.solve(*freely))[FORCED] < RIGID)
-    shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
-    shared.believed(information, gradient, 0)
-    own, pull = without(information, gradient[:, 0], e)
-    return replace(shared, parts=np.clip(parts + np.linalg.solve(own, pull), *_limits(e)))
 
 
 def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
