@@ -1,6 +1,7 @@
 """A tracked point that swings is found with its period and size; noise has no period."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ def seen_with(swing, seed=1, every=20, wrapped=False):
     reference[np.arange(len(T)) % every > 0] = np.nan
     log = Log(T, np.zeros((len(T), 6)), np.zeros((len(T), 3)), reference=reference)
     state = SimpleNamespace(states=[np.pad(POSES, ((0, 0), (0, 9)))], clocks=np.zeros((1, 2)), mount=np.zeros(3))
-    return swinging(ROBOT, [log], SimpleNamespace(state=state))
+    seen: Any = SimpleNamespace(state=state)
+    return swinging(ROBOT, [log], seen)
 
 
 def swing(axis, size, period):
