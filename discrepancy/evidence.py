@@ -199,9 +199,9 @@ def evidence_of(
             seen = replace(seen, plain=_rigid(candidates, information, gradient, shared))
     if among is not None:
         return replace(seen, sober=seen.plain)
-    return replace(
-        seen, sober=sober(seen, information, gradient, len(shared.parts), models[0].rows < len(geometry.radius))
-    )
+    along = models[0].rows < len(geometry.radius)
+    creeping = sober(seen, information, gradient, len(shared.parts), along, usual is not None)
+    return replace(seen, sober=creeping)
 
 
 def _names_of(logs: Sequence[Log]) -> list[str]:

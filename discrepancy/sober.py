@@ -27,15 +27,16 @@ BESIDE, LEAST_GAIN = 2, 30.0
 
 
 def sober(
-    seen: "Evidence", information: Array, gradient: Array, e: int, along: NDArray[np.bool_]
+    seen: "Evidence", information: Array, gradient: Array, e: int, along: NDArray[np.bool_], told: bool
 ) -> tuple[Array, Array]:
     """Return information (2C, 2C) and pull (2C,) of `Evidence`, where wheels may creep.
 
     information, gradient: of these numbers, e more, the creep of each row, which is along or to the side, and others.
+    told: whether clean logs tell how much all wheels together creep.
     """
     n = len(seen.plain[1])
     creep = np.arange(n + e, n + e + len(along))
-    together: Array = CREEP**2 * np.outer(along, along).astype(np.float64)
+    together: Array = (LEAST_CREEP if told else CREEP) ** 2 * np.outer(along, along).astype(np.float64)
     information = information.copy()
     uneven = _uneven(seen, information, gradient, creep, together)
     information[np.ix_(creep, creep)] += np.linalg.inv(together + uneven**2 * np.eye(len(along)))
