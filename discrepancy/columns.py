@@ -12,10 +12,10 @@ from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, signatures_of, stacked
 from discrepancy.slipping import Slipping
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
-from estimators.calibration.maximum_likelihood import MOUNT, resized
+from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 
-QUIETER_ROUNDS, PROBES, SAME = 6, 4, 0.02
-"""Rounds in which noise beside some candidates is found, residuals drawn in each, and a change that ends them."""
+QUIETER_ROUNDS, SAME = 6, 0.02
+"""Rounds in which noise beside some candidates is found, and a change that ends them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@
 5. What is no effect on angles is looked for by itself: time (`timing`), wheels that slide in places (`sliding`), and,
    if nothing else is found, a tracked point that swings (`swinging`).
 
-A gain counts where it would count as well if every wheel crept a little (`evidence.CREEP`): contact is not as rigid as
+A gain counts where it would count as well if every wheel crept a little (`sober`): contact is not as rigid as
 rolling, and a log of a minute tells far smaller parts of a radius than mean anything.
 """
 

@@ -20,7 +20,7 @@ LEAST_WITHOUT_NAME = 40.0
 CREEPING = SlipStiffness, SlipStiffnessLateral, ContactCreep
 
 LEAST_OF_CREEP, MUCH_CREEP = 40.0, 2.0
-"""The same of how contacts creep, which is predicted within a third or so; and how many times more than any other
+"""The same of how contacts creep, which is predicted; and how many times more than any other
 candidate these must take away, as wrong contacts look a little like everything."""
 
 EACH_MORE = 10.0
