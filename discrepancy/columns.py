@@ -78,14 +78,10 @@ class Columns:
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
         """Return what the log says of amplitudes, of what wheels hide of each, of parts, and of what every wheel and
         castor may always creep; of `only` some candidates: but for the last."""
-        columns = np.arange(self.fought.shape[-1])
-        always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
-        if only is not None:
-            places = columns_of(self.candidates)
-            columns = np.sort(
-                np.concatenate([places[self.candidates.index(one)] for one in only if one in self.candidates])
-            )
-            always = always[..., :0]
+        chosen = [only is None or one in only for one in self.candidates for _ in range(one.columns)]
+        columns, always = np.flatnonzero(chosen), self.own[..., :0]
+        if only is None:
+            always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
         built, other = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
         changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
         slips = np.concatenate([self.slips[..., other], self.fought[..., columns], self.own, always], axis=-1)

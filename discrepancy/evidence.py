@@ -56,7 +56,7 @@ class Burst:
 class Evidence:
     """Of candidates with C columns in all: columns of each; information (2C, 2C) and pull (2C,), the slope of the log-
     likelihood, by the amplitudes and then by what wheels hide of each; plain: where contact is rigid, sober: where all
-    wheels may creep by `CREEP`, and each as unevenly as the logs allow.
+    wheels may creep (`sober`), and each as unevenly as the logs allow.
 
     left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted where
     wheels disagree, and under forces, and what more wheels hide of each of the robot's effects. clock_errors (logs, 2):

@@ -35,6 +35,7 @@ def swinging(robot: RobotDescription, logs: Sequence[Log], seen: Evidence) -> Fi
     """
     best: tuple[float, str, float] | None = None
     for k, (log, state, clock) in enumerate(zip(logs, seen.state.states, seen.state.clocks, strict=True)):
+        of = f" in log {k + 1}" if len(logs) > 1 else ""
         t, poses = poses_in(robot, log, clock, seen.state.mount)
         if len(t) < FEWEST:
             continue
@@ -43,12 +44,9 @@ def swinging(robot: RobotDescription, logs: Sequence[Log], seen: Evidence) -> Fi
         off[:, 2] = wrap(off[:, 2])
         for axis, (scale, unit) in enumerate(UNITS):
             gain, frequency, size = _period(t, off[:, axis])
-            of = f" in log {k + 1}" if len(logs) > 1 else ""
-            said = (
-                f"the tracked point swings {AXES[axis]} every {1 / frequency:.1f} s, by {scale * size:.2g} {unit}{of}"
-            )
             if best is None or gain > best[0]:
-                best = gain, said, size
+                every, by = f"{1 / frequency:.1f} s", f"{scale * size:.2g} {unit}"
+                best = gain, f"the tracked point swings {AXES[axis]} every {every}, by {by}{of}", size
     if best is None or best[0] < LEAST_GAIN:
         return None
     gain, said, size = best
