@@ -13,7 +13,17 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import Bump, Effect, FrictionPatch, Motion, PivotEccentricity, Slip, catalogue, readings
+from castor_envs.effects import (
+    Bump,
+    Effect,
+    FrictionPatch,
+    Motion,
+    PivotEccentricity,
+    Slip,
+    TickLoss,
+    catalogue,
+    readings,
+)
 from castor_envs.effects.motion import contact_paths
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
@@ -40,6 +50,9 @@ SOUGHT_OTHERWISE = frozenset(
 """The reference's clock (all encoders late is the same) is found beside everything else; wrong wiring is no small
 change; jitter has no mean."""
 
+
+SPEEDS = tuple(k / 32 for k in range(17))
+"""Parts of the fastest wheel's speed: above one of these counts may be lost."""
 
 DITHERED = frozenset(("lost_remainders",))
 """Effects that hang on parts of a count, which a log does not tell: their signature is the mean over such parts."""
@@ -107,7 +120,8 @@ def place_of(effect: Effect) -> dict[str, object]:
 def family_of(effect: Effect) -> str:
     """Return the name to report of all effects that no log can tell from this one, and where on the robot it is."""
     name = effect.same_as[0] if effect.same_as else effect.name
-    places = (round(value, 2) if isinstance(value, float) else value for value in _place_but_phase(effect).values())
+    place = (value for key, value in _place_but_phase(effect).items() if key != "above")
+    places = (round(value, 2) if isinstance(value, float) else value for value in place)
     return " ".join([name, *(str(value) for value in places)])
 
 
@@ -115,6 +129,8 @@ def described(effect: Effect) -> str:
     """Return an effect and its place in words."""
     place = place_of(effect)
     where = [f"{key} {value}" for key, value in place.items() if key in ("castor", "wheel") and value is not None]
+    if isinstance(effect, TickLoss):
+        where += [f"{effect.direction}, above {effect.above:.3g} rad/s"]
     if isinstance(effect, Bump):
         where += [f"through x {effect.x:.2f}, y {effect.y:.2f} m", f"direction {effect.direction:.2f} rad"]
     if isinstance(effect, FrictionPatch):
@@ -270,6 +286,21 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
         if effect.name not in SOUGHT_OTHERWISE:
             found.setdefault(f"{effect.name} {_place_but_phase(effect)}", []).append(effect)
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
+
+
+def finer(robot: RobotDescription, effect: Effect) -> list[Candidate]:
+    """Return an effect's candidates by the numbers that say where it is, to choose among; none where it has none."""
+    if not isinstance(effect, TickLoss):
+        return []
+    speeds = [part * robot.max_wheel_speed for part in SPEEDS]
+    kinds = [dataclasses.replace(effect, value=effect.step, above=speed) for speed in speeds]
+    return [Candidate(described(one), (one,)) for one in kinds]
+
+
+def finest_of(robot: RobotDescription, effect: Effect) -> Candidate | None:
+    """Return the candidate that an effect is of where it is none of `candidates_of`; None where it is one of these."""
+    own = (one for one in finer(robot, effect) if one.is_of(effect))
+    return next((one for one in own if one not in candidates_of(robot)), None)
 
 
 def differ(one: Geometry, other: Geometry) -> bool:

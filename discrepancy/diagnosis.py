@@ -7,15 +7,15 @@
 3. What is found goes into the model and is refitted, all of it together; then the next is looked for. Each is checked
    against all others with the rest in place, and exchanged for a better one (`selection`).
 4. Between near rivals held-out logs decide, where there are such; and a name must be borne out by them.
-5. What is no effect on angles is looked for by itself: time (`timing`), wheels that slide in places (`sliding`), and,
-   if nothing else is found, a tracked point that swings (`swinging`).
+5. What no signature tells is looked for by itself: time (`timing`), counts lost in bursts (`bursts`), wheels that slide
+   in places (`sliding`), and, if nothing else is found, a tracked point that swings (`swinging`).
 
 A gain counts where it would count as well if every wheel crept a little (`sober`): contact is not as rigid as
 rolling, and a log of a minute tells far smaller parts of a radius than mean anything.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -25,7 +25,8 @@ from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate
+from discrepancy.bursts import losing, lost_in_bursts
+from discrepancy.candidates import DITHERED, Candidate, finest_of
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.findings import BORNE_OUT, WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inspection import BLIND
@@ -44,8 +45,12 @@ BACKGROUND = 5
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
 
-LOUDER, RIGID = 2.5, 1.5e-5
-"""So many times more noise than in clean logs is a discrepancy; slip in these is at least so much, m after 1 m."""
+LOUDER, MUCH_LOUDER, SURELY = 1.5, 2.25, 5.0
+"""So many times more noise than in clean logs is a discrepancy, if the held-out logs have it too, or there are none;
+if it is so by so many standard errors."""
+
+HIDDEN = 0.07
+"""Standard deviation, as a part of an effect's size, of what wheels hide of it that no log tells."""
 
 EXERCISED = 25.0
 """The deviance that an effect of its size would make on held-out logs for them to bear it out or not."""
@@ -70,13 +75,17 @@ def diagnose(
     places = dict.fromkeys(first.places)
     timing = of_time(asked, logs, first, held_out, good, clean)
 
-    seen: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None], Evidence] = {((), None): first}
+    finest: dict[Candidate, None] = {}  # Candidates that are no others', as what they are of is where no other is.
+    seen: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None, tuple[Candidate, ...]], Evidence]
+    seen = {((), None, ()): first}
 
     def look(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
         nonlocal last
-        key = tuple(effects), None if among is None else tuple(among)
+        finest.update(dict.fromkeys(one for effect in effects if (one := finest_of(robot, effect)) is not None))
+        key = tuple(effects), None if among is None else tuple(among), tuple(finest)
         if key not in seen:
-            seen[key] = _beyond(background, robot.with_effects(*effects), logs, among, tuple(places), good, last)
+            more = (*places, *finest)
+            seen[key] = _beyond(background, robot.with_effects(*effects), logs, among, more, good, last)
             places.update(dict.fromkeys(seen[key].places))
         last = seen[key]
         return last
@@ -90,18 +99,25 @@ def diagnose(
         ranks=ranks,
         before=_left(first),
     )
+    if (lost := losing(robot, logs)) is not None:
+        finding = lost_in_bursts(robot, lost, held_out)
+        after = _left(look([lost.effect])) if lost.steady else result.before
+        return dataclasses.replace(
+            result, verdict=finding.verdict, reason=finding.reason, findings=(finding,), after=after
+        )
     if not first.places and slides(first):
         return sliding(robot, logs, first, held_out, result)
 
     last_again: Evidence | None = None
-    seen_again: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None, int], Evidence] = {}
+    seen_again: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None, tuple[Candidate, ...]], Evidence] = {}
 
     def look_again(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
         nonlocal last_again
-        key = tuple(effects), None if among is None else tuple(among), len(places)
+        more = (*places, *finest)
+        key = tuple(effects), None if among is None else tuple(among), more
         if key not in seen_again:
             changed = robot.with_effects(*effects)
-            seen_again[key] = _beyond(background, changed, held_out, among, tuple(places), good, last_again)
+            seen_again[key] = _beyond(background, changed, held_out, among, more, good, last_again)
         last_again = seen_again[key]
         return last_again
 
@@ -114,17 +130,23 @@ def diagnose(
             return place
     if again is not None and found:
         found, left = decided(robot, look, again, found, left)
+    finest.clear()  # Of others, which left more when they were refitted, none is a rival.
+    finest.update(dict.fromkeys(own for one in found if (own := finest_of(robot, one.effect)) is not None))
     findings = [_judged(look, again, found, k) for k in range(len(found))]
     if again is not None and found:
         findings, gaps = _borne_out(again, found, findings)
         result = dataclasses.replace(result, held_out=gaps)
     rest = None if shaken else pick(left)
     if rest is not None and rest.gain > BESIDE * max((one.gain for one in (findings or timing) if found), default=0.0):
-        findings = [*(_in_doubt(one, rest) for one in findings), _nameless(left, rest)]
+        findings = [*(_in_doubt(one, rest) for one in findings), _nameless(alike(left, rest), rest, ranks_of(left))]
     if not findings and (swing := swinging(robot, logs, first)) is not None:
         findings.append(swing)
-    if good is not None and not findings and (louder := _louder(first, good)) is not None:
-        findings.append(louder)
+    rounded = any(kind.name in DITHERED for one in found for kind in one.candidate.kinds)
+    if good is not None and not shaken and not rounded and all(one.verdict != "unexplained" for one in findings):
+        effects = [one.effect for one in found]
+        louder = _louder(left, good, None if again is None else lambda: again(effects))
+        if louder is not None:
+            findings = [*(_in_doubt(one, louder) for one in findings), _nameless((louder,), louder)]
     findings += timing
     if not findings:
         return result
@@ -172,7 +194,8 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     ranks = ranks_of(look([one.effect for one in found[:k] + found[k + 1 :]]))
     among = {one.candidate for one in chosen}
     beaten = tuple(one for one in ranks if one.candidate not in among)
-    finding = Finding("named", own.candidate.what, chosen, beaten, own.effect, own.error)
+    error = float(np.hypot(own.error, HIDDEN * own.effect.value))
+    finding = Finding("named", own.candidate.what, chosen, beaten, own.effect, error)
     if len(finding.families) > 1:
         reason = f"these motions do not tell apart: {'; '.join(finding.families)}"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
@@ -190,10 +213,8 @@ def _in_doubt(one: Finding, rest: Rank) -> Finding:
     )
 
 
-def _nameless(left: Evidence, best: Rank) -> Finding:
-    """Return the finding of what is left and no effect explains."""
-    ranks = ranks_of(left)
-    chosen = alike(left, best)
+def _nameless(chosen: tuple[Rank, ...], best: Rank, ranks: Sequence[Rank] = ()) -> Finding:
+    """Return the finding of what is left and no effect explains: it looks like those chosen, the best one of all."""
     beaten = tuple(one for one in ranks if one not in chosen)
     kinds = best.candidate.kinds
     reason = f"no effect of the catalogue looks like it; it is: {best.candidate.what}"
@@ -202,29 +223,44 @@ def _nameless(left: Evidence, best: Rank) -> Finding:
     return Finding("unexplained", reason, chosen, beaten)
 
 
-def _louder(seen: Evidence, good: Evidence) -> Finding | None:
-    """Return the finding that logs are noisier than clean ones, though nothing looks like it; None if they are not."""
-    told = {
-        "along": ("slip along", 1e3, "mm after 1 m"),
-        "across": ("slip to the side", 1e3, "mm after 1 m"),
-        "position": ("noise of the reference's position", 1e3, "mm"),
-        "heading": ("noise of the reference's heading", 1e3, "mrad"),
-    }
-    ratios = {}
-    for name in told:
-        size, usual = getattr(seen.noise, name), max(getattr(good.noise, name), RIGID)
-        if (size / usual) > LOUDER and (seen.left is not None or name in ("along", "across")):
-            ratios[name] = size / usual
-    if not ratios:
+def _louder(left: Evidence, good: Evidence, held: Callable[[], Evidence] | None) -> Rank | None:
+    """Return that what is left of logs is noisier than clean ones, if no candidate tells why; None if it is not.
+
+    held: what is left of held-out logs, which have to be so too.
+    """
+    louder = _louder_than(good, left, LOUDER if held else MUCH_LOUDER)
+    if louder and held is not None:
+        also = _louder_than(good, held(), LOUDER)
+        louder = {name: ratio for name, ratio in louder.items() if name in also}
+    if not louder:
         return None
-    name = max(ratios, key=ratios.__getitem__)
-    what, scale, unit = told[name]
-    size, usual = scale * getattr(seen.noise, name), scale * getattr(good.noise, name)
-    said = f"{what} of {size:.2g} {unit}, {usual:.2g} in the clean logs"
-    samples = sum(len(state) for state in seen.state.states)
-    gain = float(samples * (ratios[name] ** 2 - 1 - 2 * np.log(ratios[name])))
-    rank = Rank(Candidate(said), gain, gain, 0.0, (size / scale,), (size / scale / np.sqrt(samples),))
-    return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {said}", (rank,), ())
+    name = max(louder, key=louder.__getitem__)
+    what, unit = {
+        "along": ("slip along", "mm after 1 m"),
+        "across": ("slip to the side", "mm after 1 m"),
+        "position": ("noise of the reference's position", "mm"),
+        "heading": ("noise of the reference's heading", "mrad"),
+    }[name]
+    size, usual, count = getattr(left.noise, name), getattr(good.noise, name), _counted(left, name)
+    gain = float(count * (louder[name] ** 2 - 1 - 2 * np.log(louder[name])))
+    said = f"{what} of {1e3 * size:.2g} {unit}, {1e3 * usual:.2g} in the clean logs"
+    return Rank(Candidate(said), gain, gain, 0.0, (size,), (size / np.sqrt(2 * count),))
+
+
+def _louder_than(good: Evidence, seen: Evidence, least: float) -> dict[str, float]:
+    """Return how many times larger each size of noise is that surely is so, by so many times at least."""
+    ratios = {}
+    for name, size in dataclasses.asdict(seen.noise).items():
+        counts = _counted(seen, name), _counted(good, name)
+        ratio = size / getattr(good.noise, name)
+        if all(counts) and np.log(ratio) > max(np.log(least), SURELY * np.sqrt(sum(1 / (2 * n) for n in counts))):
+            ratios[name] = ratio
+    return ratios
+
+
+def _counted(seen: Evidence, name: str) -> int:
+    """Return how many errors a size of noise is found from."""
+    return {"position": 2 * seen.poses, "heading": seen.poses}.get(name, seen.steps)
 
 
 def _borne_out(again: Look, found: list[Found], findings: list[Finding]) -> tuple[list[Finding], tuple[Left, Left]]:

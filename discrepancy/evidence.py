@@ -60,7 +60,8 @@ class Evidence:
 
     left: rms of what odometry is off the reference, m and rad; None without one. parts: of the creep predicted where
     wheels disagree, and under forces, and what more wheels hide of each of the robot's effects. clock_errors (logs, 2):
-    standard errors of `state.clocks`. slips (K - 1, w) of each log: of wheels beyond what is expected, m.
+    standard errors of `state.clocks`. slips (K - 1, w) of each log: of wheels beyond what is expected, m. poses: of the
+    reference, in use.
     """
 
     candidates: tuple[Candidate, ...]
@@ -74,6 +75,7 @@ class Evidence:
     parts: tuple[float, ...]
     clock_errors: Array
     slips: tuple[Array, ...]
+    poses: int
 
     def best(self, chosen: Chosen, sober: bool = False) -> tuple[Array, Array, float]:
         """Return the best amplitudes of some candidates together (c,), their covariance (c, c), and what they gain:
@@ -113,6 +115,11 @@ class Evidence:
                 break
             chosen.append(best)
         return chosen
+
+    @property
+    def steps(self) -> int:
+        """How many steps the logs have."""
+        return sum(len(state) - 1 for state in self.state.states)
 
     @property
     def places(self) -> tuple[Candidate, ...]:
@@ -190,6 +197,7 @@ def evidence_of(
         parts=tuple(shared.parts.tolist()),
         slips=beyond,
         clock_errors=clocks,
+        poses=sum(model.poses_used for model in models),
     )
     some = [candidates[k] for k, _ in seen.greedily(MOST_QUIET, QUIETENS)]
     if some and noise is None:

@@ -17,7 +17,7 @@ from castor_envs.effects import Effect
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
 from castor_envs.robot import RobotDescription
-from discrepancy.candidates import Candidate
+from discrepancy.candidates import Candidate, finer
 from discrepancy.evidence import Evidence
 from discrepancy.findings import Rank
 from discrepancy.ranking import (
@@ -91,7 +91,8 @@ def one_after_another(
         best = pick(left, vanished)
         if best is None or best.gain < max(least, NEXT * first_gain):
             break
-        if any(best.candidate == one.candidate for one in found):  # which cannot be as large as the logs want
+        families = {one.candidate.family for one in found}
+        if best.candidate.family in families:  # which cannot be as large as the logs want
             break
         first_gain = max(first_gain, best.gain)
         near = _near(left, best, [one.effect for one in found], again)
@@ -112,13 +113,28 @@ def one_after_another(
         vanished += gone
         if len(gone) == len(more):
             continue
-        more = _exchanged(robot, look, *tried)
+        more = _exchanged(robot, look, *_sharpened(robot, look, *tried))
         families = {one.candidate.family for one in more[0]}
         if not families or families in tried_before:
             break
         tried_before.append(families)
         found, left = more
     return _without_the_needless(robot, look, found, left)
+
+
+def _sharpened(robot: RobotDescription, look: Look, found: list[Found], left: Evidence) -> tuple[list[Found], Evidence]:
+    """Return the effects with the numbers that say where each is at their best."""
+    for k in range(len(found)):
+        if not (some := finer(robot, found[k].effect)):
+            continue
+        apart = look([one.effect for one in found[:k] + found[k + 1 :]], some)
+        ranks = [one for one in ranks_of(apart) if one.candidate in some]
+        own = next((one.gain for one in ranks if one.candidate == found[k].candidate), 0.0)
+        if ranks and ranks[0].gain > own + MARGIN:
+            settled = _settled(robot, look, [*found[:k], *_as_found(robot, ranks[0]), *found[k + 1 :]])
+            if settled is not None and len(settled[0]) == len(found):
+                found, left = settled
+    return found, left
 
 
 def _without_the_needless(

@@ -192,6 +192,11 @@ class LogLikelihood:
         """How many reference poses there are."""
         return int(self._posed.sum())
 
+    @property
+    def poses_used(self) -> int:
+        """How many of them are in use: dense ones are not independent."""
+        return len(self._used_poses)
+
     def start(self, geometry: Geometry) -> Array:
         """Return a state (K, m) to begin with: counts as read, poses by odometry, anew from every reference pose."""
         return np.column_stack([self.odometry(geometry, again=True), self._counts])
