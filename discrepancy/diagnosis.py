@@ -15,21 +15,22 @@ rolling, and a log of a minute tells far smaller parts of a radius than mean any
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from castor_envs.effects import Effect, SampleJitter
+from castor_envs.effects import SampleJitter
 from castor_envs.errors import InputError
-from castor_envs.kinematics import Array
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from discrepancy.bursts import losing, lost_in_bursts
-from discrepancy.candidates import DITHERED, Candidate, finest_of
+from discrepancy.candidates import DITHERED, Candidate
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.findings import BORNE_OUT, WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inspection import BLIND
+from discrepancy.looks import Known, Looks
+from discrepancy.louder import louder_than
 from discrepancy.parity import parity_residual
 from discrepancy.ranking import CREEPING, LEAST_GAIN, alike, margin, pick, ranks_of
 from discrepancy.selection import BESIDE, Found, Look, decided, foretold, one_after_another
@@ -37,17 +38,8 @@ from discrepancy.sliding import slides, sliding, slips_in_bursts
 from discrepancy.swinging import swinging
 from discrepancy.timing import of_time
 
-Background = Sequence[tuple[Candidate, float, Array]]
-
-BACKGROUND = 5
-"""At most so many effects are taken from clean logs as background."""
-
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
-
-LOUDER, MUCH_LOUDER, SURELY = 1.5, 2.25, 5.0
-"""So many times more noise than in clean logs is a discrepancy, if the held-out logs have it too, or there are none;
-if it is so by so many standard errors."""
 
 HIDDEN = 0.07
 """Standard deviation, as a part of an effect's size, of what wheels hide of it that no log tells."""
@@ -70,25 +62,10 @@ def diagnose(
             raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
     asked, robot = robot, without(robot, SampleJitter)
     good = _of_clean(robot, tuple(clean)) if clean else None
-    background = [] if good is None else _background(good)
-    first = last = evidence_of(robot, logs, places=() if good is None else good.places, usual=good).less(background)
-    places = dict.fromkeys(first.places)
+    known = Known.of(robot, good)
+    look = Looks(known, logs, finds=True)
+    first = look([])
     timing = of_time(asked, logs, first, held_out, good, clean)
-
-    finest: dict[Candidate, None] = {}  # Candidates that are no others', as what they are of is where no other is.
-    seen: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None, tuple[Candidate, ...]], Evidence]
-    seen = {((), None, ()): first}
-
-    def look(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
-        nonlocal last
-        finest.update(dict.fromkeys(one for effect in effects if (one := finest_of(robot, effect)) is not None))
-        key = tuple(effects), None if among is None else tuple(among), tuple(finest)
-        if key not in seen:
-            more = (*places, *finest)
-            seen[key] = _beyond(background, robot.with_effects(*effects), logs, among, more, good, last)
-            places.update(dict.fromkeys(seen[key].places))
-        last = seen[key]
-        return last
 
     ranks = ranks_of(first)
     result = Diagnosis(
@@ -108,20 +85,7 @@ def diagnose(
     if not first.places and slides(first):
         return sliding(robot, logs, first, held_out, result)
 
-    last_again: Evidence | None = None
-    seen_again: dict[tuple[tuple[Effect, ...], tuple[Candidate, ...] | None, tuple[Candidate, ...]], Evidence] = {}
-
-    def look_again(effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
-        nonlocal last_again
-        more = (*places, *finest)
-        key = tuple(effects), None if among is None else tuple(among), more
-        if key not in seen_again:
-            changed = robot.with_effects(*effects)
-            seen_again[key] = _beyond(background, changed, held_out, among, more, good, last_again)
-        last_again = seen_again[key]
-        return last_again
-
-    again = look_again if held_out else None
+    again = Looks(known, held_out, finds=False) if held_out else None
     shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
     found, left = one_after_another(robot, look, again, first, LEAST_GAIN * (SHAKEN if shaken else 1.0))
     if not found and (slides(first) or slips_in_bursts(first)):
@@ -130,8 +94,8 @@ def diagnose(
             return place
     if again is not None and found:
         found, left = decided(robot, look, again, found, left)
-    finest.clear()  # Of others, which left more when they were refitted, none is a rival.
-    finest.update(dict.fromkeys(own for one in found if (own := finest_of(robot, one.effect)) is not None))
+    known.finest.clear()  # Of others, which left more when they were refitted, none is a rival.
+    known.admit([one.effect for one in found])
     findings = [_judged(look, again, found, k) for k in range(len(found))]
     if again is not None and found:
         findings, gaps = _borne_out(again, found, findings)
@@ -144,7 +108,7 @@ def diagnose(
     rounded = any(kind.name in DITHERED for one in found for kind in one.candidate.kinds)
     if good is not None and not shaken and not rounded and all(one.verdict != "unexplained" for one in findings):
         effects = [one.effect for one in found]
-        louder = _louder(left, good, None if again is None else lambda: again(effects))
+        louder = louder_than(good, left, None if again is None else lambda: again(effects))
         if louder is not None:
             findings = [*(_in_doubt(one, louder) for one in findings), _nameless((louder,), louder)]
     findings += timing
@@ -159,21 +123,6 @@ def diagnose(
         findings=tuple(findings),
         after=_left(left) if found else None,
     )
-
-
-def _beyond(
-    background: Background,
-    robot: RobotDescription,
-    logs: Sequence[Log],
-    among: Sequence[Candidate] | None,
-    places: Sequence[Candidate],
-    usual: Evidence | None = None,
-    start: Evidence | None = None,
-) -> Evidence:
-    """Return the evidence of logs beyond the background, which has to be among the candidates for that."""
-    if among is not None:
-        among = list(dict.fromkeys([*among, *(one for one, _, _ in background)]))
-    return evidence_of(robot, logs, start=start, among=among, places=places, usual=usual).less(background)
 
 
 @lru_cache(maxsize=1)
@@ -223,46 +172,6 @@ def _nameless(chosen: tuple[Rank, ...], best: Rank, ranks: Sequence[Rank] = ()) 
     return Finding("unexplained", reason, chosen, beaten)
 
 
-def _louder(left: Evidence, good: Evidence, held: Callable[[], Evidence] | None) -> Rank | None:
-    """Return that what is left of logs is noisier than clean ones, if no candidate tells why; None if it is not.
-
-    held: what is left of held-out logs, which have to be so too.
-    """
-    louder = _louder_than(good, left, LOUDER if held else MUCH_LOUDER)
-    if louder and held is not None:
-        also = _louder_than(good, held(), LOUDER)
-        louder = {name: ratio for name, ratio in louder.items() if name in also}
-    if not louder:
-        return None
-    name = max(louder, key=louder.__getitem__)
-    what, unit = {
-        "along": ("slip along", "mm after 1 m"),
-        "across": ("slip to the side", "mm after 1 m"),
-        "position": ("noise of the reference's position", "mm"),
-        "heading": ("noise of the reference's heading", "mrad"),
-    }[name]
-    size, usual, count = getattr(left.noise, name), getattr(good.noise, name), _counted(left, name)
-    gain = float(count * (louder[name] ** 2 - 1 - 2 * np.log(louder[name])))
-    said = f"{what} of {1e3 * size:.2g} {unit}, {1e3 * usual:.2g} in the clean logs"
-    return Rank(Candidate(said), gain, gain, 0.0, (size,), (size / np.sqrt(2 * count),))
-
-
-def _louder_than(good: Evidence, seen: Evidence, least: float) -> dict[str, float]:
-    """Return how many times larger each size of noise is that surely is so, by so many times at least."""
-    ratios = {}
-    for name, size in dataclasses.asdict(seen.noise).items():
-        counts = _counted(seen, name), _counted(good, name)
-        ratio = size / getattr(good.noise, name)
-        if all(counts) and np.log(ratio) > max(np.log(least), SURELY * np.sqrt(sum(1 / (2 * n) for n in counts))):
-            ratios[name] = ratio
-    return ratios
-
-
-def _counted(seen: Evidence, name: str) -> int:
-    """Return how many errors a size of noise is found from."""
-    return {"position": 2 * seen.poses, "heading": seen.poses}.get(name, seen.steps)
-
-
 def _borne_out(again: Look, found: list[Found], findings: list[Finding]) -> tuple[list[Finding], tuple[Left, Left]]:
     """Return the findings, and what is left of held-out logs.
 
@@ -297,14 +206,6 @@ def _wanted(with_all: Evidence, one: Found) -> tuple[float, float]:
     change, _, _ = with_all.best([(place, 0.0)])
     shown = float(amplitudes @ with_all.plain[0][np.ix_(columns, columns)] @ amplitudes)
     return shown, float(np.linalg.norm(change) / np.linalg.norm(amplitudes))
-
-
-def _background(clean: Evidence) -> Background:
-    """Return the effects, one by one, that take something away from clean logs, with hidden parts and amplitudes."""
-    chosen = clean.greedily(BACKGROUND, LEAST_GAIN)
-    amplitudes = clean.best(chosen)[0]
-    sizes = np.split(amplitudes, np.cumsum([len(clean.columns[k]) for k, _ in chosen])[:-1]) if chosen else []
-    return [(clean.candidates[k], part, size) for (k, part), size in zip(chosen, sizes, strict=True)]
 
 
 def _left(seen: Evidence) -> Left:

@@ -72,7 +72,7 @@ class Found:
 
 
 class Look(Protocol):
-    """Looks at what is left of the logs beside some effects, by all candidates or only some."""
+    """Looks at what is left of logs beside some effects, by all candidates or only some (`Looks`)."""
 
     def __call__(self, effects: Sequence[Effect], among: Sequence[Candidate] | None = None) -> Evidence:
         """Return the evidence beside effects; among: candidates to look at, None: all."""

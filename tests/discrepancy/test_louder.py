@@ -9,8 +9,9 @@ import pytest
 from castor_envs.effects import TickLoss, WheelRadius
 from castor_envs.presets import preset
 from castor_envs.trajectories import wander
-from discrepancy.diagnosis import HIDDEN, LOUDER, _louder_than, diagnose
+from discrepancy.diagnosis import HIDDEN, diagnose
 from discrepancy.evidence import evidence_of
+from discrepancy.louder import LOUDER, ratios
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
@@ -60,7 +61,7 @@ def test_held_out_logs_must_be_noisier_too():
 @pytest.mark.parametrize(("size", "told"), [(1.2e-3, False), (2e-3, True)])
 def test_a_size_of_noise_counts_where_it_surely_is_another(size, told):
     good, seen = evidence_of(ROBOT, clean(), among=()), evidence_of(ROBOT, [shaken(driven(23), size)], among=())
-    louder = _louder_than(good, seen, LOUDER)
+    louder = ratios(good, seen, LOUDER)
     assert set(louder) == ({"position"} if told else set())
     if told:
         assert louder["position"] == pytest.approx(2.0, rel=0.2)

@@ -11,8 +11,8 @@ from castor_envs.presets import preset
 from castor_envs.rolling import roll
 from castor_envs.trajectories import wander
 from discrepancy.candidates import Candidate, candidates_of
-from discrepancy.diagnosis import _beyond
 from discrepancy.evidence import Evidence, evidence_of
+from discrepancy.looks import Known, Looks
 from discrepancy.ranking import rank_of
 from discrepancy.selection import Found, decided, foretold
 from discrepancy.trials.pymunk_generator import drive
@@ -68,7 +68,7 @@ def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence
     log, background = rolled(RADIUS, 1), [(of(LOSS), 0.0, np.array([1e-4]))]
 
     def size(background, among):
-        one = _beyond(background, ROBOT, [log], among, ())
+        one = Looks(Known(ROBOT, background=background), [log], finds=False)([], among)
         return one.best([(one.candidates.index(of(RADIUS)), 0.5)])[0].item()
 
     by_some, by_all = (size([], among) - size(background, among) for among in ([of(RADIUS)], None))
