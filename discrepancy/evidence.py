@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from castor_envs.kinematics import Array, Geometry
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
+from discrepancy.cables import with_cables
 from discrepancy.candidates import Candidate
 from discrepancy.columns import Columns, Shared, columns_of, quieter, together, without
-from discrepancy.places import slips_of, with_cables
 from discrepancy.settled import settled
 from discrepancy.sober import sober
+from discrepancy.steps import slips_of
 from estimators.calibration.log_likelihood import GAP, LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import State
 

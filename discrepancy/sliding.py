@@ -8,7 +8,7 @@ from castor_envs.robot import RobotDescription
 from discrepancy.candidates import Candidate, described
 from discrepancy.evidence import BURST, Evidence, evidence_of
 from discrepancy.findings import Diagnosis, Finding, Rank
-from discrepancy.places import slides_there, slippery_in
+from discrepancy.patches import slides_there, slippery_in
 
 SLIDING, IN_BURSTS = 4e-4, 0.5
 """m after 1 m, and the share of slip in the worst steps (`BURST`): more of both is sliding in some place, no effect of

@@ -16,11 +16,13 @@ from castor_envs.logs import Log
 from castor_envs.presets import preset
 from castor_envs.rolling import roll
 from castor_envs.trajectories import wander
+from discrepancy.cables import BUMP_GAIN, bumps_of, lines_of, same_line
 from discrepancy.candidates import Channels
 from discrepancy.diagnosis import diagnose
 from discrepancy.evidence import evidence_of
-from discrepancy.places import BUMP_GAIN, bumps_of, lines_of, patches_of, same_line, slippery_in, steps_of
+from discrepancy.patches import patches_of, slippery_in
 from discrepancy.report import as_data
+from discrepancy.steps import steps_of
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
@@ -76,7 +78,7 @@ def test_two_cables_are_two_candidates():
 
 def test_a_squarely_crossed_cable_costs_what_is_known_in_closed_form():
     """The shape that lines are refined with, over whole crossings of all six wheels."""
-    from discrepancy.places import _rolls_more
+    from discrepancy.cables import _rolls_more
 
     t, way = np.arange(121) * 0.05, np.linspace(-0.5, 0.7, 121)
     pose = np.column_stack([way, 0 * way, 0 * way])
