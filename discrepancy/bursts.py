@@ -62,12 +62,10 @@ def losing(robot: RobotDescription, logs: Sequence[Log]) -> Losing | None:
     k = int(LogLikelihood(geometry, logs[0]).rows[row])
     if share[row] < OF_ONE_WHEEL or k >= len(geometry.radius):
         return None
-    read = [rolled[:, row] for _, rolled in both]
-    lost = [
-        missed[:, row] * np.sign(rolled[:, row]) / _kept(geometry, log, row, k)
-        for log, (missed, rolled) in zip(logs, both, strict=True)
-    ]
-    every, fast = np.concatenate(lost), np.abs(np.concatenate(read))
+    off = [one[:, row] / _kept(geometry, log, row, k) for log, (one, _) in zip(logs, both, strict=True)]
+    turned = [rolled[:, row] + one for (_, rolled), one in zip(both, off, strict=True)]
+    lost = [one * np.sign(truly) for one, truly in zip(off, turned, strict=True)]
+    every, fast = np.concatenate(lost), np.abs(np.concatenate(turned))
     least = float(np.median(np.sort(every)[-few:])) / 2
     hit, count = every > least, float(2 * np.pi * geometry.radius[k] / geometry.counts_per_rev[k])
     usual = max(1.48 * float(np.median(np.abs(every))), count / np.sqrt(12))
@@ -75,12 +73,12 @@ def losing(robot: RobotDescription, logs: Sequence[Log]) -> Losing | None:
         return None
     if hit[fast >= np.median(fast[hit])].mean() > OF_FAST:
         return None
-    parts = every[hit] / (every[hit] + fast[hit])
+    parts = every[hit] / fast[hit]
     value = float(np.clip(np.median(parts), 0.0, 1.0))
     error = float(np.std(parts) / np.sqrt(hit.sum()))
     bursts = []
-    for log, one, way in zip(logs, lost, map(np.abs, read), strict=True):
-        shares = np.where(way > SLOW * count, one / np.maximum(way + one, count), 0.0) / value
+    for log, one, way in zip(logs, lost, map(np.abs, turned), strict=True):
+        shares = np.where(way > SLOW * count, one / np.maximum(way, count), 0.0) / value
         bursts.append(_bursts(log.t, one > least, shares))
     starts = [start for start, _ in bursts]
     if sum(map(len, starts)) < FEWEST:

@@ -80,7 +80,7 @@ def diagnose(
         finding = lost_in_bursts(robot, lost, held_out)
         after = _left(look([lost.effect])) if lost.steady else result.before
         return dataclasses.replace(
-            result, verdict=finding.verdict, reason=finding.reason, findings=(finding,), after=after
+            result, verdict=finding.verdict, reason=finding.reason, findings=(finding, *timing), after=after
         )
     if not first.places and slides(first):
         return sliding(robot, logs, first, held_out, result)

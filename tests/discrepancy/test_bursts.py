@@ -50,15 +50,15 @@ def when(starts, width):
     return np.any([(middle > start) & (middle < start + width) for start in starts], axis=0)
 
 
-@pytest.mark.parametrize("wheel", [0, 3])
-def test_a_steady_beat_is_found_with_its_wheel_part_and_times(wheel):
-    found = losing(ROBOT, [read(less(wheel, 0.2 * when(np.arange(1.0, 60.0, 4.0), 0.4)))])
+@pytest.mark.parametrize(("wheel", "part"), [(0, 0.2), (3, 0.2), (4, 1.0)])
+def test_a_steady_beat_is_found_with_its_wheel_part_and_times(wheel, part):
+    found = losing(ROBOT, [read(less(wheel, part * when(np.arange(1.0, 60.0, 4.0), 0.4)))])
     assert found is not None
     assert found.steady
     effect = found.effect
     assert (effect.castor, effect.wheel) == (wheel // 2 + 1, wheel % 2 + 1)
-    assert effect.value == pytest.approx(0.2, rel=0.05)
-    assert abs(effect.value - 0.2) < 4 * found.error
+    assert effect.value == pytest.approx(part, rel=0.05)
+    assert abs(effect.value - part) <= 4 * found.error
     assert (effect.period, effect.width, effect.start) == (
         pytest.approx(4.0, abs=0.05),
         pytest.approx(0.4, abs=0.06),
