@@ -108,7 +108,7 @@ def diagnose(
     rounded = any(kind.name in DITHERED for one in found for kind in one.candidate.kinds)
     if good is not None and not shaken and not rounded and all(one.verdict != "unexplained" for one in findings):
         effects = [one.effect for one in found]
-        louder = louder_than(good, left, None if again is None else lambda: again(effects))
+        louder = louder_than(good, first, left, None if again is None else lambda: again(effects))
         if louder is not None:
             findings = [*(_in_doubt(one, louder) for one in findings), _nameless((louder,), louder)]
     findings += timing

@@ -13,6 +13,9 @@ LOUDER, MUCH_LOUDER, SURELY = 1.5, 2.25, 5.0
 """So many times more noise than in clean logs is a discrepancy, if the held-out logs have it too, or there are none;
 if it is so by so many standard errors."""
 
+PART = 0.01
+"""Of the squares of noise beyond clean logs', what must be left beside effects: large ones are never wholly right."""
+
 TOLD = {
     "along": ("slip along", "mm after 1 m"),
     "across": ("slip to the side", "mm after 1 m"),
@@ -22,12 +25,16 @@ TOLD = {
 """What every field of `Noise` is, and its thousandth."""
 
 
-def louder_than(good: Evidence, left: Evidence, held: Callable[[], Evidence] | None) -> Rank | None:
-    """Return that what is left of logs is noisier than clean ones; None if it is not.
+def louder_than(good: Evidence, first: Evidence, left: Evidence, held: Callable[[], Evidence] | None) -> Rank | None:
+    """Return that what effects leave of logs is noisier than clean ones; None if it is not.
 
-    held: what is left of held-out logs, which have to be so too.
+    first: evidence before any effect; held: what is left of held-out logs, which have to be noisier too.
     """
-    louder = ratios(good, left, LOUDER if held else MUCH_LOUDER)
+    louder = {
+        name: ratio
+        for name, ratio in ratios(good, left, LOUDER if held else MUCH_LOUDER).items()
+        if ratio**2 - 1 > PART * ((getattr(first.noise, name) / getattr(good.noise, name)) ** 2 - 1)
+    }
     if louder and held is not None:
         also = ratios(good, held(), LOUDER)
         louder = {name: ratio for name, ratio in louder.items() if name in also}

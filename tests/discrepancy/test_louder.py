@@ -2,6 +2,8 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +13,9 @@ from castor_envs.presets import preset
 from castor_envs.trajectories import wander
 from discrepancy.diagnosis import HIDDEN, diagnose
 from discrepancy.evidence import evidence_of
-from discrepancy.louder import LOUDER, ratios
+from discrepancy.louder import LOUDER, louder_than, ratios
 from discrepancy.trials.pymunk_generator import drive
+from estimators.calibration.log_likelihood import Noise
 
 ROBOT = preset("asoc-prototype")
 
@@ -65,6 +68,17 @@ def test_a_size_of_noise_counts_where_it_surely_is_another(size, told):
     assert set(louder) == ({"position"} if told else set())
     if told:
         assert louder["position"] == pytest.approx(2.0, rel=0.2)
+
+
+@pytest.mark.parametrize(("before", "after", "told"), [(3.0, 2.0, True), (40.0, 2.0, False), (40.0, 5.0, True)])
+def test_what_large_effects_leave_is_measured_by_what_they_take_away(before, after, told):
+    """Of the squares of noise beyond that of clean logs: 3 of 8, 3 of 1599, 24 of 1599."""
+
+    def noisy(times) -> Any:
+        return SimpleNamespace(noise=Noise(1e-5 * times, 1e-5, 1e-3, 1e-3), steps=800, poses=40)
+
+    found = louder_than(noisy(1.0), noisy(before), noisy(after), lambda: noisy(after))
+    assert (found is not None) == told
 
 
 def test_beside_noise_that_nothing_explains_no_name_is_sure():
