@@ -18,6 +18,9 @@ MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
 """A mistake must take away nearly all: leave a tenth, or a quarter where more than `MUCH` was there, as the motion of
 a robot that was steered by wrong readings is rough."""
 
+ALONE = 2.0
+"""Times less that is left will do there, if any other mistake leaves so many times more: wheels slide at every turn."""
+
 FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.2
 """Shares below are all the same; shares within the factors are alike, or the same."""
 
@@ -89,7 +92,7 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
                 if partner.what not in [one.what for one in start.mistakes]
             )
         first = min(level, key=lambda one: one.left, default=nominal)
-        if _explains(first, best):
+        if _explains(first, best) or (depth == 0 and _alone(first, [nominal, *level])):
             near = [one for one in level if _alike(one, first)]
             best = _simplest(near)
             # Whatever needs a reference that is turned besides is one mistake more.
@@ -108,6 +111,11 @@ def _simplest(near: list[Candidate]) -> Candidate:
 
 def _explains(one: Candidate, other: Candidate) -> bool:
     return other.left >= (BETTER_OF_MUCH if other.left > MUCH else BETTER) * one.left
+
+
+def _alone(one: Candidate, every: list[Candidate]) -> bool:
+    """Whether one stands out where much contradicts the robot: all others, and none, leave far more."""
+    return all(other.left > max(MUCH, ALONE * one.left) for other in every if other is not one)
 
 
 def _alike(one: Candidate, other: Candidate) -> bool:

@@ -30,7 +30,7 @@ from castor_envs.trajectories import wander
 from discrepancy.preflight import preflight
 from discrepancy.preflight.misfit import Misfits
 from discrepancy.preflight.reading import Channels
-from discrepancy.preflight.search import SEEN
+from discrepancy.preflight.search import ALONE, BETTER_OF_MUCH, SEEN, search
 from discrepancy.trials.pymunk_generator import drive
 
 WIRING = ("encoders_swapped", "encoder_reversed", "castor_order")
@@ -221,6 +221,18 @@ def test_robots_that_were_steered_by_wrong_readings_slide_and_are_understood():
         motion = wander(np.random.default_rng([1, 1]), duration=30.0)
         log = drive(ASOC.with_effects(effect), motion, 1, duration=30.0)
         assert only(preflight(ASOC, [log])).effects == (effect,)
+
+
+def test_a_mistake_that_stands_out_alone_is_told_though_wheels_slide_at_every_turn():
+    """It leaves over a quarter of what contradicts the robot; any other leaves nearly all."""
+    effect = CastorOrder(castor=1, other=2)
+    log = log_of(ASOC, effect)
+    step = np.abs(np.diff(log.wheel, axis=0)).mean()
+    slip = np.random.default_rng(1).normal(scale=0.45 * step, size=log.wheel.shape)
+    sliding = dataclasses.replace(log, wheel=np.round(log.wheel + np.cumsum(slip, axis=0)))
+    found = search(ASOC, Misfits(ASOC, [sliding]))
+    assert [one.effects for one in found.best.mistakes] == [(effect,)]
+    assert found.nominal.left / BETTER_OF_MUCH < found.best.left < found.nominal.left / ALONE
 
 
 def test_what_cannot_be_mended_is_told_and_not_named():
