@@ -62,7 +62,7 @@ def losing(robot: RobotDescription, logs: Sequence[Log]) -> Losing | None:
     k = int(LogLikelihood(geometry, logs[0]).rows[row])
     if share[row] < OF_ONE_WHEEL or k >= len(geometry.radius):
         return None
-    off = [one[:, row] / _kept(geometry, log, row, k) for log, (one, _) in zip(logs, both, strict=True)]
+    off = [one[0][:, row] / _kept(geometry, log, one, row, k) for log, one in zip(logs, both, strict=True)]
     turned = [rolled[:, row] + one for (_, rolled), one in zip(both, off, strict=True)]
     lost = [one * np.sign(truly) for one, truly in zip(off, turned, strict=True)]
     every, fast = np.concatenate(lost), np.abs(np.concatenate(turned))
@@ -125,14 +125,13 @@ def _missed(geometry: Geometry, log: Log) -> tuple[Array, Array]:
     return model.missed(geometry, state), model.rolled(geometry, state)
 
 
-def _kept(geometry: Geometry, log: Log, row: int, wheel: int) -> Array:
-    """Return what part of a count too few least squares leave to its own row in every step (K - 1,)."""
-    wheel_column = int(np.sum(~np.isnan(geometry.counts_per_rev[:wheel])))
-    more = log.wheel.astype(np.float64)
-    more[:, wheel_column] += np.arange(len(more))
+def _kept(geometry: Geometry, log: Log, now: tuple[Array, Array], row: int, wheel: int) -> Array:
+    """Return what part of a count too few least squares leave to its own row in every step (K - 1,); now: `_missed`."""
+    column = int(np.sum(~np.isnan(geometry.counts_per_rev[:wheel])))
+    counts = log.wheel.astype(np.float64)
+    counts[:, column] += np.arange(len(counts))
     missed, rolled = (
-        more - less
-        for more, less in zip(_missed(geometry, replace(log, wheel=more)), _missed(geometry, log), strict=True)
+        more - less for more, less in zip(_missed(geometry, replace(log, wheel=counts)), now, strict=True)
     )
     return np.maximum(-missed[:, row] / rolled[:, row], LEAST_KEPT)
 
