@@ -144,11 +144,11 @@ def slip_of(robot: "RobotDescription", motion: Motion) -> Slip:
 
 
 def reader_of(robot: "RobotDescription") -> Reader:
-    """Return the readers of all the robot's effects in one, in order: to be called once a sample, in order of time."""
+    """Return the readers of all the robot's effects in one, in order."""
     built = robot.as_built()
     readers = [own for effect in robot.effects if (own := effect.reader(built)) is not None]
 
-    def read(t: float, wheel: Array, castor: Array) -> tuple[Array, Array]:
+    def read(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
         for own in readers:
             wheel, castor = own(t, wheel, castor)
         return wheel, castor
@@ -163,11 +163,8 @@ def readings(
 
     t (K,), increasing, s. wheel_angle (K, w), castor_angle (K, n): the true angles, unwrapped.
     """
-    read = reader_of(robot)
     wheel, castor = np.array(wheel_angle, dtype=float), np.array(castor_angle, dtype=float)
-    for k, now in enumerate(np.asarray(t, dtype=float)):
-        wheel[k], castor[k] = read(float(now), wheel[k], castor[k])
-    return wheel, castor
+    return reader_of(robot)(np.asarray(t, dtype=float), wheel, castor)
 
 
 def reference(robot: "RobotDescription", t: ArrayLike, pose: ArrayLike) -> Array:

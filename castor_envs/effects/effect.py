@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Number = Annotated[int, Field(ge=1)]
-Reader = Callable[[float, Array, Array], tuple[Array, Array]]
-"""Called once a sample, in order of time: (t, true wheel angles (w,), true castor angles (n,)) -> as encoders see them.
+Reader = Callable[[Array, Array, Array], tuple[Array, Array]]
+"""Called with all samples of a run in order of time, one, some or all at once, which makes no difference: (times (k,),
+true wheel angles (k, w), true castor angles (k, n)) -> as encoders see them.
 
 Angles are in rad, not rounded and not wrapped; t is in s. The arrays given are left alone.
 """
@@ -181,13 +182,18 @@ def all_channels(robot: "RobotDescription") -> list[int]:
     return [*robot.driven_wheels, *(len(robot.wheels) + i for i in robot.pivot_encoders)]
 
 
-def through(robot: "RobotDescription", channels: Sequence[int], read: Callable[[float, Array], Array]) -> Reader:
-    """Return a reader that passes the angles (c,) of some channels through `read(t, angles)` and leaves the others."""
+def through(robot: "RobotDescription", channels: Sequence[int], read: Callable[[Array, Array], Array]) -> Reader:
+    """Return a reader that passes angles (k, c) of some channels through `read(t, angles)` and leaves the others."""
     w, own = len(robot.wheels), np.array(channels, dtype=np.intp)
 
-    def reader(t: float, wheel: Array, castor: Array) -> tuple[Array, Array]:
-        angles = np.concatenate([wheel, castor])
-        angles[own] = read(t, angles[own])
-        return angles[:w], angles[w:]
+    def reader(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
+        angles = np.concatenate([wheel, castor], axis=1)
+        angles[:, own] = read(t, angles[:, own])
+        return angles[:, :w], angles[:, w:]
 
     return reader
+
+
+def in_turn(read: Callable[[float, Array], Array]) -> Callable[[Array, Array], Array]:
+    """Return what passes samples through `read(t, angles (c,))` one after another."""
+    return lambda t, angle: np.stack([read(*one) for one in zip(t.tolist(), angle, strict=True)])

@@ -1,6 +1,7 @@
 """Effects on what the encoders read: gains, eccentric discs, backlash, lost counts."""
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from castor_envs.effects.effect import (
     Effect,
     Number,
     Reader,
+    in_turn,
     pivot_channel,
     pivot_encoders,
     through,
@@ -28,6 +30,21 @@ Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 QUARTERS = (0.0, math.pi / 2)  # phases whose sines add up to one of any phase
+
+
+def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+    """Return what leaves out of angles (k, c) all that was lost so far: `lost(times taken (k,), angles turned (k, c))`
+    of each sample."""
+    last: list[tuple[Array, Array, Array]] = []
+
+    def read(t: Array, angle: Array) -> Array:
+        since, before, gone = last[0] if last else (t[:1], angle[:1], np.zeros_like(angle[:1]))
+        own = lost(np.diff(t, prepend=since), np.diff(angle, axis=0, prepend=before))
+        total = np.cumsum(np.concatenate([gone, own]), axis=0)[1:]
+        last[:] = [(t[-1:], angle[-1:].copy(), total[-1:])]
+        return angle - total
+
+    return read
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -135,7 +152,7 @@ class PivotBacklash(Effect):
             before[:] = [np.clip(before[0], angle - half, angle + half) if before else angle]
             return before[0]
 
-        return through(robot, [own], read)
+        return through(robot, [own], in_turn(read))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -175,17 +192,11 @@ class TickLoss(Effect):
             wheel_channel(robot, self.castor, self.wheel, self.name),
             1.0 if self.direction == "forward" else -1.0,
         )
-        before: list[tuple[float, Array]] = []
-        lost = np.zeros(1)
 
-        def read(t: float, angle: Array) -> Array:
-            if before:
-                start, turned = before[0][0], angle - before[0][1]
-                lost[:] += np.where(sign * turned > self.above * (t - start), self.value * turned, 0.0)
-            before[:] = [(t, angle)]
-            return angle - lost
+        def lost(t: Array, turned: Array) -> Array:
+            return np.where(sign * turned > self.above * t[:, None], self.value * turned, 0.0)
 
-        return through(robot, [own], read)
+        return through(robot, [own], losing(lost))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -236,7 +247,7 @@ class TickLossBursts(Effect):
             before[:] = [(t, angle)]
             return angle - lost
 
-        return through(robot, [own], read)
+        return through(robot, [own], in_turn(read))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -266,14 +277,4 @@ class LostRemainders(Effect):
         per_rev = robot.wheels[own].counts_per_rev
         assert per_rev is not None  # as the wheel has a channel
         count = 2 * math.pi / per_rev
-        before: list[Array] = []
-        lost = np.zeros(1)
-
-        def read(t: float, angle: Array) -> Array:
-            if before:
-                turned = angle - before[0]
-                lost[:] += turned - np.trunc(turned / count) * count
-            before[:] = [angle]
-            return angle - lost
-
-        return through(robot, [own], read)
+        return through(robot, [own], losing(lambda t, turned: turned - np.trunc(turned / count) * count))

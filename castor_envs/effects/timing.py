@@ -1,6 +1,5 @@
 """Effects on time: what is read late, early or unevenly, and clocks that disagree."""
 
-from bisect import bisect_right
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -28,37 +27,47 @@ Latency = Annotated[float, Field(ge=-0.1, le=1.0)]
 
 
 class Past:
-    """Angles sampled so far, to be read at other times: straight lines between samples, standing still before them."""
+    """Angles sampled so far, to be read at other times: straight lines between samples, standing still before them.
 
-    def __init__(self) -> None:
-        self._t: list[float] = []
-        self._angle: list[Array] = []
+    back: how much earlier (s) than they are taken angles may be wanted.
+    """
 
-    def add(self, t: float, angle: Array) -> float:
-        """Add a sample; return the time since the one before, 0 for the first."""
-        self._t.append(t)
-        self._angle.append(angle)
-        return t - self._t[-2] if len(self._t) > 1 else 0.0
+    def __init__(self, back: float) -> None:
+        self._back = back
+        self._t = np.zeros(0)
+        self._angle = np.zeros((0, 0))
 
-    def at(self, t: float) -> Array:
-        """Return the angles at time t; after the newest sample they go on as between the last two."""
-        k = bisect_right(self._t, t) - 1
-        if k < 0 or len(self._t) == 1:
-            return self._angle[0]
-        a, b = (k, k + 1) if k + 1 < len(self._t) else (k - 1, k)
-        rate = (self._angle[b] - self._angle[a]) / (self._t[b] - self._t[a])
-        return self._angle[k] + rate * (t - self._t[k])
+    def since(self, t: Array) -> Array:
+        """Return how long after the sample before each of some new ones (k,) comes, s; 0 for the first of all."""
+        return np.diff(t, prepend=self._t[-1:] if len(self._t) else t[:1])
+
+    def at(self, wanted: Array, t: Array, angle: Array) -> Array:
+        """Add samples at t (k,); return the angles (k, c) at the times that are wanted when each of them is taken.
+
+        After this one they go on as between the last two by then.
+        """
+        first = len(self._t)
+        self._t = np.concatenate([self._t, t])
+        self._angle = np.concatenate([self._angle, angle]) if first else angle.copy()
+        own = np.arange(first, len(self._t))
+        k = np.minimum(np.searchsorted(self._t, wanted, side="right") - 1, own)
+        known = (k >= 0) & (own > 0)
+        begin = np.where(known, np.minimum(k, own - 1), 0)
+        end = np.where(known, begin + 1, 0)
+        step = np.where(known, self._t[end] - self._t[begin], 1.0)
+        rate = (self._angle[end] - self._angle[begin]) / step[:, None]
+        k = np.where(known, k, 0)
+        seen = self._angle[k] + rate * (wanted - self._t[k])[:, None]
+        needed = int(np.searchsorted(self._t, self._t[-1] - self._back, side="right")) - 1
+        needed = int(np.clip(needed, 0, max(len(self._t) - 2, 0)))
+        self._t, self._angle = self._t[needed:], self._angle[needed:]
+        return seen
 
 
 def late(robot: "RobotDescription", channels: list[int], latency: float) -> Reader:
     """Return a reader that sees some channels as they were `latency` s before."""
-    past = Past()
-
-    def read(t: float, angle: Array) -> Array:
-        past.add(t, angle)
-        return past.at(t - latency)
-
-    return through(robot, channels, read)
+    past = Past(latency)
+    return through(robot, channels, lambda t, angle: past.at(t - latency, t, angle))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -133,11 +142,11 @@ class SampleJitter(Effect):
 
     def reader(self, robot: "RobotDescription") -> Reader:
         """Return a reader that sees every encoder a little early or late."""
-        past, random = Past(), np.random.default_rng(self.seed)
+        past, random = Past(0.0), np.random.default_rng(self.seed)
 
-        def read(t: float, angle: Array) -> Array:
-            half = past.add(t, angle) / 2
-            return past.at(t + float(np.clip(self.value * random.standard_normal(), -half, half)))
+        def read(t: Array, angle: Array) -> Array:
+            half = past.since(t) / 2
+            return past.at(t + np.clip(self.value * random.standard_normal(len(t)), -half, half), t, angle)
 
         return through(robot, all_channels(robot), read)
 

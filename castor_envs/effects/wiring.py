@@ -133,4 +133,4 @@ def _exchanged(robot: "RobotDescription", channels: list[int], sources: list[int
     zero = np.array([0.0] * len(robot.wheels) + [castor.pivot_zero for castor in robot.castors])
     order = [channels.index(source) for source in sources]
     scale, own, others = per_rev[sources] / per_rev[channels], zero[channels], zero[sources]
-    return through(robot, channels, lambda t, angle: (angle[order] + others) * scale - own)
+    return through(robot, channels, lambda t, angle: (angle[:, order] + others) * scale - own)

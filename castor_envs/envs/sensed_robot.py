@@ -62,7 +62,8 @@ class SensedRobot:
 
     def _sense(self) -> None:
         world = self.world
-        self.sensed_angles = self._read(world.time, world.wheel_angles, world.castor_angles)
+        wheel, castor = self._read(np.array([world.time]), world.wheel_angles[None], world.castor_angles[None])
+        self.sensed_angles = wheel[0], castor[0]
         counts = self._encoders.wheel(self.sensed_angles[0])
         self.observation: Observation = {
             "wheel": counts - (counts if self._counts is None else self._counts),

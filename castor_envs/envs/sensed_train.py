@@ -48,9 +48,9 @@ class SensedTrain:
         self._sense()
 
     def _read_encoders(self) -> Array:
-        angles = self.world.wheel_angles.reshape(-1, 2)
+        now, angles = np.array([self.world.time]), self.world.wheel_angles.reshape(-1, 1, 2)
         seen = [
-            read(self.world.time, pair, geometry.angle)[0]
+            read(now, pair, geometry.angle[None])[0][0]
             for read, pair, geometry in zip(self._readers, angles, self._geometries, strict=True)
         ]
         return np.concatenate([own.wheel(pair) for own, pair in zip(self._encoders, seen, strict=True)])

@@ -53,7 +53,7 @@ def drive(
     for k in range(rows):
         true[k, :w], true[k, w:], pose[k] = world.wheel_angles, world.castor_angles, world.pose
         angle = true[k] if outside is None else outside.changed(robot, t[: k + 1], true[: k + 1], pose[: k + 1])[-1]
-        wheel, castor = read(float(t[k]), angle[:w], angle[w:])
+        (wheel,), (castor,) = read(t[k : k + 1], angle[None, :w], angle[None, w:])
         seen[k, :w], seen[k, w:] = wheel, castor
         if k == rows - 1:
             break

@@ -462,8 +462,22 @@ def test_a_reader_starts_anew_for_each_run():
     robot = ROBOT.with_effects(TickLoss(castor=1, wheel=1, value=0.1, above=0.0), AllLatency(value=0.01))
     one, other = reader_of(robot), reader_of(robot)
     for t in (0.0, 0.05, 0.1):
-        one(t, np.full(6, 9 * t), np.zeros(3))
-    np.testing.assert_array_equal(other(0.0, np.full(6, 7.0), np.ones(3))[0], 7.0)
+        one(np.array([t]), np.full((1, 6), 9 * t), np.zeros((1, 3)))
+    np.testing.assert_array_equal(other(np.zeros(1), np.full((1, 6), 7.0), np.ones((1, 3)))[0], 7.0)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_samples_may_be_read_one_or_many_at_once(name):
+    effect = larger(BY_NAME[name])
+    random, t = np.random.default_rng(5), np.sort(np.concatenate([T, T[::7] + 0.013]))
+    wheel, castor = (np.cumsum(random.normal(size=(len(t), k)), axis=0) for k in (6, 3))
+    whole = readings(ROBOT.with_effects(effect), t, wheel, castor)
+    for cuts in (range(1, len(t)), (2, 30, 31), ()):
+        read = reader_of(ROBOT.with_effects(effect))
+        blocks = zip(*(np.split(one, cuts) for one in (t, wheel, castor)), strict=True)
+        parts = [read(*block) for block in blocks]
+        for k, one in enumerate(whole):
+            np.testing.assert_array_equal(np.concatenate([part[k] for part in parts]), one)
 
 
 def test_radius_and_counts_of_a_wheel_leave_one_trace():
