@@ -32,7 +32,7 @@ from discrepancy.inspection import BLIND
 from discrepancy.looks import Known, Looks
 from discrepancy.louder import louder_than
 from discrepancy.parity import parity_residual
-from discrepancy.ranking import CREEPING, LEAST_GAIN, alike, margin, pick, ranks_of
+from discrepancy.ranking import CREEPING, LEAST_GAIN, alike, margin, pick, ranks_of, sine
 from discrepancy.selection import BESIDE, Found, Look, decided, foretold, one_after_another
 from discrepancy.sliding import slides, sliding, slips_in_bursts
 from discrepancy.swinging import swinging
@@ -135,12 +135,14 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     """Return what is to be said of effect k beside the others."""
     own = found[k]
     near = foretold(look, again, found, k)
-    top = max(one.gain for one in near)
-    limit = top - margin(top)
+    top = max(near, key=lambda one: one.gain)
+    apart = look([one.effect for one in found[:k] + found[k + 1 :]])
     chosen = tuple(
-        one for n, one in enumerate(near) if one.gain >= limit or (n == 0 and one.candidate == own.candidate)
+        one
+        for n, one in enumerate(near)
+        if top.gain - one.gain <= margin(top.gain, sine(apart, top, one)) or (n == 0 and one.candidate == own.candidate)
     )
-    ranks = ranks_of(look([one.effect for one in found[:k] + found[k + 1 :]]))
+    ranks = ranks_of(apart)
     among = {one.candidate for one in chosen}
     beaten = tuple(one for one in ranks if one.candidate not in among)
     error = float(np.hypot(own.error, HIDDEN * own.effect.value))

@@ -136,6 +136,14 @@ class Evidence:
         change = np.concatenate([size, part * size])
         return float(2 * change @ pull[both] - change @ information[np.ix_(both, both)] @ change)
 
+    def expecting(self, k: int, part: float, amplitudes: Sequence[float] | Array) -> "Evidence":
+        """Return the evidence of logs in which nothing is but candidate k, hidden in part."""
+        information, size = self.plain[0], np.asarray(amplitudes)
+        truth = np.zeros(len(information))
+        truth[self.columns[k]] = size
+        truth[self.columns[k] + len(truth) // 2] = part * size
+        return replace(self, plain=(information, information @ truth))
+
     def index(self, candidate: Candidate) -> int | None:
         """Return the place of a candidate; None where the motion leaves it without any trace."""
         return next((k for k, one in enumerate(self.candidates) if one == candidate), None)

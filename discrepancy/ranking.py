@@ -33,8 +33,9 @@ LEAST_OF_PLACE, MUCH_OF_PLACE = 60.0, 2.0
 """The same of something on the floor, whose place was looked for in the same logs: lines of all places and directions
 look a little like everything too."""
 
-MARGIN, PART = 6.0, 0.015
-"""Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it."""
+MARGIN, PART, LIKENESS = 6.0, 0.015, 0.05
+"""Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it; of the
+latter no more than such a part of the sine between both: what signatures are wrong by is the same of like ones."""
 
 ROUGHLY = 0.25
 """The part by which amplitudes may be wrong before they are refitted."""
@@ -77,9 +78,22 @@ def alike(seen: Evidence, best: Rank, wider: float = 1.0) -> tuple[Rank, ...]:
     return tuple(one for one in ranks_of(seen) if limit <= one.gain <= best.gain and (creeps(best) or not creeps(one)))
 
 
-def margin(gain: float) -> float:
-    """Return by how much less than the best one's gain a candidate's may be and not be told from it."""
-    return MARGIN + PART * gain
+def margin(gain: float, sine: float = 1.0) -> float:
+    """Return by how much less than the best one's gain a candidate's may be and not be told from it.
+
+    sine: of the angle between what both leave in logs, if it is known.
+    """
+    return MARGIN + min(PART, LIKENESS * sine) * gain
+
+
+def sine(seen: Evidence, one: Rank, other: Rank) -> float:
+    """Return the sine of the angle between what a candidate leaves in logs and the most of it that another can be."""
+    k, j = seen.index(one.candidate), seen.index(other.candidate)
+    if k is None or j is None:
+        return 1.0
+    expected = seen.expecting(k, one.part, one.amplitudes)
+    own, rivals = (expected.best([place])[2] for place in ((k, one.part), (j, other.part)))
+    return float(np.sqrt(max(1.0 - rivals / own, 0.0))) if own > 0 else 1.0
 
 
 def creeps(one: Rank) -> bool:

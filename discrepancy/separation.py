@@ -1,9 +1,6 @@
 """The drive that would tell apart what these logs do not."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
@@ -43,10 +40,7 @@ def _distance(seen: Evidence, candidates: Sequence[tuple[Candidate, Array]]) -> 
     place = seen.index(own)
     if place is None:
         return 0.0
-    information = seen.plain[0]
-    truth = np.zeros(len(information))
-    truth[seen.columns[place]] = amplitudes
-    expected = replace(seen, plain=(information, information @ truth))
-    all_of_it = float(truth @ information @ truth)
+    expected = seen.expecting(place, 0.0, amplitudes)
+    all_of_it = expected.foretold(own, 0.0, amplitudes)
     there = [k for k in (expected.index(other) for other, _ in others) if k is not None]
     return all_of_it - max((expected.best([(k, expected.parted(k))])[2] for k in there), default=0.0)
