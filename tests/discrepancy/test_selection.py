@@ -13,7 +13,7 @@ from castor_envs.trajectories import wander
 from discrepancy.candidates import Candidate, candidates_of
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.looks import Known, Looks
-from discrepancy.ranking import rank_of
+from discrepancy.ranking import margin, rank_of, ranks_of, sine
 from discrepancy.selection import Found, decided, foretold
 from discrepancy.trials.pymunk_generator import drive
 
@@ -60,6 +60,31 @@ def test_what_a_candidate_foretells_is_a_parabola_whose_top_is_its_gain(seen: Ev
     assert seen.foretold(of(RADIUS), 0.5, (2 * amplitudes).tolist()) == pytest.approx(0.0, abs=1e-6 * gain)
     assert seen.foretold(of(RADIUS), 0.5, (-amplitudes).tolist()) == pytest.approx(-3 * gain)
     assert seen.foretold(Candidate("nothing that this log shows"), 0.5, (1.0,)) == 0.0
+
+
+def test_what_a_rival_leaves_of_a_candidate_is_the_square_of_the_sine_between_them(seen: Evidence):
+    """If there is nothing but the candidate."""
+    best = ranks_of(seen)[0]
+    assert best.candidate == of(RADIUS)
+    place = seen.index(best.candidate)
+    assert place is not None
+    alone = seen.expecting(place, best.part, best.amplitudes)
+    assert alone.foretold(best.candidate, best.part, best.amplitudes) == pytest.approx(best.gain)
+    sines = {}
+    for one in ranks_of(seen):
+        rival = alone.index(one.candidate)
+        assert rival is not None
+        taken = alone.best([(rival, one.part)])[2]
+        sines[one.candidate] = sine(seen, best, one)
+        assert best.gain * (1 - sines[one.candidate] ** 2) == pytest.approx(taken, abs=1e-6 * best.gain)
+    assert sines[best.candidate] < 1e-3
+    assert 0.02 < sines[of(LOSS)] < 0.3 < max(sines.values()) <= 1.0
+
+
+def test_like_candidates_are_told_apart_by_less():
+    """A gain of 4,000: the margin grows with the sine, up to what it is of those that are nothing alike."""
+    margins = [margin(4000.0, one) for one in (0.0, 0.1, 0.2, 0.5, 1.0)]
+    assert margins == pytest.approx([6.0, 26.0, 46.0, 66.0, margin(4000.0)])
 
 
 def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence):
