@@ -127,7 +127,7 @@ class Evidence:
         """The candidates that are at a place on the floor."""
         return tuple(one for one in self.candidates if one.at_a_place)
 
-    def foretold(self, candidate: Candidate, part: float, amplitudes: Sequence[float]) -> float:
+    def foretold(self, candidate: Candidate, part: float, amplitudes: Sequence[float] | Array) -> float:
         """Return the deviance that a candidate of some amplitudes, hidden in part, takes away, or adds, if below 0."""
         if (k := self.index(candidate)) is None:
             return 0.0
