@@ -49,19 +49,24 @@ EXERCISED = 25.0
 
 
 def diagnose(
-    robot: RobotDescription, logs: Sequence[Log], held_out: Sequence[Log] = (), clean: Sequence[Log] = ()
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    held_out: Sequence[Log] = (),
+    clean: Sequence[Log] = (),
+    before: RobotDescription | None = None,
 ) -> Diagnosis:
     """Return what logs say is missing in a robot's description.
 
     held_out: logs that a name must be borne out by. clean: logs of the robot before it had the effect; only what goes
-    beyond them is named. Raises InputError for logs that the robot cannot have made, or that show nothing.
+    beyond them is named. before: the robot as it made these, if its description was another.
+    Raises InputError for logs that the robot cannot have made, or that show nothing.
     """
     for some in (logs, held_out, clean):
         blind = [log for log in some if log.reference is None or not np.isfinite(log.reference).any()]
         if blind and parity_residual(robot, blind[0]).redundancy == 0:
             raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
     asked, robot = robot, without(robot, SampleJitter)
-    good = _of_clean(robot, tuple(clean)) if clean else None
+    good = _of_clean(without(before or robot, SampleJitter), tuple(clean)) if clean else None
     known = Known.of(robot, good)
     look = Looks(known, logs, finds=True)
     first = look([])

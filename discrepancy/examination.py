@@ -62,19 +62,22 @@ class Examination:
 def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *, replayed: bool = True) -> Examination:
     """Return what logs, by their names, say of a robot, as `diagnosis.diagnose` does with what surrounds it.
 
-    replayed: whether to drive the full simulation as the logs.
+    Gross mistakes of the logs are undone in held-out ones too; clean logs, of before, are mended by what is wrong with
+    themselves. replayed: whether to drive the full simulation as the logs.
     Raises InputError for logs of which nothing can be said before they, or the robot file, are mended.
     """
-    checked = preflight(robot, list(logs.values()), list(logs))
-    for one in (checked, *(preflight(robot, list(some.values()), list(some)) for some in (held_out, clean) if some)):
+    checked, kept, before = (
+        preflight(robot, list(some.values()), list(some)) if some else Preflight(()) for some in (logs, held_out, clean)
+    )
+    for one in (checked, kept, before):
         if one.fatal:
             raise InputError("; ".join(mistake.what for mistake in one.mistakes))
-    wiring = [effect for effect in checked.effects if isinstance(effect, WIRING)]
-    mended = robot.with_effects(*(effect for effect in checked.effects if not isinstance(effect, WIRING)))
-    straight, kept_back, good = (
-        {name: _unwired(robot, wiring, log) for name, log in some.items()} for some in (logs, held_out, clean)
+    (mended, wiring), (once, good_wiring) = _mended(robot, checked), _mended(robot, before)
+    straight, kept_back = (
+        {name: _unwired(robot, wiring, log) for name, log in some.items()} for some in (logs, held_out)
     )
-    diagnosis = diagnose(mended, *(list(some.values()) for some in (straight, kept_back, good)))
+    good = [_unwired(robot, good_wiring, log) for log in clean.values()]
+    diagnosis = diagnose(mended, list(straight.values()), list(kept_back.values()), good, once)
     found = _found(robot, checked, wiring, diagnosis)
     data = as_data(diagnosis, straight) | {
         "robot_hash": robot.hash(),
@@ -95,6 +98,12 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     held = _replays(nominal, diagnosis.explained, kept_back, *(diagnosis.held_out or (None, None)))
     data["replay"] = _replay_data(diagnosis, replays, held)
     return Examination(data, found, diagnosis, straight, checked.mistakes, replays)
+
+
+def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescription, Sequence[Effect]]:
+    """Return the robot with the gross mistakes of some logs, and those of its wiring, which are undone in the logs."""
+    wiring = [effect for effect in checked.effects if isinstance(effect, WIRING)]
+    return robot.with_effects(*(effect for effect in checked.effects if not isinstance(effect, WIRING))), wiring
 
 
 def _found(

@@ -48,6 +48,19 @@ def test_an_effect_is_found_behind_wrong_wiring():
     assert after["pivots_rms_mrad"] < 0.5 * before["pivots_rms_mrad"]
 
 
+def test_clean_logs_are_of_before_the_encoders_were_swapped():
+    """They come as they should be, and are left so: nothing remains but the swap, and what there is beside it."""
+    robot = ROBOT.with_effects(LATE, SWAPPED)
+    clean = {name: rolled(ROBOT, seed, 20.0) for name, seed in (("c", 3), ("d", 4))}
+    for faulty, others in ((ROBOT.with_effects(SWAPPED), ()), (robot, (LATE,))):
+        examined = examine(ROBOT, {"a": rolled(faulty, 1)}, {"b": rolled(faulty, 2)}, clean, replayed=False)
+        assert examined.data["verdict"] == "named", examined.data["reason"]
+        assert examined.found is not None
+        *rest, swapped = examined.found.effects
+        assert swapped == SWAPPED
+        assert [dataclasses.replace(one, value=LATE.value) for one in rest] == list(others)
+
+
 def test_without_a_reference_encoders_alone_tell():
     examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(LATE), 1, reference=False)}, {}, {})
     assert examined.found is not None
