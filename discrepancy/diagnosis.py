@@ -80,6 +80,7 @@ def diagnose(
         findings=(),
         ranks=ranks,
         before=_left(first),
+        clean=None if good is None else _left(good),
     )
     if (lost := losing(robot, logs)) is not None:
         finding = lost_in_bursts(robot, lost, held_out)

@@ -90,7 +90,7 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     unsure = next((one for one in data["findings"] if one["verdict"] == "ambiguous"), None)
     data["cannot_be_told_apart"] = [] if unsure is None else unsure["cannot_be_told_apart"]
     data["separating_motion"] = None if unsure is None else unsure["separating_motion"]
-    data["where"] = _where(straight, diagnosis)
+    data["where"], data["replay"] = _where(straight, diagnosis), None
     if not replayed:
         return Examination(data, found, diagnosis, straight, checked.mistakes, None)
     nominal = diagnosis.nominal

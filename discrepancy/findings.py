@@ -87,7 +87,7 @@ class Diagnosis:
 
     ranks: all candidates beside nothing, the best first.
     before, after: what is left of the logs without and with the effects that were found, and of held-out logs if there
-    are such.
+    are such. clean: of clean logs.
     """
 
     robot: RobotDescription
@@ -98,6 +98,7 @@ class Diagnosis:
     before: Left
     after: Left | None = None
     held_out: tuple[Left, Left] | None = None
+    clean: Left | None = None
 
     @property
     def effects(self) -> tuple[Effect, ...]:

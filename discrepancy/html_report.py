@@ -117,22 +117,29 @@ def _reference(data: Data) -> str:
         if "reference" not in data:
             return ""
         return "<p>There are no reference poses. Scale and the robot's common dimensions cannot be seen.</p>"
-    mount, rows = _map(reference.get("mount")), []
-    if mount:
-        rows += [
-            ("tracked point, forward of the body's origin", mount.get("x_m"), 1e3, "mm", 1),
-            ("tracked point, left of it", mount.get("y_m"), 1e3, "mm", 1),
-            ("frame turned against the body", mount.get("psi_rad"), 1e3, "mrad", 1),
-        ]
-    clocks = _maps(reference.get("clocks"))
-    for k, clock in enumerate(clocks):
-        of = f", {_file(data, k)}" if len(clocks) > 1 else ""
-        rows += [
-            (f"reference taken later than its row says{of}", clock.get("ahead_s"), 1e3, "ms", 1),
-            (f"and drifting by{of}", clock.get("rate"), 1e3, "ms/s", 2),
-        ]
+    clocks, clean = _maps(reference.get("clocks")), _map(reference.get("clean"))
+    several = [f", {_file(data, k)}" if len(clocks) > 1 else "" for k in range(len(clocks))]
+    rows = _alignment("", _map(reference.get("mount")), zip(several, clocks, strict=True))
+    numbered = ((f", clean log {k + 1}", clock) for k, clock in enumerate(_maps(clean.get("clocks"))))
+    rows += _alignment(", in the clean logs", _map(clean.get("mount")), numbered)
     body = [[label, _number(value, scale, digits, signed=True), unit] for label, value, scale, unit, digits in rows]
     return "<p>Fitted beside everything else, and no effect of the robot:</p>" + _table(None, body)
+
+
+def _alignment(of: str, mount: Data, clocks: Iterable[tuple[str, Data]]) -> list[tuple[str, Any, float, str, int]]:
+    rows = []
+    if mount:
+        rows += [
+            (f"tracked point, forward of the body's origin{of}", mount.get("x_m"), 1e3, "mm", 1),
+            (f"tracked point, left of it{of}", mount.get("y_m"), 1e3, "mm", 1),
+            (f"frame turned against the body{of}", mount.get("psi_rad"), 1e3, "mrad", 1),
+        ]
+    for own, clock in clocks:
+        rows += [
+            (f"reference taken later than its row says{own}", clock.get("ahead_s"), 1e3, "ms", 1),
+            (f"and drifting by{own}", clock.get("rate"), 1e3, "ms/s", 2),
+        ]
+    return rows
 
 
 def _file(data: Data, k: int) -> str:

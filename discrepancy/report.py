@@ -23,6 +23,7 @@ from discrepancy.findings import Diagnosis, Finding, Left, Rank
 from discrepancy.html_report import READ_AS
 from discrepancy.preflight import Mistake
 from discrepancy.separation import separating_drive
+from estimators.calibration.maximum_likelihood import State
 
 FORMAT = "castor-diagnosis/1"
 COVERAGE = 1.96
@@ -74,17 +75,14 @@ def as_lines(data: Data) -> list[str]:
         "after 1 m"
     )
     if (reference := data["reference"]) is not None:
-        mount = reference["mount"]
-        lines.append(
-            f"reference: tracked point at x {1e3 * mount['x_m']:.1f}, y {1e3 * mount['y_m']:.1f} mm, "
-            f"turned by {np.degrees(mount['psi_rad']):.2f} deg"
-        )
+        lines.append(f"reference: {_mount_line(reference['mount'])}")
         lines += [
-            f"{name}: the reference is {1e3 * abs(clock['ahead_s']):.0f} ms "
-            f"{'ahead of' if clock['ahead_s'] > 0 else 'behind'} the counts at the start, and gains "
-            f"{1e3 * clock['rate']:.1f} ms/s"
+            f"{name}: the reference is {_clock_line(clock)}"
             for name, clock in zip(data["logs"], reference["clocks"], strict=True)
         ]
+        if (clean := reference["clean"]) is not None:
+            lines.append(f"in the clean logs: {_mount_line(clean['mount'])}; the reference is")
+            lines += [f"  {_clock_line(clock)}" for clock in clean["clocks"]]
         lines.append(f"odometry off the reference: {_gap(data['gap'])}")
     if data["gap_held_out"] is not None and data["gap_held_out"]["before"]["odometry_rms_m"] is not None:
         lines.append(f"on the held-out logs: {_gap(data['gap_held_out'])}")
@@ -94,6 +92,20 @@ def as_lines(data: Data) -> list[str]:
         lines.append("deviance that each candidate alone would take away, and its size:")
         lines += [f"  {_rival_line(one)}" for one in data["candidates"][:SHOWN]]
     return lines
+
+
+def _mount_line(mount: Data) -> str:
+    return (
+        f"tracked point at x {1e3 * mount['x_m']:z.1f}, y {1e3 * mount['y_m']:z.1f} mm, turned by "
+        f"{np.degrees(mount['psi_rad']):z.2f} deg"
+    )
+
+
+def _clock_line(clock: Data) -> str:
+    return (
+        f"{1e3 * abs(clock['ahead_s']):.1f} ms {'ahead of' if clock['ahead_s'] > 0 else 'behind'} the counts at the "
+        f"start, and gains {1e3 * clock['rate']:z.2f} ms/s"
+    )
 
 
 def write_diagnosis(out: Path, data: Data, found: Vehicle | None, page: str) -> None:
@@ -171,7 +183,11 @@ def _cost_data(robot: RobotDescription, effect: Effect | None, logs: Sequence[Lo
 def _reference_data(found: Diagnosis) -> Data | None:
     if found.before.position is None:
         return None
-    at = (found.after or found.before).state
+    clean = None if found.clean is None or found.clean.position is None else _alignment(found.clean.state)
+    return _alignment((found.after or found.before).state) | {"clean": clean}
+
+
+def _alignment(at: State) -> Data:
     x, y, psi = at.mount.tolist()
     return {
         "mount": {"x_m": x, "y_m": y, "psi_rad": psi},

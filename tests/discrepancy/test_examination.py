@@ -17,6 +17,7 @@ from castor_envs.rolling import roll
 from castor_envs.trajectories import wander
 from discrepancy import cli
 from discrepancy.examination import examine
+from discrepancy.report import as_lines
 
 ROBOT = preset("asoc-prototype")
 LATE, SWAPPED = EncoderLatency(castor=3, value=0.006), EncodersSwapped(castor=1)
@@ -59,6 +60,23 @@ def test_clean_logs_are_of_before_the_encoders_were_swapped():
         *rest, swapped = examined.found.effects
         assert swapped == SWAPPED
         assert [dataclasses.replace(one, value=LATE.value) for one in rest] == list(others)
+
+
+def test_alignment_is_told_beside_that_of_clean_logs():
+    """How a tracker is mounted is no effect of the robot: a change of it since the clean logs is seen, not named."""
+    log = rolled(ROBOT, 1, 20.0)
+    assert log.reference is not None
+    turned = dataclasses.replace(log, reference=log.reference + np.array([0.0, 0.0, 0.02]))
+    examined = examine(ROBOT, {"a": turned}, {}, {"c": rolled(ROBOT, 3, 20.0)}, replayed=False)
+    assert examined.data["verdict"] == "no discrepancy"
+    now, clean = examined.data["reference"], examined.data["reference"]["clean"]
+    assert now["mount"]["psi_rad"] == pytest.approx(0.02, abs=1e-3)
+    assert clean["mount"]["psi_rad"] == pytest.approx(0.0, abs=1e-3)
+    lines = "\n".join(as_lines(examined.data))
+    assert "turned by 1.1" in lines.partition("in the clean logs")[0]
+    assert "turned by 0.0" in lines.partition("in the clean logs")[2]
+    assert len(clean["clocks"]) == 1
+    assert "in the clean logs" in examined.page()
 
 
 def test_without_a_reference_encoders_alone_tell():
