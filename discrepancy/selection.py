@@ -50,6 +50,9 @@ BESIDE = 0.1
 """What has no name is told beside effects if it takes away more than this part of what the first one does: amplitudes
 that are a little wrong, and creep, leave some."""
 
+TOGETHER = 1.5
+"""Times more that two effects must take away together than anything alone, to be taken in where no effect was."""
+
 STILL = 0.75
 """Of what an effect had to take away where wheels may creep: enough to stay."""
 
@@ -114,12 +117,38 @@ def one_after_another(
         if len(gone) == len(more):
             continue
         more = _exchanged(robot, look, *_sharpened(robot, look, *tried))
+        if len(more[0]) == 2:
+            more = _or_two_others(robot, look, first, *more)
         families = {one.candidate.family for one in more[0]}
         if not families or families in tried_before:
             break
         tried_before.append(families)
         found, left = more
+    if len(found) < 2:
+        found, left = _or_two_others(robot, look, first, found, left)
     return _without_the_needless(robot, look, found, left)
+
+
+def _or_two_others(
+    robot: RobotDescription, look: Look, first: Evidence, found: list[Found], left: Evidence
+) -> tuple[list[Found], Evidence]:
+    """Return at most two effects and what they leave, or two that do far better together beside nothing, and leave
+    less.
+
+    What two effects do together may look most like a third, beside which neither of them counts, or like nothing.
+    """
+    places = [first.index(one.candidate) for one in found]
+    own = first.best([(place, rank_of(first, place).part) for place in places if place is not None])[2]
+    gain, pair = _best_pair(first, None)
+    least = own + margin(gain) + LEAST_GAIN * (2 - len(found))
+    if not found:
+        least = max(least, TOGETHER * max((one.gain for one in ranks_of(first)), default=0.0))
+    if gain < least or {one.candidate.family for one in pair} == {one.candidate.family for one in found}:
+        return found, left
+    settled = _settled(robot, look, [one for rank in pair for one in _as_found(robot, rank)])
+    if settled is None or len(settled[0]) < 2 or _remaining(settled[1]) > _remaining(left) - LESS:
+        return found, left
+    return settled
 
 
 def _sharpened(robot: RobotDescription, look: Look, found: list[Found], left: Evidence) -> tuple[list[Found], Evidence]:
@@ -262,11 +291,14 @@ def _chosen(left: Evidence, near: Sequence[Rank]) -> list[Rank]:
     return list(pair) if gain - EACH_MORE > named.gain - margin(named.gain) else [named]
 
 
-def _best_pair(left: Evidence) -> tuple[float, tuple[Rank, ...]]:
-    """Return what two effects with an amplitude each gain together at best, and these; 0 and none if there are none."""
+def _best_pair(left: Evidence, among: int | None = SINGLES) -> tuple[float, tuple[Rank, ...]]:
+    """Return what two effects with an amplitude each gain together at best, and these; 0 and none if there are none.
+
+    among: so many that gain most alone; None: all.
+    """
     single = [one for one in ranks_of(left) if one.candidate.kinds and one.candidate.columns == 1 and not creeps(one)]
     pairs = []
-    for pair in itertools.combinations(single[:SINGLES], 2):
+    for pair in itertools.combinations(single[:among], 2):
         places = [(left.index(one.candidate), one.part) for one in pair]
         pairs.append((left.best([(k, part) for k, part in places if k is not None])[2], pair))
     return max(pairs, key=lambda one: one[0], default=(0.0, ()))
