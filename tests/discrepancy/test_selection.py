@@ -1,9 +1,11 @@
 """How effects are taken in and weighed against rivals: laws of the quadratic form, and logs that decide."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from castor_envs.effects import ContactCreep, Effect, TickLoss, WheelRadius, readings
+from castor_envs.effects import ContactCreep, Effect, PivotOffset, TickLoss, Track, WheelRadius, readings
 from castor_envs.encoders import Encoders
 from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
@@ -14,7 +16,7 @@ from discrepancy.candidates import Candidate, candidates_of
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.looks import Known, Looks
 from discrepancy.ranking import margin, rank_of, ranks_of, sine
-from discrepancy.selection import Found, decided, foretold
+from discrepancy.selection import Found, _or_two_others, _settled, decided, foretold
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
@@ -22,9 +24,9 @@ RADIUS = WheelRadius(castor=2, wheel=1, value=3e-4)
 LOSS = TickLoss(castor=2, wheel=1, value=2e-3, above=5.0)
 
 
-def rolled(effect: Effect, seed: int) -> Log:
-    """A log of perfect rolling with an effect."""
-    robot = ROBOT.with_effects(effect)
+def rolled(*effects: Effect, seed: int) -> Log:
+    """A log of perfect rolling with effects."""
+    robot = ROBOT.with_effects(*effects)
     motion = roll(robot.as_built(), wander(np.random.default_rng([seed, 1]), duration=30.0), [0.3, 2.0, -1.5])
     encoders = Encoders(Geometry.of(robot.as_built()), np.full(6, 0.4))
     wheel, castor = readings(robot, motion.t, motion.wheel_angle, motion.castor_angle)
@@ -38,18 +40,18 @@ def of(effect: Effect) -> Candidate:
     return next(one for one in candidates_of(ROBOT) if one.is_of(effect))
 
 
-def looking_at(*logs: Log):
-    """Evidence of some logs beside effects, of the two rivals alone where not told otherwise."""
+def looking_at(*logs: Log, rivals: Sequence[Effect] = (RADIUS, LOSS)):
+    """Evidence of some logs beside effects, of some rivals alone where not told otherwise."""
 
     def look(effects, among=None) -> Evidence:
-        return evidence_of(ROBOT.with_effects(*effects), logs, among=among or [of(RADIUS), of(LOSS)])
+        return evidence_of(ROBOT.with_effects(*effects), logs, among=among or [of(one) for one in rivals])
 
     return look
 
 
 @pytest.fixture(scope="module")
 def seen() -> Evidence:
-    return evidence_of(ROBOT, [rolled(RADIUS, 1)])
+    return evidence_of(ROBOT, [rolled(RADIUS, seed=1)])
 
 
 def test_what_a_candidate_foretells_is_a_parabola_whose_top_is_its_gain(seen: Evidence):
@@ -90,7 +92,7 @@ def test_like_candidates_are_told_apart_by_less():
 def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence):
     place = seen.index(of(LOSS))
     assert place is not None
-    log, background = rolled(RADIUS, 1), [(of(LOSS), 0.0, np.array([1e-4]))]
+    log, background = rolled(RADIUS, seed=1), [(of(LOSS), 0.0, np.array([1e-4]))]
 
     def size(background, among):
         one = Looks(Known(ROBOT, background=background), [log], finds=False)([], among)
@@ -104,7 +106,7 @@ def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence
 @pytest.mark.parametrize(("truth", "other"), [(RADIUS, LOSS), (LOSS, RADIUS)], ids=["radius", "loss"])
 def test_held_out_logs_decide_between_near_rivals(truth: Effect, other: Effect):
     """A radius looks much as counts lost when a wheel is fast; found is the wrong one, with its best size."""
-    look, again = looking_at(rolled(truth, 2)), looking_at(*(rolled(truth, seed) for seed in (3, 4)))
+    look, again = looking_at(rolled(truth, seed=2)), looking_at(*(rolled(truth, seed=seed) for seed in (3, 4)))
     alone = look([])
     size = rank_of(alone, alone.candidates.index(of(other))).size
     wrong = [Found(of(other), of(other).effect([size]), 1e-5)]
@@ -113,6 +115,24 @@ def test_held_out_logs_decide_between_near_rivals(truth: Effect, other: Effect):
     found, _ = decided(ROBOT, look, again, wrong, alone)
     assert [one.candidate for one in found] == [of(truth)]
     assert found[0].effect.value == pytest.approx(truth.value, rel=0.2)
+
+
+def test_two_effects_that_do_better_together_take_the_place_of_what_was_found():
+    """Of tracks and offsets, wherever the search went before: one of each wrong, or one alone. Where it found none,
+    it had reasons: one of the two alone takes away nearly as much."""
+    truth = Track(castor=3, value=9e-4), PivotOffset(castor=1, value=1.5e-4)
+    rivals = [kind(castor=i, value=1e-3) for kind in (Track, PivotOffset) for i in (1, 2, 3)]
+    look = looking_at(rolled(*truth, seed=5), rivals=rivals)
+    first = look([])
+    for wrong in ((rivals[0], rivals[4]), (rivals[0],)):
+        before = _settled(ROBOT, look, [Found(of(one), one, 1e-5) for one in wrong])
+        assert before is not None
+        found, left = _or_two_others(ROBOT, look, first, *before)
+        assert {one.candidate for one in found} == {of(one) for one in truth}, wrong
+        sizes = {one.candidate: one.effect.value for one in found}
+        assert [sizes[of(one)] for one in truth] == pytest.approx([one.value for one in truth], rel=0.2)
+        assert _or_two_others(ROBOT, look, first, found, left) == (found, left)
+    assert _or_two_others(ROBOT, look, first, [], first) == ([], first)
 
 
 def test_creep_in_the_model_and_creep_that_is_wanted_add_up():
