@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from castor_envs.effects import Effect
+from castor_envs.effects import AllWheelRadius, Effect
 from castor_envs.kinematics import Array
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
@@ -88,8 +88,14 @@ class Looks:
 
 
 def background_of(clean: Evidence) -> Background:
-    """Return the effects, one by one, that take something away from clean logs, with hidden parts and amplitudes."""
+    """Return the effects, one by one, that take something away from clean logs, with hidden parts and amplitudes.
+
+    And the radius of all wheels in any case, however little: where contacts are soft it is never quite as described.
+    """
     chosen = clean.greedily(BACKGROUND, LEAST_GAIN)
+    soft = next((k for k, one in enumerate(clean.candidates) if one.is_of(AllWheelRadius(value=0.0))), None)
+    if soft is not None and soft not in dict(chosen):
+        chosen.append((soft, clean.parted(soft, chosen)))
     amplitudes = iter(clean.best(chosen)[0].tolist())
     sizes = [np.array([next(amplitudes) for _ in clean.columns[k]]) for k, _ in chosen]
     return [(clean.candidates[k], part, size) for (k, part), size in zip(chosen, sizes, strict=True)]

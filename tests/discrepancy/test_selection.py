@@ -5,7 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from castor_envs.effects import ContactCreep, Effect, PivotOffset, TickLoss, Track, WheelRadius, readings
+from castor_envs.effects import (
+    AllWheelRadius,
+    ContactCreep,
+    Effect,
+    PivotOffset,
+    TickLoss,
+    Track,
+    WheelRadius,
+    readings,
+)
 from castor_envs.encoders import Encoders
 from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
@@ -14,8 +23,8 @@ from castor_envs.rolling import roll
 from castor_envs.trajectories import wander
 from discrepancy.candidates import Candidate, candidates_of
 from discrepancy.evidence import Evidence, evidence_of
-from discrepancy.looks import Known, Looks
-from discrepancy.ranking import margin, rank_of, ranks_of, sine
+from discrepancy.looks import Known, Looks, background_of
+from discrepancy.ranking import LEAST_GAIN, margin, rank_of, ranks_of, sine
 from discrepancy.selection import Found, _or_two_others, _settled, decided, foretold
 from discrepancy.trials.pymunk_generator import drive
 
@@ -101,6 +110,20 @@ def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence
     by_some, by_all = (size([], among) - size(background, among) for among in ([of(RADIUS)], None))
     assert by_all > 5e-5
     assert by_some == pytest.approx(by_all, rel=0.1)
+
+
+def test_what_little_clean_logs_have_of_all_radii_is_background():
+    """Too little to be named, and taken off all the same: what goes beyond it is what changed."""
+    soft, truth = (AllWheelRadius(value=value) for value in (2e-5, 1.2e-4))
+    clean = evidence_of(ROBOT, [rolled(soft, seed=seed) for seed in (6, 7)], among=[of(soft), of(RADIUS)])
+    (candidate, part, amplitudes), *others = background_of(clean)
+    assert (candidate, others) == (of(soft), [])
+    assert amplitudes[0] == pytest.approx(soft.value, abs=2e-5)
+    assert clean.foretold(candidate, part, amplitudes) < LEAST_GAIN
+    seen = Looks(Known(ROBOT, background=[(candidate, part, amplitudes)]), [rolled(truth, seed=8)], finds=False)
+    plain = Looks(Known(ROBOT), [rolled(truth, seed=8)], finds=False)
+    less, more = (rank_of(one([], [of(soft)]), 0).size for one in (seen, plain))
+    assert more - less == pytest.approx(amplitudes[0], rel=1e-6)
 
 
 @pytest.mark.parametrize(("truth", "other"), [(RADIUS, LOSS), (LOSS, RADIUS)], ids=["radius", "loss"])
