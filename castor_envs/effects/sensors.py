@@ -125,9 +125,9 @@ class WheelEccentricity(Effect):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class PivotBacklash(Effect):
-    """A pivot encoder hangs on a gear with backlash: turned back, it stands still for `value` (rad), then follows.
+    """A pivot encoder's gear has backlash: turned left it reads half of `value` (rad) too little, right too much.
 
-    The run starts in the middle of the backlash.
+    Turned back, it stands still for `value`, then follows. The run starts in the middle of the backlash.
     """
 
     name: Literal["pivot_backlash"] = "pivot_backlash"
