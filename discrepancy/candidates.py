@@ -22,6 +22,7 @@ from castor_envs.effects import (
     Slip,
     TickLoss,
     catalogue,
+    radii_of,
     readings,
 )
 from castor_envs.effects.motion import contact_paths
@@ -182,16 +183,26 @@ class Channels:
         return Motion(log.t, state[:, :3], wheel, castor, agreeing)
 
     def read(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
-        """Return what the robot's encoders read (K, s + d), not rounded, of true counts."""
+        """Return what a robot's encoders read (K, s + d), not rounded, of true counts: what its wheels turn more than
+        those built here, as their radii differ, too."""
         geometry = self.geometry
         wheel, castor = self.angles(counts)
         turns = 2 * np.pi * np.round(castor[0] / (2 * np.pi))  # a log begins within half a turn of 0
         castor -= turns
-        wheel, castor = readings(robot, log.t, wheel, castor)
+        wheel, castor = readings(robot, log.t, self._rolled(robot, wheel, castor), castor)
         seen = np.column_stack(
             [(castor + turns)[:, self.sensed] + geometry.pivot_zero[self.sensed], wheel[:, self.driven]]
         )
         return seen * self.per_rev / (2 * np.pi)
+
+    def _rolled(self, robot: RobotDescription, wheel: Array, castor: Array) -> Array:
+        """Return how far a robot's wheels (K, w) turn where those built here turn so far."""
+        radii, mean = radii_of(robot), Geometry.of(robot.as_built()).radius
+        if radii is None and np.array_equal(mean, self.geometry.radius):
+            return wheel
+        half_way = (castor[1:] + castor[:-1]) / 2
+        turned = np.diff(wheel, axis=0) * self.geometry.radius / (mean if radii is None else radii(half_way))
+        return np.concatenate([wheel[:1], wheel[:1] + np.cumsum(turned, axis=0)])
 
 
 def signatures_of(
@@ -237,7 +248,7 @@ def signatures_of(
             geometry = Geometry.of(changed[0].as_built())
         except InputError:
             continue
-        if differ(channels.geometry, geometry):
+        if differ(channels.geometry, geometry) and kind.rolling(robot.as_built()) is None:
             built.append((candidate, geometry, kind.value))
         else:
             dithers = DITHERS if kind.name in DITHERED else np.zeros(1)

@@ -97,10 +97,10 @@ class Slipping:
         robot, channels, model = self._robot, self._channels, self._model
         counts, slips = self._state[:, 3:], np.zeros((len(self._log) - 1, len(model.rows), 0))
         read = channels.read(robot, self._log, counts)
-        for k in range(len(robot.effects)):
+        for k, effect in enumerate(robot.effects):
             without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
             geometry: Geometry = Geometry.of(without.as_built())
-            if differ(channels.geometry, geometry):
+            if differ(channels.geometry, geometry) and effect.rolling(without.as_built()) is None:
                 changed, step, more = stacked(geometry, [geometry]), np.array([-1.0]), np.zeros((*counts.shape, 0))
             else:
                 changed, step = stacked(geometry, []), np.zeros(0)

@@ -1,14 +1,15 @@
 """Effects: what a real robot does that its description leaves out. Each is one class, with one meaning everywhere.
 
 An effect stands in the robot file as ``{"name": "pivot_bias", "castor": 2, "value": 0.013}``. It changes the robot that
-the physics builds (`apply_effects`), or what the encoders make of true angles (`readings`), or when and of which point
-the reference is taken (`reference`), or the floor (`floor_of`), or how contacts yield (`yielding_of`). What it makes
-contacts slip in a motion that is known is predicted by `slip_of`. To add one, add a class to a module of this package:
-files, catalogue, table and tests find it there.
+the physics builds (`apply_effects`), or its radii as castors turn (`radii_of`), or what the encoders make of true
+angles (`readings`), or when and of which point the reference is taken (`reference`), or the floor (`floor_of`), or how
+contacts yield (`yielding_of`). What it makes contacts slip in a motion that is known is predicted by `slip_of`. To add
+one, add a class to a module of this package: files, catalogue, table and tests find it there.
 """
 
 import importlib
 import pkgutil
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,6 +90,7 @@ __all__ = [
     "apply_effects",
     "catalogue",
     "floor_of",
+    "radii_of",
     "reader_of",
     "readings",
     "reference",
@@ -128,6 +130,19 @@ def floor_of(robot: "RobotDescription", floor: Floor) -> Floor:
 def yielding_of(robot: "RobotDescription") -> float:
     """Return how fast (m/s) each contact of the robot slips for every N on it, beside its creep in rolling."""
     return sum(effect.yielding() for effect in robot.effects)
+
+
+def radii_of(robot: "RobotDescription") -> Callable[[Array], Array] | None:
+    """Return what gives the robot's radii (k, w), m, with castors at angles (k, n), rad; None: they do not change."""
+    parts, built = [], robot.as_described()
+    for effect in robot.effects:
+        own = effect.rolling(built)
+        parts += [] if own is None else [own]
+        built = effect.apply(built)
+    if not parts:
+        return None
+    radius = np.array([wheel.radius for wheel in built.wheels])
+    return lambda castor_angle: radius * np.prod([1.0 + own(castor_angle) for own in parts], axis=0)
 
 
 def slip_of(robot: "RobotDescription", motion: Motion) -> Slip:

@@ -9,8 +9,10 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs.description import CONFIG
 from castor_envs.effects.effect import (
+    Array,
     Effect,
     Number,
+    Rolling,
     castor_of,
     pivot_encoders,
     standing_loads,
@@ -19,6 +21,7 @@ from castor_envs.effects.effect import (
     with_castor,
     with_wheels,
 )
+from castor_envs.effects.motion import Motion, Slip, contact_paths
 from castor_envs.errors import InputError
 
 if TYPE_CHECKING:
@@ -217,7 +220,11 @@ class PivotBias(Effect):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class LoadRadius(Effect):
-    """All tyres give way: each wheel's radius is smaller by `value` (m/N) times the load that stands on it at rest."""
+    """Tyres give way: a wheel's radius is smaller by `value` (m/N) times what it carries more than wheels on average.
+
+    As castors turn, loads shift (`castor_envs.physics.statics.swung_loads`); what accelerating shifts is left out. The
+    average is of the standing loads of wheels with encoders. `apply` takes those that stand on each.
+    """
 
     name: Literal["load_radius"] = "load_radius"
     value: Annotated[float, Field(ge=0.0, le=1e-3)]
@@ -228,18 +235,48 @@ class LoadRadius(Effect):
 
     @classmethod
     def variants(cls, robot: "RobotDescription") -> tuple["LoadRadius", ...]:
-        """Return one if wheels with encoders carry loads that differ by over 1 %; else it is `all_wheel_radius`."""
+        """Return one if loads on wheels with encoders differ, or change as castors turn, by over 1 %."""
         try:
-            loads = standing_loads(robot)[list(robot.driven_wheels)]
+            loads = _shifting_loads(robot)[:, list(robot.driven_wheels)]
         except InputError:  # its weight is not described well enough for it to stand
             return ()
         return (cls(value=cls.step),) if loads.size and np.ptp(loads) > 0.01 * np.mean(loads) else ()
 
     def apply(self, robot: "RobotDescription") -> "RobotDescription":
-        """Return the robot with the radii under load."""
-        loads = iter(standing_loads(robot).tolist())
+        """Return the robot with the radii under its standing loads."""
+        loads, radius = standing_loads(robot), np.array([wheel.radius for wheel in robot.wheels])
+        less = self.value * (_shifting_loads(robot) - np.mean(loads[list(robot.driven_wheels)]))
+        if np.any(gone := np.max(less, axis=0) >= radius):
+            castor = robot.wheel_castors[int(np.argmax(gone))] + 1
+            raise InputError(f"effect {self.name} is too large for castor {castor}: its wheels would be gone")
+        less = iter(less[0].tolist())
         for i, castor in enumerate(robot.castors, start=1):
             for j, wheel in enumerate(castor.wheels, start=1):
-                scale = 1.0 - self.value * next(loads) / wheel.radius
-                robot = with_wheels(robot, i, self.name, j, radius=scale)
+                robot = with_wheels(robot, i, self.name, j, radius=1.0 - next(less) / wheel.radius)
         return robot
+
+    def rolling(self, robot: "RobotDescription") -> Rolling | None:
+        """Return by what part radii are larger than under standing loads; None where loads do not shift."""
+        if self.value == 0.0 or not _swinging(robot):
+            return None
+        radius, standing = np.array([wheel.radius for wheel in self.apply(robot).wheels]), standing_loads(robot)
+        return lambda castor_angle: self.value * (standing - standing_loads(robot, castor_angle)) / radius
+
+    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip | None:
+        """Return how much further contacts move than wheels of standing loads' radii roll."""
+        if (larger := self.rolling(robot)) is None:
+            return None
+        path, part = contact_paths(self.apply(robot), motion)[:, : len(robot.wheels)], larger(motion.half_way)
+        return Slip(path * part / (1.0 + part), np.zeros_like(motion.half_way))
+
+
+def _shifting_loads(robot: "RobotDescription") -> Array:
+    """Return loads on wheels (5, w), N: standing ones, and with all castors that swing turned to each side of B."""
+    angles = np.array([castor.angle for castor in robot.castors]) + np.zeros((4, 1))
+    angles[:, _swinging(robot)] = np.arange(4)[:, None] * np.pi / 2
+    return np.vstack([standing_loads(robot), standing_loads(robot, angles)])
+
+
+def _swinging(robot: "RobotDescription") -> list[int]:
+    """Return the castors (from 0) whose axles move as they turn."""
+    return [i for i, castor in enumerate(robot.castors) if castor.steering != "fixed" and castor.offset]

@@ -26,6 +26,9 @@ true wheel angles (k, w), true castor angles (k, n)) -> as encoders see them.
 Angles are in rad, not rounded and not wrapped; t is in s. The arrays given are left alone.
 """
 
+Rolling = Callable[[Array], Array]
+"""Called with castor angles (k, n), rad: by what part of themselves, as built, wheels' radii (k, w) are larger."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Effect:
@@ -62,6 +65,10 @@ class Effect:
 
     def reader(self, robot: "RobotDescription") -> Reader | None:
         """Return what this effect makes of angles on their way to the encoders, new for each run; None: nothing."""
+        return None
+
+    def rolling(self, robot: "RobotDescription") -> Rolling | None:
+        """Return how wheels' radii change as castors turn, given the robot before this effect; None: they do not."""
         return None
 
     def reference_time(self, t: Array) -> Array:
@@ -128,11 +135,15 @@ def with_wheels(
     return with_castor(robot, castor, effect, wheels=tuple(wheels))
 
 
-def standing_loads(robot: "RobotDescription") -> Array:
-    """Return the load on each wheel (w,) on a level floor, N; raises InputError where the robot would tip."""
-    from castor_envs.physics.statics import wheel_loads  # physics is built on effects
+def standing_loads(robot: "RobotDescription", castor_angle: Array | None = None) -> Array:
+    """Return the load on each wheel (w,) on a level floor, N; raises InputError where the robot would tip.
 
-    return wheel_loads(robot, Floor().normal_gravity)
+    castor_angle (K, n): with castors at such angles, (K, w); None: the mean over all.
+    """
+    from castor_envs.physics.statics import swung_loads, wheel_loads  # physics is built on effects
+
+    gravity = Floor().normal_gravity
+    return wheel_loads(robot, gravity) if castor_angle is None else swung_loads(robot, gravity, castor_angle)
 
 
 def wheel_channel(robot: "RobotDescription", castor: int, wheel: int, effect: str) -> int:

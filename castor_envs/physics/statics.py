@@ -42,26 +42,49 @@ def combined(parts: list[tuple[float, float, Array]]) -> tuple[float, float, Arr
 
 
 def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
-    """Return the load on each wheel (w,), N.
+    """Return the load on each wheel (w,), N, as it is on average over all directions in which castors may trail.
 
     The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and moments,
     which is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels by
     the lever rule about the pivot's line. Moments that no arrangement of these pivots can balance are left to support
     castors without load.
     """
-    pivots = np.array([castor.pivot for castor in robot.castors])
-    balance = np.vstack([np.ones(len(pivots)), pivots.T])
-    weight = robot.mass * gravity * np.array([1.0, *robot.center_of_mass])
-    on_pivot = np.linalg.pinv(balance, rcond=1e-9) @ weight
-    on_pivot *= robot.mass * gravity / np.sum(on_pivot)
-    loads = []
-    for castor, load in zip(robot.castors, on_pivot, strict=True):
-        if load <= 0:
+    on_castor = _castor_loads(robot, gravity, np.array([castor.pivot for castor in robot.castors]))
+    for castor, load in zip(robot.castors, on_castor.tolist(), strict=True):
+        if load <= castor.mass * gravity:
             raise InputError(
                 f"robot {robot.name!r}: center_of_mass {robot.center_of_mass} lies outside its pivots, and the castor "
                 f"at {castor.pivot} would lift; move one of them"
             )
-        total = float(load) + castor.mass * gravity
+    return on_castor[list(robot.wheel_castors)] * _shares(robot)
+
+
+def swung_loads(robot: RobotDescription, gravity: float, castor_angle: Array) -> Array:
+    """Return the loads on wheels (K, w), N, of a robot at rest with its castors at angles (K, n), rad.
+
+    As `wheel_loads`, but the chassis stands where the castors' axles are, which trail behind the pivots; a castor that
+    would lift carries its own weight.
+    """
+    pivot, offset = (np.array([getattr(castor, name) for castor in robot.castors]) for name in ("pivot", "offset"))
+    behind = np.stack([np.cos(castor_angle), np.sin(castor_angle)], axis=-1) * offset[:, None]
+    on_castor = _castor_loads(robot, gravity, pivot - behind)
+    own = np.array([castor.mass * gravity for castor in robot.castors])
+    return np.maximum(on_castor, own)[:, list(robot.wheel_castors)] * _shares(robot)
+
+
+def _castor_loads(robot: RobotDescription, gravity: float, places: Array) -> Array:
+    """Return what castors (..., n) carry, N, their own weight too, where the chassis stands at places (..., n, 2)."""
+    balance = np.concatenate([np.ones_like(places[..., :1]), places], axis=-1)
+    weight = robot.mass * gravity * np.array([1.0, *robot.center_of_mass])
+    load = (np.linalg.pinv(np.swapaxes(balance, -1, -2), rcond=1e-9) @ weight[:, None])[..., 0]
+    load *= robot.mass * gravity / np.sum(load, axis=-1, keepdims=True)
+    return load + gravity * np.array([castor.mass for castor in robot.castors])
+
+
+def _shares(robot: RobotDescription) -> Array:
+    """Return the part of its castor's load that each wheel (w,) carries."""
+    shares = []
+    for castor in robot.castors:
         lateral = np.array([wheel.lateral for wheel in castor.wheels])
         if len(lateral) == 1:
             share = np.ones(1)
@@ -72,8 +95,8 @@ def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
                 f"robot {robot.name!r}: the wheels of the castor at {castor.pivot} all stand to one side of its pivot, "
                 "and it would tip; set their lateral positions to both sides"
             )
-        loads += list(total * share)
-    return np.array(loads)
+        shares.append(share)
+    return np.concatenate(shares)
 
 
 def place(body: pymunk.Body, at: Array, angle: float, twist: Array, center: Array) -> None:

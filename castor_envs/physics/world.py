@@ -5,7 +5,7 @@ import pymunk
 from numpy.typing import ArrayLike, NDArray
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
-from castor_envs.effects import floor_of, yielding_of
+from castor_envs.effects import floor_of, radii_of, yielding_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry, castor_rates, inverse
@@ -24,7 +24,7 @@ class World:
 
     Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels are not
     bodies: each has a spin, a motor and a contact force (`castor_envs.physics.wheels`). Loads are constant, from the
-    static balance of the chassis on its pivots.
+    static balance of the chassis on its pivots; radii that change as castors turn are those of mid-sample.
 
     robot: effects are folded in. floor: as described; the robot's effects on it are added. pose: of B in N.
     castor_angles (n,): theta at the start, those of fixed castors ignored. twist: (v_x, v_y, omega) in B at the start;
@@ -50,6 +50,7 @@ class World:
         self.geometry = Geometry.of(self.robot)
         self.wheels = wheel_records(self.robot, self.floor)
         self.wheels["yielding"] = yielding_of(robot)
+        self._radii = radii_of(robot)
         self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
         own = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
         self._held_wheels = self._driven_wheels[own == held]
@@ -116,6 +117,8 @@ class World:
         for motor, rate in zip(self._motors, rates, strict=True):
             motor.rate = -float(np.clip(rate, -robot.max_steering_speed, robot.max_steering_speed))
             motor.max_force = 0.0 if drive == "off" else robot.max_steering_torque
+        if self._radii is not None:
+            self.wheels["radius"] = self._radii(self._half_on()[None])[0]
         self._simulation.advance()
 
     @property
@@ -148,6 +151,12 @@ class World:
         """Theta of each castor (n,), rad, unwrapped."""
         angles = self._simulation.motion[:, 2]
         return np.where(self.geometry.fixed, self.geometry.angle, angles[self._castor_bodies] - angles[0])
+
+    def _half_on(self) -> Array:
+        """Return where castors (n,) will be half a sample period on, rad, as they turn now."""
+        rate = self._simulation.motion[:, 5]
+        turning = np.where(self.geometry.fixed, 0.0, rate[self._castor_bodies] - rate[0])
+        return self.castor_angles + turning * self.robot.sample_period / 2
 
     @property
     def wheel_angles(self) -> Array:

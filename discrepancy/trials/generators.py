@@ -56,7 +56,6 @@ def _foreign_outsiders(robot: RobotDescription, random: np.random.Generator) -> 
     yield Hidden(foreign.WobblingWheel(**place, size=1e-3), "size")
     yield Hidden(foreign.FlatSpot(**place, depth=2e-4, phase=float(random.uniform(-3, 3))), "depth")
     yield Hidden(foreign.WarmingWheel(**place, growth=1e-3), "growth")
-    yield Hidden(foreign.SoftWheels(softness=1e-2), "softness")
     yield Hidden(foreign.PivotPlay(castor=castor, size=5e-4), "size")
     yield Hidden(foreign.StickyPivot(castor=castor, stick=1.0), "stick")
     yield Hidden(foreign.LooseMast(frequency=2.0), "frequency", power=-2.0)

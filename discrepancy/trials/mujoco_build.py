@@ -40,8 +40,9 @@ class Build:
 
     pivot (n, 2), offset (n,), angle (n,) of fixed castors, zero (n,) of pivot encoders, m and rad. steering (n,).
     castor (w,): the wheels' castors, from 0. lateral (w,), radius (w,), m. counts (w,), pivot_counts (n,): a turn, NaN
-    without encoder. shrinking: of radii, m for each N at rest. long, side: by how much more wheels slip than described,
-    for each N of force and of load, in parts of the distance rolled. viscous: the same in m/s for each N of force.
+    without encoder. shrinking: of radii, m for each N more than average. long, side: by how much more wheels slip than
+    described, for each N of force and of load, in parts of the distance rolled. viscous: the same in m/s for each N of
+    force.
     """
 
     pivot: Array

@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 RELAXATION = 0.01
 """Distance in which tyre creep follows the force, m."""
 
+GIVING_WAY = 0.03
+"""Time constant with which soft tyres give way to their loads, s."""
+
 SETTLING = 0.5
 """How long the robot stands before the start, s."""
 
@@ -171,6 +174,7 @@ class _Stepper:
         self._mujoco: Any = mujoco_module()
         self._rig, self._outside = rig, outside if outside is not None and outside.acts else None
         self._patches, self._friction = floor.patches, rig.model.geom_friction[rig.geom, 0].copy()
+        self._soft = _SoftTyres(rig) if rig.build.shrinking else None
         self._creep = _TyreCreep(rig) if rig.build.long or rig.build.side else None
         self._before = np.empty(rig.model.nq)
 
@@ -195,6 +199,8 @@ class _Stepper:
     def step(self, t: float) -> None:
         """Make one step from t: velocities from the state `AHEAD`, then the whole step with them."""
         model, data = self._rig.model, self._rig.data
+        if self._soft is not None:
+            self._soft.act()
         if self._outside is not None:
             self._outside.act(self._rig, t)
         if self._creep is not None:
@@ -215,6 +221,21 @@ class _Stepper:
         for k, place in enumerate(self._rig.wheel_places()[:, :2].tolist()):
             friction = [patch.friction for patch in self._patches if _inside(patch, place)]
             self._rig.set_friction(k, friction[-1] if friction else self._friction[k])
+
+
+class _SoftTyres:
+    """Radii that are smaller by `Build.shrinking` times the load of the moment."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig, self._unloaded = rig, rig.radius + rig.build.shrinking * rig.load
+
+    def act(self) -> None:
+        """Set radii for the loads of the step before."""
+        rig = self._rig
+        wanted = self._unloaded - rig.build.shrinking * rig.loads()
+        rig.radius[:] += (wanted - rig.radius) * min(rig.step / GIVING_WAY, 1.0)
+        for k, radius in enumerate(rig.radius.tolist()):
+            rig.set_radius(k, radius)
 
 
 class _TyreCreep:

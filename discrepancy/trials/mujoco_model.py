@@ -138,10 +138,6 @@ class Rig:
         """Return what the wheels' springs carry (w,), N."""
         return -self.data.qfrc_spring[self.slide_dof]
 
-    def radii(self) -> Array:
-        """Return the wheels' radii as they are now (w,), m."""
-        return self.model.geom_size[self.geom, 0]
-
     def set_radius(self, wheel: int, radius: float) -> None:
         """Give a wheel another radius, m."""
         self.model.geom_size[self.geom[wheel], [0, 2]] = radius
@@ -223,7 +219,8 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     actuator = ET.SubElement(root, "actuator")
     standing = len(skids) + (len(build.offset) if build.turning.any() else 0)
     sinking = SINKING * (REDUNDANT if standing > 3 else 1.0)
-    build.radius[:] -= build.shrinking * loads[: len(build.radius)]
+    own = loads[: len(build.radius)]
+    build.radius[:] -= build.shrinking * (own - own[build.driven].mean())
     parts = Parts(build, root, chassis, [], [], loads[: len(build.radius)], step, sinking)
     for i in range(len(build.offset)):
         parts.castors.append(_castor(parts, robot, actuator, i))

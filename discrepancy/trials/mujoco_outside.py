@@ -86,25 +86,6 @@ class WarmingWheel(Outside):
 
 
 @dataclass(frozen=True)
-class SoftWheels(Outside):
-    """All wheels are smaller under load: by the fraction `softness` where the load is twice that at rest.
-
-    They give way with the time constant `time` (s).
-    """
-
-    softness: float
-    time: float = 0.03
-    acts = True
-
-    def act(self, rig: Rig, t: float) -> None:
-        """Set the radii."""
-        wanted = rig.radius * (1 - self.softness * (rig.loads() / rig.load - 1))
-        now = rig.radii()
-        for k, radius in enumerate((now + (wanted - now) * min(rig.step / self.time, 1.0)).tolist()):
-            rig.set_radius(k, radius)
-
-
-@dataclass(frozen=True)
 class PivotPlay(Outside):
     """A castor's pivot has play in its seat: `size` (m) from end to end, forward and sideways."""
 

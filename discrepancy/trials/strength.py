@@ -14,7 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from castor_envs.effects import Effect, Motion, catalogue, floor_of, readings, reference, slip_of, yielding_of
+from castor_envs.effects import (
+    Effect,
+    Motion,
+    catalogue,
+    floor_of,
+    radii_of,
+    readings,
+    reference,
+    slip_of,
+    yielding_of,
+)
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry
@@ -212,7 +222,7 @@ def class_of(effect: Effect) -> str:
 def is_physical(robot: RobotDescription, effect: Effect) -> bool:
     """Whether an effect changes how the robot moves, not only what its sensors make of it."""
     real = robot.with_effects(effect)
-    built = _moving_parts(real.as_built()) != _moving_parts(robot.as_described())
+    built = _moving_parts(real.as_built()) != _moving_parts(robot.as_described()) or radii_of(real) is not None
     return built or floor_of(real, Floor()) != Floor() or yielding_of(real) != 0.0
 
 

@@ -68,9 +68,8 @@ PLACED = {
     "bump": Bump(x=0.1, y=0.0, direction=1.4, value=Bump.step),
     "friction_patch": FrictionPatch(x=0.1, y=0.0, length=0.4, width=0.3, value=FrictionPatch.step),
     "tick_loss_bursts": TickLossBursts(castor=1, wheel=2, period=0.7, width=0.3, seed=1, value=TickLossBursts.step),
-    "load_radius": LoadRadius(value=LoadRadius.step),
 }
-"""Effects at places and times, and on loads that differ, as the catalogue cannot know them of this robot."""
+"""Effects at places and times, as the catalogue cannot know them of this robot."""
 BY_NAME = {name: (kind.variants(ROBOT) or (PLACED[name],))[-1] for name, kind in EFFECTS.items()}
 WIRING = {"encoders_swapped", "encoder_reversed", "castor_order"}
 THERE_OR_NOT = WIRING | {"lost_remainders"}
@@ -141,7 +140,8 @@ def test_the_catalogue_of_a_robot_has_what_it_can_have(name, tmp_path):
         real = robot.with_effects(effect)
         built = real.as_built()
         assert built.effects == ()
-        does = [effect.reader(built) is not None, effect.apply(robot) != robot, effect.yielding() != 0.0]
+        shapes = effect.apply(robot) != robot or effect.rolling(robot) is not None
+        does = [effect.reader(built) is not None, shapes, effect.yielding() != 0.0]
         does += [np.any(effect.reference_time(T) != T), np.any(effect.reference_pose(pose) != pose)]
         does += [floor_of(real, Floor()) != Floor()]
         assert does.count(True) == 1
@@ -188,7 +188,7 @@ def test_an_unknown_effect_is_refused_with_the_known_names():
         ("asoc-prototype", CastorOrder(castor=2, other=2), "not two castors"),
         ("asoc-prototype", PivotOffset(castor=1, value=-0.072), "too large for castor 1"),
         ("asoc-prototype", PivotOffset(castor=1, value=-0.1), "too large for castor 1"),
-        ("asoc-full-scale", LoadRadius(value=1e-3), "too large for castor 1"),
+        ("asoc-full-scale", LoadRadius(value=1e-3), "too large for castor 1: its wheels"),
         ("asoc-prototype", Bump(x=0.0, y=0.0, direction=0.0, value=0.04), "too thick"),
         ("tricycle", TickLossBursts(castor=2, wheel=1, value=0.1, period=1.0, width=0.1), "has no encoder"),
         ("differential", PivotBacklash(castor=1, value=0.1), "castor 1 has no pivot encoder"),

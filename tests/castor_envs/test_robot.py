@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from castor_envs.effects import PivotBias, WheelRadius
 from castor_envs.errors import InputError
 from castor_envs.physics import World
-from castor_envs.physics.statics import wheel_loads
+from castor_envs.physics.statics import swung_loads, wheel_loads
 from castor_envs.presets import load_robot, n_castor, preset, preset_names
 from castor_envs.robot import Castor, RobotDescription, Wheel
 
@@ -155,6 +155,24 @@ def test_the_pivots_carry_the_weight_and_its_moments():
     assert np.sum(legs) == pytest.approx(18 * 9.81)
     pivots = np.array([castor.pivot for castor in robot.castors])
     np.testing.assert_allclose(legs @ pivots, 18 * 9.81 * np.array([0.05, -0.03]), atol=1e-9)
+
+
+def test_the_weight_shifts_as_castors_trail():
+    """A plate of 18 kg and three castors of 1.5 kg on the castors' axles: force and moments balance at any angles."""
+    robot = dataclasses.replace(preset("asoc-prototype"), center_of_mass=(0.02, -0.01))
+    angles = np.random.default_rng(1).uniform(-np.pi, np.pi, (50, 3))
+    loads = swung_loads(robot, 9.81, angles)
+    np.testing.assert_allclose(loads[:, 0::2], loads[:, 1::2])
+    assert np.all(loads > 0)
+    weight, moment = loads.sum(axis=1), np.zeros((50, 2))
+    np.testing.assert_allclose(weight, 22.5 * 9.81)
+    for i, castor in enumerate(robot.castors):
+        u = np.column_stack([np.cos(angles[:, i]), np.sin(angles[:, i])])
+        axle = np.array(castor.pivot) - castor.offset * u
+        moment += (2 * loads[:, 2 * i] - 1.5 * 9.81)[:, None] * axle
+    np.testing.assert_allclose(moment, np.tile(18 * 9.81 * np.array([0.02, -0.01]), (50, 1)), atol=1e-9)
+    straight = swung_loads(robot, 9.81, np.zeros((1, 3)))[0]
+    assert straight[0] > wheel_loads(robot, 9.81)[0]  # all trail backward, so the weight is nearer the front wheels
 
 
 def test_a_key_that_stands_twice_is_refused(tmp_path):
