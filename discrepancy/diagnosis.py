@@ -44,8 +44,9 @@ SHAKEN = 1.5
 HIDDEN = 0.07
 """Standard deviation, as a part of an effect's size, of what wheels hide of it that no log tells."""
 
-EXERCISED = 25.0
-"""The deviance that an effect of its size would make on held-out logs for them to bear it out or not."""
+EXERCISED, SHOWN = 25.0, 10.0
+"""The deviance that an effect of its size would make on held-out logs for them to bear it out or not; or that it takes
+away from them."""
 
 
 def diagnose(
@@ -93,7 +94,10 @@ def diagnose(
 
     again = Looks(known, held_out, finds=False) if held_out else None
     shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
-    found, left = one_after_another(robot, look, again, first, LEAST_GAIN * (SHAKEN if shaken else 1.0))
+    least, noisy = LEAST_GAIN * (SHAKEN if shaken else 1.0), None
+    if good is not None and again is not None and pick(first) is None:
+        noisy = louder_than(good, first, first, lambda: again([]))
+    found, left = one_after_another(robot, look, again, first, least, noisy is None)
     if not found and (slides(first) or slips_in_bursts(first)):
         place = sliding(robot, logs, first, held_out, result)
         if slides(first) or place.findings:
@@ -189,9 +193,9 @@ def _borne_out(again: Look, found: list[Found], findings: list[Finding]) -> tupl
     nominal, with_all = (again(effects, own) for effects in ([], [one.effect for one in found]))
     judged = []
     for one, finding in zip(found, findings, strict=True):
-        shown, change = _wanted(with_all, one)
+        shown, less, change = _wanted(with_all, one)
         reason = None
-        if shown < EXERCISED:
+        if shown < EXERCISED and less < SHOWN:
             reason = f"the held-out motion does not show {one.candidate.what}"
         elif change > BORNE_OUT:
             if finding.gain < max(other.gain for other in findings) / 2:
@@ -205,15 +209,17 @@ def _borne_out(again: Look, found: list[Found], findings: list[Finding]) -> tupl
     return judged, (_left(nominal), _left(with_all))
 
 
-def _wanted(with_all: Evidence, one: Found) -> tuple[float, float]:
-    """Return the deviance that an effect of this size makes, and by what part of itself the logs would change it."""
+def _wanted(with_all: Evidence, one: Found) -> tuple[float, float, float]:
+    """Return the deviance that an effect of this size makes, that which it takes away, and by what part of itself the
+    logs would change it."""
     place = with_all.index(one.candidate)
     if place is None:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     amplitudes, columns = one.candidate.amplitudes(one.effect), with_all.columns[place]
     change, _, _ = with_all.best([(place, 0.0)])
     shown = float(amplitudes @ with_all.plain[0][np.ix_(columns, columns)] @ amplitudes)
-    return shown, float(np.linalg.norm(change) / np.linalg.norm(amplitudes))
+    less = -with_all.foretold(one.candidate, 0.0, -amplitudes)
+    return shown, less, float(np.linalg.norm(change) / np.linalg.norm(amplitudes))
 
 
 def _left(seen: Evidence) -> Left:

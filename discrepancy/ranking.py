@@ -33,7 +33,7 @@ LEAST_OF_PLACE, MUCH_OF_PLACE = 60.0, 2.0
 """The same of something on the floor, whose place was looked for in the same logs: lines of all places and directions
 look a little like everything too."""
 
-MARGIN, PART, LIKENESS = 6.0, 0.015, 0.05
+MARGIN, PART, LIKENESS = 6.0, 0.015, 0.03
 """Deviance, and part of the gain, by which a candidate may be worse than the best and not be told from it; of the
 latter no more than such a part of the sine between both: what signatures are wrong by is the same of like ones."""
 

@@ -53,6 +53,9 @@ that are a little wrong, and creep, leave some."""
 TOGETHER = 1.5
 """Times more that two effects must take away together than anything alone, to be taken in where no effect was."""
 
+FAINT = 15.0
+"""The deviance that an effect must take away where held-out logs make up for what is missing."""
+
 STILL = 0.75
 """Of what an effect had to take away where wheels may creep: enough to stay."""
 
@@ -83,16 +86,23 @@ class Look(Protocol):
 
 
 def one_after_another(
-    robot: RobotDescription, look: Look, again: Look | None, first: Evidence, least: float
+    robot: RobotDescription, look: Look, again: Look | None, first: Evidence, least: float, faint: bool
 ) -> tuple[list[Found], Evidence]:
-    """Return the effects that take something away, refitted together, and the evidence of what is left."""
+    """Return the effects that take something away, refitted together, and the evidence of what is left.
+
+    faint: whether held-out logs may make up for what the first one takes away too little.
+    """
     found: list[Found] = []
     left, first_gain = first, 0.0
     tried_before: list[set[str]] = []
     vanished: list[Candidate] = []
     while len(found) < MOST:
         best = pick(left, vanished)
-        if best is None or best.gain < max(least, NEXT * first_gain):
+        if best is not None and best.gain < max(least, NEXT * first_gain):
+            break
+        if best is None and not found and again is not None and faint:
+            best = _faint(left, again([]), least)
+        if best is None or best.candidate in vanished:
             break
         families = {one.candidate.family for one in found}
         if best.candidate.family in families:  # which cannot be as large as the logs want
@@ -127,6 +137,20 @@ def one_after_another(
     if len(found) < 2:
         found, left = _or_two_others(robot, look, first, found, left)
     return _without_the_needless(robot, look, found, left)
+
+
+def _faint(left: Evidence, held: Evidence, least: float) -> Rank | None:
+    """Return the effect that takes away most from logs and, as large as these ask for, from held-out ones together, if
+    it is enough; None if it is not, or if what has no name takes away more."""
+    some = [
+        (one.gain + held.foretold(one.candidate, one.part, one.amplitudes), one)
+        for one in ranks_of(left)
+        if one.gain >= FAINT and one.sober >= LEAST_SOBER and not (creeps(one) or one.candidate.at_a_place)
+    ]
+    told, best = max(some, key=lambda one: one[0], default=(0.0, None))
+    if best is None or not best.candidate.kinds or told < max(least, best.gain + LEAST_SOBER):
+        return None
+    return best
 
 
 def _or_two_others(
