@@ -25,7 +25,7 @@ from discrepancy.candidates import Candidate, candidates_of
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.looks import Known, Looks, background_of
 from discrepancy.ranking import LEAST_GAIN, margin, rank_of, ranks_of, sine
-from discrepancy.selection import Found, _or_two_others, _settled, decided, foretold
+from discrepancy.selection import Found, _faint, _or_two_others, _settled, decided, foretold, one_after_another
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
@@ -95,7 +95,25 @@ def test_what_a_rival_leaves_of_a_candidate_is_the_square_of_the_sine_between_th
 def test_like_candidates_are_told_apart_by_less():
     """A gain of 4,000: the margin grows with the sine, up to what it is of those that are nothing alike."""
     margins = [margin(4000.0, one) for one in (0.0, 0.1, 0.2, 0.5, 1.0)]
-    assert margins == pytest.approx([6.0, 26.0, 46.0, 66.0, margin(4000.0)])
+    assert margins == pytest.approx([6.0, 18.0, 30.0, 66.0, margin(4000.0)])
+
+
+def test_held_out_logs_make_up_for_what_is_faint():
+    """0.025 mm of an offset: in the first log it takes away too little, and another effect looks more like it."""
+    faint = PivotOffset(castor=1, value=2.5e-5)
+    log, held, clean = rolled(faint, seed=3), rolled(faint, seed=6), rolled(seed=6)
+    first = evidence_of(ROBOT, [log])
+    assert ranks_of(first)[0].candidate != of(faint)
+    assert ranks_of(first)[0].gain < LEAST_GAIN
+    best = _faint(first, evidence_of(ROBOT, [held]), LEAST_GAIN)
+    assert best is not None
+    assert best.candidate == of(faint)
+    assert _faint(first, evidence_of(ROBOT, [clean]), LEAST_GAIN) is None
+    for again, names in ((held, ["pivot_offset"]), (clean, [])):
+        look, later = looking_at(log, rivals=(faint, RADIUS)), looking_at(again, rivals=(faint, RADIUS))
+        found, _ = one_after_another(ROBOT, look, later, first, LEAST_GAIN, True)
+        assert [one.effect.name for one in found] == names
+    assert not one_after_another(ROBOT, look, later, first, LEAST_GAIN, False)[0]
 
 
 def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence):
