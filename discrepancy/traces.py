@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from castor_envs.effects import radii_of
 from castor_envs.kinematics import Array, Geometry, forward
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
@@ -85,8 +86,11 @@ def traces_of(
 def dead_reckoning(robot: RobotDescription, log: Log) -> tuple[Array, Array]:
     """Return times (K,) and poses (K, 3) from 0 on, from what encoders counted less what the robot's effects add."""
     seen, geometry = measured_in(robot, log), Geometry.of(robot.as_built())
-    turned = np.diff(seen.castor, axis=0)
-    twist = forward(geometry, seen.castor[:-1] + turned / 2, turned, np.diff(seen.wheel, axis=0))
+    turned, rolled, radii = np.diff(seen.castor, axis=0), np.diff(seen.wheel, axis=0), radii_of(robot)
+    half_turned = seen.castor[:-1] + turned / 2
+    if radii is not None:
+        rolled = rolled * radii(half_turned) / geometry.radius
+    twist = forward(geometry, half_turned, turned, rolled)
     heading = np.concatenate([[0.0], np.cumsum(twist[:, 2])])
     half_way = (heading[1:] + heading[:-1]) / 2
     chord = np.column_stack([twist[:, :2] * np.sinc(twist[:, 2:] / (2 * np.pi)), np.zeros(len(twist))])

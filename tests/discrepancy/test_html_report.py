@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from castor_envs.effects import WheelRadius
+from castor_envs.effects import LoadRadius, WheelRadius
 from castor_envs.encoders import Encoders
+from castor_envs.floor import Floor
 from castor_envs.kinematics import Geometry
 from castor_envs.logs import Log
+from castor_envs.physics.statics import swung_loads
 from castor_envs.presets import preset
 from castor_envs.rolling import roll
 from castor_envs.trajectories import wander
@@ -267,6 +269,21 @@ def test_dead_reckoning_of_the_right_robot_follows_the_true_path(drawn):
     right, wrong = traces(REAL, log), traces(ASOC, log)
     assert np.abs(right.off[:, :2]).max() < 5e-3
     assert np.abs(wrong.off[:, :2]).max() > 10e-3
+
+
+def test_dead_reckoning_knows_that_radii_change_as_loads_shift():
+    soft, rolled = 1e-4, roll(ASOC, wander(np.random.default_rng(2), duration=12.0))
+    theta = (rolled.castor_angle[1:] + rolled.castor_angle[:-1]) / 2
+    radius = 0.0381 - soft * (swung_loads(ASOC, Floor().normal_gravity, theta) - 22.5 * Floor().normal_gravity / 6)
+    turned = np.cumsum(np.diff(rolled.wheel_angle, axis=0) * 0.0381 / radius, axis=0)
+    encoders = Encoders(Geometry.of(ASOC), np.full(6, 0.5))
+    counts = encoders.wheel(np.vstack([np.zeros(6), turned])), encoders.pivot(rolled.castor_angle)
+    off = []
+    for robot in (ASOC.with_effects(LoadRadius(value=soft)), ASOC):
+        _, path = dead_reckoning(robot, Log(rolled.t, *counts))
+        off.append(np.abs((path - (rolled.pose - rolled.pose[0]))[:, :2]).max())
+    assert off[0] < 5e-3
+    assert off[1] > 4 * off[0]
 
 
 def test_most_slip_is_on_the_wheel_that_is_too_large(drawn):
