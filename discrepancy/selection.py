@@ -145,12 +145,12 @@ def _faint(left: Evidence, held: Evidence, least: float) -> Rank | None:
     some = [
         (one.gain + held.foretold(one.candidate, one.part, one.amplitudes), one)
         for one in ranks_of(left)
-        if one.gain >= FAINT and one.sober >= LEAST_SOBER and not (creeps(one) or one.candidate.at_a_place)
+        if one.gain >= FAINT and not (creeps(one) or one.candidate.at_a_place)
     ]
     told, best = max(some, key=lambda one: one[0], default=(0.0, None))
-    if best is None or not best.candidate.kinds or told < max(least, best.gain + LEAST_SOBER):
+    if best is None or not best.candidate.kinds or best.sober < LEAST_SOBER:
         return None
-    return best
+    return best if told >= max(least, best.gain + LEAST_SOBER) else None
 
 
 def _or_two_others(
