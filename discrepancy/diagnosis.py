@@ -157,6 +157,9 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     beaten = tuple(one for one in ranks if one.candidate not in among)
     error = float(np.hypot(own.error, HIDDEN * own.effect.value))
     finding = Finding("named", own.candidate.what, chosen, beaten, own.effect, error)
+    if not top.candidate.kinds:
+        reason = f"what has no name explains it better: {top.candidate.what}; of effects {own.candidate.what} does best"
+        return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     if len(finding.families) > 1:
         reason = f"these motions do not tell apart: {'; '.join(finding.families)}"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
