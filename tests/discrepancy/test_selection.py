@@ -1,5 +1,6 @@
 """How effects are taken in and weighed against rivals: laws of the quadratic form, and logs that decide."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -21,6 +22,7 @@ from castor_envs.logs import Log
 from castor_envs.presets import preset
 from castor_envs.rolling import roll
 from castor_envs.trajectories import wander
+from discrepancy import diagnosis
 from discrepancy.candidates import Candidate, candidates_of
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.looks import Known, Looks, background_of
@@ -96,6 +98,17 @@ def test_like_candidates_are_told_apart_by_less():
     """A gain of 4,000: the margin grows with the sine, up to what it is of those that are nothing alike."""
     margins = [margin(4000.0, one) for one in (0.0, 0.1, 0.2, 0.5, 1.0)]
     assert margins == pytest.approx([6.0, 18.0, 30.0, 66.0, margin(4000.0)])
+
+
+@pytest.mark.parametrize(("more", "verdict"), [(1.0, "ambiguous"), (-1.0, "named")])
+def test_no_effect_is_sure_where_what_has_no_name_explains_more(seen: Evidence, monkeypatch, more: float, verdict: str):
+    own = ranks_of(seen)[0]
+    other = dataclasses.replace(own, candidate=Candidate("wheel_2l repeats 3 times a turn"), gain=own.gain + more)
+    monkeypatch.setattr(diagnosis, "foretold", lambda *_: [own, other])
+    finding = diagnosis._judged(lambda *_: seen, None, [Found(own.candidate, RADIUS, own.error)], 0)
+    assert finding.verdict == verdict
+    assert finding.effect == RADIUS
+    assert other in finding.chosen
 
 
 def test_held_out_logs_make_up_for_what_is_faint():
