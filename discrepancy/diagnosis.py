@@ -32,7 +32,7 @@ from discrepancy.inspection import BLIND
 from discrepancy.looks import Known, Looks
 from discrepancy.louder import louder_than
 from discrepancy.parity import parity_residual
-from discrepancy.ranking import CREEPING, LEAST_GAIN, alike, margin, pick, ranks_of, sine
+from discrepancy.ranking import CREEPING, LEAST_GAIN, MARGIN, alike, margin, pick, ranks_of, sine
 from discrepancy.selection import BESIDE, Found, Look, decided, foretold, one_after_another
 from discrepancy.sliding import slides, sliding, slips_in_bursts
 from discrepancy.swinging import swinging
@@ -157,7 +157,8 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     beaten = tuple(one for one in ranks if one.candidate not in among)
     error = float(np.hypot(own.error, HIDDEN * own.effect.value))
     finding = Finding("named", own.candidate.what, chosen, beaten, own.effect, error)
-    if not top.candidate.kinds:
+    its_gain = max((one.gain for one in near if one.candidate == own.candidate), default=0.0)
+    if not top.candidate.kinds and top.gain - its_gain > MARGIN:
         reason = f"what has no name explains it better: {top.candidate.what}; of effects {own.candidate.what} does best"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     if len(finding.families) > 1:

@@ -100,7 +100,7 @@ def test_like_candidates_are_told_apart_by_less():
     assert margins == pytest.approx([6.0, 18.0, 30.0, 66.0, margin(4000.0)])
 
 
-@pytest.mark.parametrize(("more", "verdict"), [(1.0, "ambiguous"), (-1.0, "named")])
+@pytest.mark.parametrize(("more", "verdict"), [(7.0, "ambiguous"), (5.0, "named"), (-1.0, "named")])
 def test_no_effect_is_sure_where_what_has_no_name_explains_more(seen: Evidence, monkeypatch, more: float, verdict: str):
     own = ranks_of(seen)[0]
     other = dataclasses.replace(own, candidate=Candidate("wheel_2l repeats 3 times a turn"), gain=own.gain + more)
