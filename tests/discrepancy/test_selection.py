@@ -105,7 +105,7 @@ def test_no_effect_is_sure_where_what_has_no_name_explains_more(seen: Evidence, 
     own = ranks_of(seen)[0]
     other = dataclasses.replace(own, candidate=Candidate("wheel_2l repeats 3 times a turn"), gain=own.gain + more)
     monkeypatch.setattr(diagnosis, "foretold", lambda *_: [own, other])
-    finding = diagnosis._judged(lambda *_: seen, None, [Found(own.candidate, RADIUS, own.error)], 0)
+    finding = diagnosis._judged(lambda effects, among=None: seen, None, [Found(own.candidate, RADIUS, own.error)], 0)
     assert finding.verdict == verdict
     assert finding.effect == RADIUS
     assert other in finding.chosen
