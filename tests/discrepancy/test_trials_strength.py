@@ -142,6 +142,7 @@ def test_dimensions_look_like_their_signatures_where_contact_is_stiff():
 @pytest.mark.parametrize("name", ["pymunk", "mujoco"])
 def test_soft_tyres_look_like_their_signature(name):
     """Wheels that disagree creep, which hides a part of it; what is left has its shape."""
+    pytest.importorskip(name)
     effect, motion, make = LoadRadius(value=1e-6), wander(np.random.default_rng(2), duration=20), generator(name).drive
     nominal, real = (
         make(robot, motion, 1, duration=20.0, rounded=False, noise=EXACT) for robot in (ASOC, ASOC.with_effects(effect))
