@@ -202,14 +202,13 @@ def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Arra
     rows are those of `inverse`, which is linear in twist and castor rate.
     """
     castor_angle = np.asarray(castor_angle, dtype=float)
-    no_rate = np.zeros(np.broadcast_shapes(castor_angle.shape, geometry.offset.shape))
-    columns = []
-    for twist in np.eye(3):
-        motion = inverse(geometry, castor_angle, no_rate, np.broadcast_to(twist, (*no_rate.shape[:-1], 3)))
-        columns.append(np.concatenate([motion.rate * geometry.radius, motion.side_slip], axis=-1))
-    turning = inverse(geometry, castor_angle, no_rate + 1.0, np.zeros((*no_rate.shape[:-1], 3)))
-    rates = np.concatenate([turning.rate * geometry.radius, turning.side_slip], axis=-1)
-    return np.stack(columns, axis=-1), rates
+    shape = np.broadcast_shapes(castor_angle.shape, geometry.offset.shape)
+    each = (4, *(1,) * (len(shape) - 1))  # the three parts of the twist, then the castors' rates
+    twist, rate = np.eye(4, 3).reshape(*each, 3), np.eye(4)[3].reshape(*each, 1) * np.ones(shape[-1])
+    motion = inverse(geometry, castor_angle, rate, twist)
+    rows = np.concatenate([motion.rate * geometry.radius, motion.side_slip], axis=-1)
+    rows = np.broadcast_to(rows, (4, *shape[:-1], rows.shape[-1]))
+    return np.moveaxis(rows[:3], 0, -1), rows[3]
 
 
 def forward(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, wheel_rate: ArrayLike) -> Array:

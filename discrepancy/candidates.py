@@ -37,6 +37,9 @@ SWEPT = np.pi
 BLOCKS = 4
 """Parts of equal length that a log is cut into for rivals that come and go."""
 
+ENDS = 0.05
+"""Part of a log at each of its ends in which no jump is looked for: there it is a bias in all but name."""
+
 SOUGHT_OTHERWISE = frozenset(
     (
         "clock_offset",
@@ -387,7 +390,9 @@ def _misread(channels: Channels, log: Log, counts: Array, wanted: Array, of: str
         for first, last in itertools.pairwise(edges):
             span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
             yield alone(f"reads in proportion too much {span}", own[np.clip(every, first, last - 1)])
-        jump = 1 + int(np.argmax(np.abs(np.cumsum(wanted[:0:-1, c])[::-1])))
+        ends = int(ENDS * len(counts))
+        later = np.abs(np.cumsum(wanted[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
+        jump = 1 + ends + int(np.argmax(later))
         yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(every >= jump, 1.0, 0.0))
         for times in (2, 3) if np.ptp(angle) >= SWEPT else ():
             yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))

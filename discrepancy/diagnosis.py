@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from castor_envs.effects import SampleJitter
 from castor_envs.errors import InputError
@@ -49,6 +50,7 @@ EXERCISED, SHOWN = 25.0, 10.0
 away from them."""
 
 
+@threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def diagnose(
     robot: RobotDescription,
     logs: Sequence[Log],
@@ -158,7 +160,9 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     error = float(np.hypot(own.error, HIDDEN * own.effect.value))
     finding = Finding("named", own.candidate.what, chosen, beaten, own.effect, error)
     its_gain = max((one.gain for one in near if one.candidate == own.candidate), default=0.0)
-    if not top.candidate.kinds and top.gain - its_gain > MARGIN:
+    in_logs = {one.candidate: one.gain for one in ranks}
+    better = in_logs.get(top.candidate, 0.0) > in_logs.get(own.candidate, 0.0)  # not only where it foretells nothing
+    if not top.candidate.kinds and better and top.gain - its_gain > MARGIN:
         reason = f"what has no name explains it better: {top.candidate.what}; of effects {own.candidate.what} does best"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     if len(finding.families) > 1:

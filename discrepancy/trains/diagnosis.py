@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter
+from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
 from castor_envs.logs import Log
@@ -156,6 +157,7 @@ class _Try:
     state: Settled
 
 
+@threadpool_limits.wrap(limits=1)
 def diagnose_train(
     train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log] = (), clean: Sequence[Log] = ()
 ) -> TrainDiagnosis:

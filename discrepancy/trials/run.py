@@ -15,9 +15,8 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
@@ -176,18 +176,9 @@ def _generator_of(plan: Plan) -> Generator:
     return generator(plan.generator)
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let linear algebra of processes begun meanwhile use one thread each."""
-    before = os.environ.get("OMP_NUM_THREADS")
-    os.environ["OMP_NUM_THREADS"] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["OMP_NUM_THREADS"]
-        else:
-            os.environ["OMP_NUM_THREADS"] = before
+def _one_thread() -> None:
+    """Let linear algebra of this process use one thread."""
+    threadpool_limits(1)
 
 
 def each(tasks: Sequence[tuple[Callable[..., None], tuple[Any, ...]]], jobs: int | None) -> None:
@@ -195,7 +186,7 @@ def each(tasks: Sequence[tuple[Callable[..., None], tuple[Any, ...]]], jobs: int
     if not tasks:
         return
     jobs = min(jobs or os.cpu_count() or 1, len(tasks))
-    with _one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _one_thread) as pool:
         for done in [pool.submit(work, *given) for work, given in tasks]:
             done.result()
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
 from castor_envs.kinematics import Array, Geometry
@@ -84,6 +85,7 @@ class Calibration:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
+@threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def calibrate(
     robot: RobotDescription, logs: Sequence[Log], *, pivots: bool = False, noise: Noise | None = None
 ) -> Calibration:

@@ -13,6 +13,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs import command_line
 from castor_envs.effects import (
@@ -43,6 +44,21 @@ from discrepancy.separation import separating_drive
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
+
+
+def test_the_finder_uses_one_thread_of_linear_algebra(monkeypatch):
+    """Its matrices are small: beside other work on the machine, more threads took 15 times as long as one."""
+    used = []
+
+    def looked(*_):
+        used.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        raise InputError("seen")
+
+    monkeypatch.setattr("discrepancy.diagnosis.of_time", looked)
+    with threadpool_limits(2), pytest.raises(InputError, match="seen"):
+        diagnose(ROBOT, [driven(None, 3)])
+    assert used
+    assert set(used) == {1}
 
 
 def log_at_random(robot, seed, duration=40.0, floor=None):
