@@ -9,7 +9,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from castor_envs.errors import InputError
-from castor_envs.files import read_json, write_atomically
+from castor_envs.files import read_json, write_json
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -48,7 +48,7 @@ def fingerprint(data: dict[str, Any]) -> str:
 
 def save(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
     """Write plain data as JSON; the file is complete or not there."""
-    write_atomically(Path(path), json.dumps(data, indent=2) + "\n")
+    write_json(Path(path), data)
 
 
 def load(adapter: TypeAdapter[T], path: str | os.PathLike[str], name: str) -> T:

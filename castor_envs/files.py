@@ -26,6 +26,11 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         raise
 
 
+def write_json(path: Path, data: Any) -> None:
+    """Write data as JSON that people can read; raises ValueError for numbers that JSON does not have."""
+    write_atomically(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
 def read_json(path: Path) -> Any:
     """Return a JSON file's content; raises InputError that says why it cannot be read."""
     try:

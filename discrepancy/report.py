@@ -1,6 +1,5 @@
 """A diagnosis as people read it, as JSON, and as files."""
 
-import json
 import os
 import shutil
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from pydantic import TypeAdapter
 from castor_envs.description import fingerprint
 from castor_envs.effects import Effect
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import write_atomically, write_json
 from castor_envs.logs import Log
 from castor_envs.robot import RobotDescription
 from castor_envs.vehicles import Vehicle, file_name
@@ -114,7 +113,7 @@ def write_diagnosis(out: Path, data: Data, found: Vehicle | None, page: str) -> 
     try:
         shutil.rmtree(partial, ignore_errors=True)
         os.makedirs(partial)
-        write_atomically(partial / "diagnosis.json", json.dumps(data, indent=2, allow_nan=False) + "\n")
+        write_json(partial / "diagnosis.json", data)
         write_atomically(partial / "report.html", page)
         if found is not None:
             found.save(partial / file_name(found))

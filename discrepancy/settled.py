@@ -139,5 +139,5 @@ def _best(information: Array, gradient: Array, shared: Shared) -> tuple[Array, A
     information, gradient = information.copy(), gradient.copy()
     shared.believed(information, gradient, 0)
     told, pull = without(information, gradient[:, 0], len(shared.parts))
-    covariance = np.linalg.inv(told)
+    covariance: Array = np.linalg.inv(told).astype(np.float64)
     return shared.parts + covariance @ pull, covariance

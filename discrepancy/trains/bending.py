@@ -19,6 +19,10 @@ GRAVITY = 9.81
 NEWTON = 3
 BUCKLING = -30.0
 """E I / length^2: no tension is taken to be less; at -4 pi^2 a clamped frame buckles."""
+
+PULLED = 1e-3
+"""Slip that the tension of frames is measured by."""
+
 SMALL, MOST = 1e-3, 60.0
 """1/m: to take a derivative with, and more than any difference of curvature between a frame's ends."""
 
@@ -91,6 +95,17 @@ def yielding(train: TrainDescription) -> tuple[Array, Array]:
     stiffness = ([getattr(m.contact, f"slip_stiffness_{way}") for m in train.modules] for way in ("long", "lat"))
     along, across = (1.0 / (np.array(own) * carried(train)) for own in stiffness)
     return along, across
+
+
+def newtons(train: TrainDescription) -> Array:
+    """Return what the tension of each frame is counted in, (F,), N.
+
+    It is what drives the axles beside it to a slip of `PULLED` in the mean, so that what is seen, their slip against
+    each other, is the same on any floor; or what would bow a bent frame as much as it is bent, if that is less.
+    """
+    along, _ = yielding(train)
+    limp = np.array([frame.bending_stiffness / frame.length**2 for frame in train.frames])
+    return np.minimum(limp, 2 * PULLED / (along[1:] + along[:-1]))
 
 
 def most(train: TrainDescription) -> Array:

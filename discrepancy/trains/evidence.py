@@ -11,7 +11,8 @@ from castor_envs.errors import InputError
 from castor_envs.kinematics import Array
 from castor_envs.train import TrainDescription
 from discrepancy.trains.candidates import Candidate, Rival, named_candidates, rivals
-from discrepancy.trains.rows import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes, TrainLog
+from discrepancy.trains.motion import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes
+from discrepancy.trains.rows import TrainLog
 
 PROBES = 8
 """Random vectors by which the part of each kind of equations that the motion takes up is learned."""

@@ -9,7 +9,8 @@ from castor_envs.kinematics import Array
 from castor_envs.se2 import compose, inverse, relative_pose
 from castor_envs.train import TrainDescription
 from discrepancy.trains.evidence import Settled
-from discrepancy.trains.rows import Motion, TrainLog
+from discrepancy.trains.motion import Motion
+from discrepancy.trains.rows import TrainLog
 
 HORIZON = 5.0
 """s for which wheel counts alone carry the train on, before it is put again where it was."""

@@ -13,9 +13,10 @@ from scipy.ndimage import binary_dilation
 
 from castor_envs.kinematics import Array
 from castor_envs.logs import Log
-from castor_envs.se2 import compose, inverse, relative_pose
+from castor_envs.se2 import compose, inverse
 from castor_envs.train import TrainDescription
 from discrepancy.trains import bending
+from discrepancy.trains.motion import Motion
 
 LEAST_TRAVEL = 1e-4
 """m, added to the travel of a step: slip of standing wheels."""
@@ -46,100 +47,11 @@ RAISED = 0.06
 """One standard deviation of the part of its bow by which a pulled frame's gauges read more: they are not points, and
 stand for the curvature between them."""
 
-PULLING, PULLED = 5.0, 1e-3
-"""s for which a frame's tension lasts, as what sets wheels against each other changes slowly; slip that it is measured
-by."""
+PULLING = 5.0
+"""s for which a frame's tension lasts, as what sets wheels against each other changes slowly."""
 
 START = 1.0
 """m, rad: what is known of the first axle's pose at the start."""
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """What truly happened at K samples, as far as it is known.
-
-    pose (K, N, 3). roll (K, 2N), rad. pull (K, F): tension of each frame in the step that begins, in `newtons`.
-    offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles' frames, m and rad.
-    clock: s, by which the reference is ahead. creep (N,): part by which axles creep more under bent frames than their
-    contacts say. raised (F,): part of a frame's bow by which its gauges read more.
-    """
-
-    pose: Array
-    roll: Array
-    pull: Array
-    offsets: Array
-    mount: Array
-    clock: float
-    creep: Array
-    raised: Array
-
-    @property
-    def relative(self) -> Array:
-        """Of every frame the front axle's pose in the rear axle's frame, (K, F, 3)."""
-        return relative_pose(self.pose[:, 1:], self.pose[:, :-1])
-
-    def moved(self, by_sample: Array, by_number: Array) -> "Motion":
-        """Return the motion with its unknowns of every sample (K, B) and its nuisances (n,) changed by so much."""
-        n = self.pose.shape[1]
-        pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
-        own = len(self.offsets)
-        ends = np.cumsum([own, 3 * n, 1, n])
-        offsets, mount, clock, creep, raised = np.split(by_number, ends)
-        return Motion(
-            self.pose + pose.reshape(-1, n, 3),
-            self.roll + roll,
-            self.pull + pull,
-            self.offsets + offsets,
-            self.mount + mount.reshape(n, 3),
-            self.clock + float(clock[0]),
-            self.creep + creep,
-            self.raised + raised,
-        )
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Standard deviations. rolling, side: slip of a wheel, and of an axle to its side, m after 1 m; pull: tension of a
-    frame, counted in `newtons`; shape: of a frame's length along the bend, m; position, heading: of the reference, m
-    and rad. gauges (F,): of the readings of each frame's gauges, in what its description says.
-    """
-
-    rolling: float = 1e-3
-    side: float = 1e-3
-    pull: float = 1.0
-    shape: float = 3e-4
-    position: float = 1e-3
-    heading: float = 1e-3
-    gauges: tuple[float, ...] = ()
-
-    def of(self, kind: str) -> float:
-        """Return the size of a kind of equations; 1 for those whose size is known."""
-        if kind.startswith("gauges"):
-            return self.gauges[int(kind.removeprefix("gauges"))]
-        return float(getattr(self, kind, 1.0))
-
-    def with_size(self, kind: str, size: float) -> "Sizes":
-        """Return these sizes with that of one kind changed."""
-        if kind.startswith("gauges"):
-            f = int(kind.removeprefix("gauges"))
-            return replace(self, gauges=(*self.gauges[:f], size, *self.gauges[f + 1 :]))
-        return replace(self, **{kind: size})
-
-
-LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "pull": 0.1, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
-MOST_SIZE = {"pull": 10.0}
-FITTED = tuple(LEAST_SIZE)
-
-
-def newtons(built: TrainDescription) -> Array:
-    """Return what the tension of each frame is counted in, (F,), N.
-
-    It is what drives the axles beside it to a slip of `PULLED` in the mean, so that what is seen, their slip against
-    each other, is the same on any floor; or what would bow a bent frame as much as it is bent, if that is less.
-    """
-    along, _ = bending.yielding(built)
-    limp = np.array([frame.bending_stiffness / frame.length**2 for frame in built.frames])
-    return np.minimum(limp, 2 * PULLED / (along[1:] + along[:-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +190,7 @@ class TrainLog:
         left["pull"][1:] -= self.lasting * motion.pull[:-1]
         for f, frame in enumerate(built.frames):
             offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
-            bowed = bending.bow(frame, ends[:, f], newtons(built)[f] * motion.pull[:, f])[:, 0]
+            bowed = self._bowed(built, motion, ends, f)
             read = bending.reading(frame, ends[:, f], offsets, self.t + self.clock_start, bowed, motion.raised[f])
             left[f"gauges{f}"] = (self.rps[:, f] - read) * self.read[:, f, None]
         short = [bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
@@ -395,7 +307,7 @@ class TrainLog:
             own = np.broadcast_to(places[:, f, None], (k, 3, 6))
             numbers = np.zeros((k, 3, self.numbers))
             numbers[..., self.gauges[f] : self.gauges[f + 1]] = -bends.by_gauge[f] * self.read[:, f, None, None]
-            raised = bending.bow(frame, ends[:, f], newtons(built)[f] * motion.pull[:, f])[:, 0] * self.read[:, f]
+            raised = self._bowed(built, motion, ends, f) * self.read[:, f]
             numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ live) * raised[:, None]
             found[f"gauges{f}"] = self._sparse(own, chained, numbers.reshape(3 * k, -1))
             short.append((shape @ by_pose[:, f])[:, 0])
@@ -458,11 +370,15 @@ class TrainLog:
         frame = np.arange(self.k)[:, None] * self.block + 3 * np.arange(self.f)
         return np.stack(rows, axis=2), frame[..., None] + np.arange(6)
 
+    def _bowed(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
+        """Return the curvature (K,) by which a frame bows under its tension, 1/m."""
+        return bending.bow(built.frames[f], ends[:, f], bending.newtons(built)[f] * motion.pull[:, f])[:, 0]
+
     def _by_gauge(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
         """Return the derivatives (K, 3, gauges) of a frame's reading by its gauges' errors."""
         frame, first, last = built.frames[f], self.gauges[f], self.gauges[f + 1]
         t, columns = self.t + self.clock_start, []
-        bowed = bending.bow(frame, ends[:, f], newtons(built)[f] * motion.pull[:, f])[:, 0]
+        bowed = self._bowed(built, motion, ends, f)
         for gauge in range(last - first):
             small = 1e-4 * np.eye(last - first)[gauge]
             more, less = (
@@ -475,7 +391,7 @@ class TrainLog:
     def creep(self, built: TrainDescription, motion: Motion, ends: Array, pull: Array | None = None) -> Array:
         """Return how far left wheels, right wheels and axles slip in each step (K - 1, N, 3), m, as is predicted.
 
-        pull (K, F): the frames' tension, counted in `newtons`; None: the motion's.
+        pull (K, F): the frames' tension, counted in `bending.newtons`; None: the motion's.
         """
         slip = bending.creep(built, self._loads(built, motion, ends, motion.pull if pull is None else pull))
         return slip * self._travelled
@@ -485,7 +401,7 @@ class TrainLog:
     ) -> Array:
         """Return what frames do to the axles in each step (K - 1, N, 3), N and N m. more: for relative poses (F, 3)."""
         relative, middle = motion.relative + more, (ends[1:] + ends[:-1]) / 2
-        return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, newtons(built) * pull[:-1])
+        return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, bending.newtons(built) * pull[:-1])
 
     def sliding(self, built: TrainDescription, motion: Motion) -> NDArray[np.bool_]:
         """Return the steps (K - 1, N) in which a wheel carries nearly as much as the friction of its contact holds."""

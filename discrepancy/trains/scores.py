@@ -5,7 +5,6 @@ sizes count, however small; a name is wrong where nothing that was hidden is amo
 """
 
 import dataclasses
-import json
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from typing import Any, get_args
 import numpy as np
 
 from castor_envs.errors import InputError
+from castor_envs.files import read_json
 from discrepancy.trains.cases import THIRDS, Drive
 from discrepancy.trains.run import plan_of
 from discrepancy.trials.scores import NORMAL, Rate, wilson
@@ -66,7 +66,7 @@ def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
     paths = sorted((folder / "outcomes").glob("case-*.json"))
     if not paths:
         raise InputError(f"{folder}: nothing was found yet; judge the cases first")
-    return [Trial(_read(folder / "labels" / path.name), _read(path)) for path in paths]
+    return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
@@ -157,7 +157,3 @@ def _counted(one: dict[str, Any]) -> str:
     share = "   -  " if one["share"] is None else f"{100 * one['share']:5.1f} %"
     count = f"{one['count']:3d}/{one['total']:3d}, {100 * one['low']:.0f} to {100 * one['high']:.0f}"
     return f"{share} ({count})  {one['what']}"
-
-
-def _read(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8"))

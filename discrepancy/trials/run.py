@@ -11,29 +11,26 @@ Whatever is there already is kept, so a trial that was stopped goes on.
 """
 
 import dataclasses
-import json
 import os
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping
 from functools import lru_cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import read_json, write_json
 from castor_envs.logs import Log, read_log, write_log
 from castor_envs.presets import preset
 from castor_envs.robot import RobotDescription
 from discrepancy.examination import Examination, examine
 from discrepancy.findings import Diagnosis
 from discrepancy.trials.cases import Case, Hidden, draw, motion
+from discrepancy.trials.folder import asked_of, begin, each, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import EXACT, Noise
 from discrepancy.trials.reading import as_recorded
@@ -99,11 +96,9 @@ def make(
     folder, plan = Path(folder), Plan(cases, seed, generator, robot, duration)
     preset(robot)
     _generator_of(plan)
-    _keep_plan(folder, plan)
-    for part in ("cases", "clean", "labels", "outcomes", "left"):
-        (folder / part).mkdir(parents=True, exist_ok=True)
+    begin(folder, dataclasses.asdict(plan), ("cases", "clean", "labels", "outcomes", "left"))
     clean = [k for k in range(1, CLEAN + 1) if not (folder / "clean" / f"{k}.csv").exists()]
-    missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"case-{k:04}.json").exists()]
+    missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"{name_of(k)}.json").exists()]
     each(
         [*((_make_clean, (plan, k, folder)) for k in clean), *((_make_case, (plan, k, folder)) for k in missing)], jobs
     )
@@ -114,7 +109,7 @@ def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
     folder = Path(folder)
     plan = plan_of(folder)
     clean = sorted((folder / "clean").glob("*.csv")) if _generator_of(plan).foreign else []
-    every = [folder / "cases" / f"case-{k:04}" for k in range(1, plan.cases + 1)]
+    every = [folder / "cases" / name_of(k) for k in range(1, plan.cases + 1)]
     missing = [case for case in every if case.exists() and not (folder / "outcomes" / f"{case.name}.json").exists()]
     each([(_judge_case, (case, clean, folder / "outcomes" / f"{case.name}.json")) for case in missing], jobs)
 
@@ -156,39 +151,11 @@ def intervals(found: Diagnosis) -> list[dict[str, Any]]:
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:
     """Return what a trial in a folder was asked for."""
-    path = Path(folder) / "trial.json"
-    if not path.exists():
-        raise InputError(f"{path}: no trial there; make one first")
-    return Plan(**_read(path))
-
-
-def _keep_plan(folder: Path, plan: Plan) -> None:
-    path, asked = folder / "trial.json", dataclasses.asdict(plan)
-    if path.exists():
-        there = _read(path)
-        if {**there, "cases": 0} != {**asked, "cases": 0}:
-            raise InputError(f"{folder}: holds another trial, {there}; give another folder")
-    folder.mkdir(parents=True, exist_ok=True)
-    _write(path, asked)
+    return Plan(**asked_of(Path(folder)))
 
 
 def _generator_of(plan: Plan) -> Generator:
     return generator(plan.generator)
-
-
-def _one_thread() -> None:
-    """Let linear algebra of this process use one thread."""
-    threadpool_limits(1)
-
-
-def each(tasks: Sequence[tuple[Callable[..., None], tuple[Any, ...]]], jobs: int | None) -> None:
-    """Do all tasks (what, with what), each in one of some new processes."""
-    if not tasks:
-        return
-    jobs = min(jobs or os.cpu_count() or 1, len(tasks))
-    with ProcessPoolExecutor(jobs, get_context("spawn"), _one_thread) as pool:
-        for done in [pool.submit(work, *given) for work, given in tasks]:
-            done.result()
 
 
 def _make_clean(plan: Plan, number: int, folder: Path) -> None:
@@ -242,7 +209,7 @@ def _write_case(
     attempt: int,
     started: float,
 ) -> None:
-    robot, name = preset(plan.robot), f"case-{case.number:04}"
+    robot, name = preset(plan.robot), name_of(case.number)
     real, own = robot.with_effects(*case.effects), folder / "cases" / name
     own.mkdir(exist_ok=True)
     for file, log, seed in zip(("log.csv", "holdout.csv"), logs, case.seeds, strict=True):
@@ -266,7 +233,7 @@ def _write_case(
         "attempts": attempt + 1,
         "seconds": time.process_time() - started,
     }
-    _write(folder / "labels" / f"{name}.json", label)
+    write_json(folder / "labels" / f"{name}.json", label)
 
 
 def _hidden(one: Hidden) -> dict[str, Any]:
@@ -291,7 +258,7 @@ def _judge_case(case: Path, clean: list[Path], outcome: Path) -> None:
     except Exception:  # a finder that breaks fails its own case, no other
         result |= dataclasses.asdict(Said("broken")) | {"reason": traceback.format_exc(), "found": [], "robot": None}
     result["seconds"] = time.perf_counter() - started
-    _write(outcome, result)
+    write_json(outcome, result)
 
 
 @lru_cache(maxsize=1)
@@ -301,7 +268,7 @@ def _read_clean(robot: RobotDescription, clean: tuple[Path, ...]) -> Mapping[str
 
 
 def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:
-    label, outcome = _read(folder / "labels" / f"{name}.json"), _read(folder / "outcomes" / f"{name}.json")
+    label, outcome = read_json(folder / "labels" / f"{name}.json"), read_json(folder / "outcomes" / f"{name}.json")
     result: dict[str, Any] = {"format": FORMAT, "case": label["case"], "left": None, "signal": None}
     if label["holdout"] is not None:
         robot, seed = preset(plan.robot), label["seeds"][1]
@@ -328,17 +295,9 @@ def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:
             except InputError as error:
                 result["reason"] = str(error)
         result |= {"signal": signal, "left": left / signal if signal > 0 else None}
-    _write(folder / "left" / f"{name}.json", result)
+    write_json(folder / "left" / f"{name}.json", result)
 
 
 def _above(signal: Array, floor: float) -> float:
     """Return the norm of a signal less the floor, in quadrature."""
     return float(np.sqrt(max(float(signal @ signal) - floor**2, 0.0)))
-
-
-def _write(path: Path, data: dict[str, Any]) -> None:
-    write_atomically(path, json.dumps(data, indent=1) + "\n")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8"))

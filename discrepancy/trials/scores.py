@@ -6,7 +6,6 @@ finder is sure of what it `named`; a name is wrong where the truth is not even a
 """
 
 import dataclasses
-import json
 import math
 import os
 from collections import Counter
@@ -19,6 +18,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from castor_envs.errors import InputError
+from castor_envs.files import read_json
 from discrepancy.trials.run import Plan, plan_of
 from discrepancy.trials.strength import JITTER, WIRING
 
@@ -133,8 +133,8 @@ def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
     found = []
     for path in sorted((folder / "outcomes").glob("case-*.json")):
         left = folder / "left" / path.name
-        label, outcome = (json.loads(own.read_text(encoding="utf-8")) for own in (folder / "labels" / path.name, path))
-        after = json.loads(left.read_text(encoding="utf-8")) if left.exists() else {"left": None}
+        label, outcome = (read_json(own) for own in (folder / "labels" / path.name, path))
+        after = read_json(left) if left.exists() else {"left": None}
         found.append(Trial(label, outcome, after))
     if not found:
         raise InputError(f"{folder}: nothing was found yet; judge the cases first")

@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg import cholesky_banded, get_lapack_funcs
 
 from castor_envs.encoders import castor_angles
 from castor_envs.errors import InputError
@@ -302,7 +301,8 @@ class LogLikelihood:
         own[p:, p:n] += np.diag(believed**-2.0)
         own[p:, n] += clock / believed**2
         factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
-        half, _ = dtbtrs(factors, columns.reshape(-1, n + 1 + probes), trans="T")
+        (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
+        half, _ = solve(factors, columns.reshape(-1, n + 1 + probes), trans="T")
         own -= _squared(half)[:n]
         clocks = np.linalg.solve(own[p:, p:n], np.delete(own[p:], np.s_[p:n], axis=1))
         reduced = np.delete(own[:p], np.s_[p:n], axis=1) - own[:p, p:n] @ clocks
@@ -310,7 +310,7 @@ class LogLikelihood:
         def finish(moved_by: Array) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
             all_by = np.concatenate([moved_by, set_by])
-            away = -dtbtrs(factors, half[:, n:] + half[:, :n] @ all_by)[0].reshape(len(state), size, 1 + probes)
+            away = -solve(factors, half[:, n:] + half[:, :n] @ all_by)[0].reshape(len(state), size, 1 + probes)
             squares, expected = {}, {}
             for name, rows in kinds.items():
                 left = rights[name][..., n:] + rights[name][..., :n] @ all_by + rows.start @ away[rows.at]

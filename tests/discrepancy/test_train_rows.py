@@ -8,7 +8,8 @@ import pytest
 from castor_envs.train_effects import AxleSlip
 from castor_envs.train_presets import cfmmr
 from discrepancy.trains import bending
-from discrepancy.trains.rows import TrainLog, newtons
+from discrepancy.trains.bending import newtons
+from discrepancy.trains.rows import TrainLog
 from discrepancy.trains.trial import log_at_random
 
 TRAIN = cfmmr(3)

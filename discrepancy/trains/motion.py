@@ -1,0 +1,85 @@
+"""What truly happened to a train in one log, and how large what is not described is."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from castor_envs.kinematics import Array
+from castor_envs.se2 import relative_pose
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What truly happened at K samples, as far as it is known.
+
+    pose (K, N, 3). roll (K, 2N), rad. pull (K, F): tension of each frame in the step that begins, in `bending.newtons`.
+    offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles' frames, m and rad.
+    clock: s, by which the reference is ahead. creep (N,): part by which axles creep more under bent frames than their
+    contacts say. raised (F,): part of a frame's bow by which its gauges read more.
+    """
+
+    pose: Array
+    roll: Array
+    pull: Array
+    offsets: Array
+    mount: Array
+    clock: float
+    creep: Array
+    raised: Array
+
+    @property
+    def relative(self) -> Array:
+        """Of every frame the front axle's pose in the rear axle's frame, (K, F, 3)."""
+        return relative_pose(self.pose[:, 1:], self.pose[:, :-1])
+
+    def moved(self, by_sample: Array, by_number: Array) -> "Motion":
+        """Return the motion with its unknowns of every sample (K, B) and its nuisances (n,) changed by so much."""
+        n = self.pose.shape[1]
+        pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
+        own = len(self.offsets)
+        ends = np.cumsum([own, 3 * n, 1, n])
+        offsets, mount, clock, creep, raised = np.split(by_number, ends)
+        return Motion(
+            self.pose + pose.reshape(-1, n, 3),
+            self.roll + roll,
+            self.pull + pull,
+            self.offsets + offsets,
+            self.mount + mount.reshape(n, 3),
+            self.clock + float(clock[0]),
+            self.creep + creep,
+            self.raised + raised,
+        )
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Standard deviations. rolling, side: slip of a wheel, and of an axle to its side, m after 1 m; pull: tension of a
+    frame, counted in `bending.newtons`; shape: of a frame's length along the bend, m; position, heading: of the
+    reference, m and rad. gauges (F,): of the readings of each frame's gauges, in what its description says.
+    """
+
+    rolling: float = 1e-3
+    side: float = 1e-3
+    pull: float = 1.0
+    shape: float = 3e-4
+    position: float = 1e-3
+    heading: float = 1e-3
+    gauges: tuple[float, ...] = ()
+
+    def of(self, kind: str) -> float:
+        """Return the size of a kind of equations; 1 for those whose size is known."""
+        if kind.startswith("gauges"):
+            return self.gauges[int(kind.removeprefix("gauges"))]
+        return float(getattr(self, kind, 1.0))
+
+    def with_size(self, kind: str, size: float) -> "Sizes":
+        """Return these sizes with that of one kind changed."""
+        if kind.startswith("gauges"):
+            f = int(kind.removeprefix("gauges"))
+            return replace(self, gauges=(*self.gauges[:f], size, *self.gauges[f + 1 :]))
+        return replace(self, **{kind: size})
+
+
+LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "pull": 0.1, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
+MOST_SIZE = {"pull": 10.0}
+FITTED = tuple(LEAST_SIZE)

@@ -1,0 +1,61 @@
+"""The folder of a trial: what was asked for, numbered cases, which of them are done, and processes that do the rest.
+
+Whatever is there already is kept, so a trial that was stopped goes on.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np  # noqa: F401  # and with it linear algebra, before its threads are limited
+from threadpoolctl import threadpool_limits
+
+from castor_envs.errors import InputError
+from castor_envs.files import read_json, write_json
+
+Task = tuple[Callable[..., None], tuple[Any, ...]]
+"""What is to be done, with what."""
+
+
+def begin(folder: Path, asked: dict[str, Any], parts: Sequence[str]) -> None:
+    """Write what a trial is asked for to its folder, with these parts; the number of cases may change.
+
+    Raises InputError for a folder that holds another trial.
+    """
+    path = folder / "trial.json"
+    if path.exists() and {**(there := read_json(path)), "cases": 0} != {**asked, "cases": 0}:
+        raise InputError(f"{folder}: holds another trial, {there}; give another folder")
+    for part in parts:
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    write_json(path, asked)
+
+
+def asked_of(folder: Path) -> dict[str, Any]:
+    """Return what a trial was asked for; raises InputError for a folder that holds none."""
+    path = folder / "trial.json"
+    if not path.exists():
+        raise InputError(f"{path}: no trial there; make one first")
+    return read_json(path)
+
+
+def name_of(number: int) -> str:
+    """Return the name of a case in all parts of a folder."""
+    return f"case-{number:04}"
+
+
+def each(tasks: Sequence[Task], jobs: int | None) -> None:
+    """Do all tasks, `jobs` at a time (None: as many as there are processors), in new processes."""
+    if not tasks:
+        return
+    jobs = min(jobs or os.cpu_count() or 1, len(tasks))
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _one_thread) as pool:
+        for done in [pool.submit(work, *given) for work, given in tasks]:
+            done.result()
+
+
+def _one_thread() -> None:
+    """Let linear algebra of this process use one thread."""
+    threadpool_limits(1)
