@@ -27,12 +27,9 @@ DOUBT = 0.5
 MOST_CREEP = 4.0
 """Times what is predicted that contacts may creep."""
 
-AS_DESCRIBED, AS_USUAL = 0.01, 0.05
-"""Standard deviations of the part of creep under forces, and of all where clean logs tell it."""
-
-RIGID, SURELY = 0.25, 2.5
-"""Contacts that creep by less than such a part of what their description says are taken for rigid ones, but for those
-that creep by more than so many standard errors."""
+AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
+"""Standard deviations of the part of creep under forces, and of all where clean logs tell it. Contacts that creep by
+less than such a part of what their description says are taken for rigid ones."""
 
 SETTLED, SETTLED_AGAIN, SOME = 2, 1, 3
 """Rounds, of some steps each and then one of as many as it takes, in which these parts, what truly happened and the
@@ -128,16 +125,13 @@ def _shared(
         told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
     _, information, gradient, _ = together(told)
     freely = Shared(parts, np.where(np.arange(e) < CREEPS, 1.0, 0.0), np.full(e, DOUBT), at.mount)
-    best, covariance = _best(information, gradient, freely)
-    rigid = bool(best[FORCED] < min(RIGID, SURELY * np.sqrt(covariance[FORCED, FORCED])))
+    rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
     shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
-    return replace(shared, parts=np.clip(_best(information, gradient, shared)[0], *_limits(e)))
+    return replace(shared, parts=np.clip(_best(information, gradient, shared), *_limits(e)))
 
 
-def _best(information: Array, gradient: Array, shared: Shared) -> tuple[Array, Array]:
-    """Return the parts (e,) that logs and what was believed ask for together, and their covariance (e, e)."""
+def _best(information: Array, gradient: Array, shared: Shared) -> Array:
+    """Return the parts (e,) that logs and what was believed ask for together."""
     information, gradient = information.copy(), gradient.copy()
     shared.believed(information, gradient, 0)
-    told, pull = without(information, gradient[:, 0], len(shared.parts))
-    covariance: Array = np.linalg.inv(told).astype(np.float64)
-    return shared.parts + covariance @ pull, covariance
+    return shared.parts + np.linalg.solve(*without(information, gradient[:, 0], len(shared.parts)))

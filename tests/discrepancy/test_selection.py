@@ -100,11 +100,19 @@ def test_like_candidates_are_told_apart_by_less():
     assert margins == pytest.approx([6.0, 18.0, 30.0, 66.0, margin(4000.0)])
 
 
-@pytest.mark.parametrize(("more", "verdict"), [(7.0, "ambiguous"), (5.0, "named"), (-1.0, "named")])
-def test_no_effect_is_sure_where_what_has_no_name_explains_more(seen: Evidence, monkeypatch, more: float, verdict: str):
+@pytest.mark.parametrize(
+    ("more", "in_logs", "verdict"),
+    [(7.0, 1.0, "ambiguous"), (7.0, -1.0, "named"), (5.0, 1.0, "named"), (-1.0, 1.0, "named")],
+)
+def test_no_effect_is_sure_where_what_has_no_name_explains_more(
+    seen: Evidence, monkeypatch, more: float, in_logs: float, verdict: str
+):
+    """In logs and held-out ones together, and not because held-out ones take away from the effect alone."""
     own = ranks_of(seen)[0]
     other = dataclasses.replace(own, candidate=Candidate("wheel_2l repeats 3 times a turn"), gain=own.gain + more)
+    alone = dataclasses.replace(other, gain=own.gain + in_logs)
     monkeypatch.setattr(diagnosis, "foretold", lambda *_: [own, other])
+    monkeypatch.setattr(diagnosis, "ranks_of", lambda _: (own, alone))
     finding = diagnosis._judged(lambda effects, among=None: seen, None, [Found(own.candidate, RADIUS, own.error)], 0)
     assert finding.verdict == verdict
     assert finding.effect == RADIUS
