@@ -100,6 +100,15 @@ def test_like_candidates_are_told_apart_by_less():
     assert margins == pytest.approx([6.0, 18.0, 30.0, 66.0, margin(4000.0)])
 
 
+@pytest.mark.parametrize("at", [12.0, 0.3])
+def test_a_jump_is_found_where_it_is_and_near_the_ends_it_is_a_bias(at: float):
+    log = rolled(seed=1)
+    pivot = log.pivot + np.where(log.t >= at, 5.0, 0.0)[:, None] * [0, 1, 0]
+    told = ranks_of(evidence_of(ROBOT, [dataclasses.replace(log, pivot=pivot)]))
+    own = [one.candidate.what for one in told if "pivot_2 jumps" in one.candidate.what or "bias" in one.candidate.what]
+    assert own[0] == ("pivot_2 jumps at 12.0 s" if at == 12.0 else "pivot bias, castor 2")
+
+
 @pytest.mark.parametrize(
     ("more", "in_logs", "verdict"),
     [(7.0, 1.0, "ambiguous"), (7.0, -1.0, "named"), (5.0, 1.0, "named"), (-1.0, 1.0, "named")],
