@@ -95,7 +95,7 @@ def diagnose(
         return sliding(robot, logs, first, held_out, result)
 
     again = Looks(known, held_out, finds=False) if held_out else None
-    shaken = any(isinstance(one.effect, SampleJitter) for one in timing)
+    shaken = any(one.effect is None or isinstance(one.effect, SampleJitter) for one in timing)
     least, noisy = LEAST_GAIN * (SHAKEN if shaken else 1.0), None
     if good is not None and again is not None and pick(first) is None:
         noisy = louder_than(good, first, first, lambda: again([]))

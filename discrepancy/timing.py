@@ -32,17 +32,25 @@ LEAST_JITTER = 3e-4
 MOVING = 0.3
 """Of the median squared speed: slower samples do not tell of time."""
 
+STEADY, MEDIAN = 0.2, 0.455
+"""Jitter is always there: what its median square says of the mean one is no less than such a part of it. The median of
+a squared normal number."""
+
 
 LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 18.0
 """s/s, and deviance, from which on clocks are said to run apart."""
 
 
 class Amount(NamedTuple):
-    """A size, its standard error, and the deviance that it takes away."""
+    """A size, its standard error, and the deviance that it takes away.
+
+    seldom: where it is but at some times, when it is largest, in words.
+    """
 
     value: float
     error: float
     gain: float
+    seldom: str = ""
 
 
 def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
@@ -52,7 +60,7 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
     in it is known.
     """
     delays = [_delays(robot, log) for log in logs]
-    every, expected, beside = (np.concatenate(part) for part in zip(*delays, strict=True))
+    every, expected, beside = (np.concatenate([one[k] for one in delays]) for k in range(3))
     neighbours = sum(float(one.late[1:] @ one.late[:-1]) for one in delays)
     if len(every) < 10 * ORDER or neighbours > ALIKE * float(every @ every):
         return None
@@ -65,7 +73,18 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
     gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
     if value < LEAST_JITTER:
         return None
-    return Amount(float(value), float(value * np.sqrt(ORDER / (2 * len(every)))), gain)
+    steadily = float(np.median(every**2)) / MEDIAN - float(np.mean(expected))
+    seldom = "" if steadily > STEADY * variance * size else _when(delays)
+    return Amount(float(value), float(value * np.sqrt(ORDER / (2 * len(every)))), gain, seldom)
+
+
+def _when(delays: Sequence["_Delays"]) -> str:
+    """Return in words when encoders are read most early or late."""
+    worst = [float(np.abs(one.late).max(initial=0.0)) for one in delays]
+    k = int(np.argmax(worst))
+    return f"at {delays[k].t[np.argmax(np.abs(delays[k].late))]:.1f} s" + (
+        f" of log {k + 1}" if len(delays) > 1 else ""
+    )
 
 
 def skew_of(clocks: Array, errors: Array) -> Amount:
@@ -79,11 +98,12 @@ def skew_of(clocks: Array, errors: Array) -> Amount:
 
 class _Delays(NamedTuple):
     """Of samples in which the robot moves: late, differences of the delay of all encoders together, s; what rounding
-    alone leaves of their squares; and the mean square of what is in the counts beside, in the same unit."""
+    alone leaves of their squares; the mean square of what is in the counts beside, in the same unit; and when, s."""
 
     late: Array
     rounding: Array
     beside: Array
+    t: Array
 
 
 def _delays(robot: RobotDescription, log: Log) -> _Delays:
@@ -91,7 +111,7 @@ def _delays(robot: RobotDescription, log: Log) -> _Delays:
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
     if len(log) <= 2 * ORDER:
-        return _Delays(*np.zeros((3, 0)))
+        return _Delays(*np.zeros((4, 0)))
     weights = _weights(log.t)
     rows = len(weights)
     jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
@@ -102,7 +122,7 @@ def _delays(robot: RobotDescription, log: Log) -> _Delays:
     jumps, speed, squared = jumps[moving], speed[moving], squared[moving]
     late = np.sum(speed * jumps, axis=1) / squared
     beside = (np.sum(jumps**2, axis=1) / squared - late**2) / max(counts.shape[1] - 1, 1)
-    return _Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside)
+    return _Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside, log.t[ORDER // 2 :][:rows][moving])
 
 
 def _weights(t: Array) -> Array:
@@ -137,12 +157,16 @@ def of_time(
     known = max(known, 0.0 if usual is None else usual.value)
     if jitter is not None and jitter.value > (1 + BORNE_OUT) * known:
         again = jitter_of(robot, held_out) if held_out else jitter
-        findings += _in_time(SampleJitter, robot, jitter, 0.0 if again is None else again.value)
+        if jitter.seldom:
+            findings.append(_seldom(jitter))
+        else:
+            findings += _in_time(SampleJitter, robot, jitter, 0.0 if again is None else again.value)
     if seen.left is not None:
         skew = skew_of(seen.state.clocks, seen.clock_errors)
         known, unsure = sum(one.value for one in robot.effects if isinstance(one, ClockSkew)), 0.0
         if good is not None and good.left is not None:
-            known, unsure, _ = skew_of(good.state.clocks, good.clock_errors)
+            usually = skew_of(good.state.clocks, good.clock_errors)
+            known, unsure = usually.value, usually.error
         value, error = skew.value - known, float(np.hypot(skew.error, unsure))
         beyond = Amount(value, error, (value / error) ** 2)
         if abs(value) >= LEAST_SKEW and beyond.gain >= LEAST_SKEW_GAIN:
@@ -153,6 +177,13 @@ def of_time(
                 shown = skew_of(again.state.clocks, again.clock_errors).value - known
             findings += _in_time(ClockSkew, robot, beyond, shown)
     return findings
+
+
+def _seldom(late: Amount) -> Finding:
+    """Return the finding that encoders are read early or late together, but at some times only."""
+    what = f"all encoders are read early or late together at some times, most {late.seldom}"
+    rank = Rank(Candidate(what), late.gain, late.gain, 0.0, (late.value,), (late.error,))
+    return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {what}", (rank,), ())
 
 
 def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again: float) -> list[Finding]:

@@ -128,6 +128,19 @@ def test_no_effect_is_sure_where_what_has_no_name_explains_more(
     assert other in finding.chosen
 
 
+def test_counts_lost_above_another_speed_win_against_what_has_no_name():
+    """Above 8 rad/s: as lost above 5, among the candidates of every robot, they look less like it than a rival."""
+    loss = TickLoss(castor=1, wheel=2, value=0.01, above=8.0)
+    look = Looks(Known(ROBOT), [rolled(loss, seed=1)], finds=True)
+    first = look([])
+    assert not ranks_of(first)[0].candidate.kinds
+    (found,), _ = one_after_another(ROBOT, look, None, first, LEAST_GAIN, False)
+    assert isinstance(found.effect, TickLoss)
+    assert (found.effect.castor, found.effect.wheel, found.effect.direction) == (1, 2, "forward")
+    assert found.effect.above == pytest.approx(8.0, abs=ROBOT.max_wheel_speed / 32)
+    assert found.effect.value == pytest.approx(0.01, rel=0.1)
+
+
 def test_held_out_logs_make_up_for_what_is_faint():
     """0.025 mm of an offset: in the first log it takes away too little, and another effect looks more like it."""
     faint = PivotOffset(castor=1, value=2.5e-5)

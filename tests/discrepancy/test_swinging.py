@@ -9,7 +9,7 @@ import pytest
 from castor_envs.logs import Log
 from castor_envs.presets import preset
 from castor_envs.se2 import compose
-from discrepancy.swinging import LEAST_GAIN, _period, swinging
+from discrepancy.swinging import LEAST_GAIN, MOST, TIMES, _period, swinging
 
 ROBOT = preset("asoc-prototype")
 T = np.arange(0, 60.01, 0.05)
@@ -48,6 +48,17 @@ def test_noise_does_not_swing(wrapped):
         assert seen_with(np.zeros((len(T), 3)), seed, wrapped=wrapped) is None
 
 
+def test_a_tracker_that_drifts_on_a_circle_is_found():
+    drift = 4e-3 * np.stack([np.cos(T / 8), np.sin(T / 8), 0 * T], axis=-1)
+    c, s = np.cos(POSES[:, 2]), np.sin(POSES[:, 2])
+    in_body = np.stack([c * drift[:, 0] + s * drift[:, 1], c * drift[:, 1] - s * drift[:, 0], 0 * T], axis=-1)
+    found = seen_with(in_body)
+    assert found is not None
+    assert "the reference's place drifts slowly" in found.reason
+    assert found.chosen[0].size == pytest.approx(4e-3, rel=0.1)
+    assert seen_with(in_body / 100) is None
+
+
 def test_neither_few_poses_nor_a_slow_drift_tell_of_a_swing():
     assert seen_with(swing(1, 4e-3, 7.3), every=120) is None
     assert seen_with(swing(1, 1.5e-3, 240.0)) is None
@@ -56,8 +67,8 @@ def test_neither_few_poses_nor_a_slow_drift_tell_of_a_swing():
 def test_by_chance_a_sine_takes_away_what_the_f_distribution_says():
     """P(R^2 > r) = (1 - r)^((n - 3) / 2) at one frequency; a family of them at most so many times that."""
     random, n, draws = np.random.default_rng(5), 40, 400
-    gains = [_period(np.arange(float(n)), random.normal(size=n))[0] for _ in range(draws)]
-    frequencies = 2 * (n / 2 - 4)
+    gains = [_period(np.arange(float(n)), random.normal(size=(n, 1)), TIMES, MOST)[0] for _ in range(draws)]
+    frequencies = 2 * (n / 2 - TIMES)
     for level in (14.0, 18.0):
         chance = frequencies * np.exp(-level / n) ** ((n - 3) / 2)
         assert np.mean(np.array(gains) > level) < chance + 3 * np.sqrt(chance / draws)

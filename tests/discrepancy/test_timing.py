@@ -73,3 +73,15 @@ def test_clocks_that_differ_by_more_than_their_errors_are_less_sure():
     alike, apart = (np.array([[0, 1e-3], [0, other]]) for other in (1e-3, 2e-3))
     errors = np.full((2, 2), 1e-5)
     assert skew_of(apart, errors).error > 10 * skew_of(alike, errors).error
+
+
+def test_samples_that_are_late_at_some_times_only_are_no_jitter():
+    """A computer that stalls twice for half a second; jitter is always there."""
+    even = np.arange(0, 60, 0.05)
+    stalled = (np.abs(even - 20) < 0.25) | (np.abs(even - 40) < 0.25)
+    found = jitter_of(ROBOT, [log_of(even), log_of(even - 0.02 * stalled, even)])
+    assert found is not None
+    assert found.seldom in [f"at {at:.1f} s of log 2" for at in np.arange(19.5, 41, 0.1)]
+    shaken = jitter_of(ROBOT, [log_of(even + 0.001 * np.random.default_rng(1).normal(size=len(even)), even)])
+    assert shaken is not None
+    assert not shaken.seldom
