@@ -8,7 +8,7 @@
    against all others with the rest in place, and exchanged for a better one (`selection`).
 4. Between near rivals held-out logs decide, where there are such; and a name must be borne out by them.
 5. What no signature tells is looked for by itself: time (`timing`), counts lost in bursts (`bursts`), wheels that slide
-   in places (`sliding`), and, if nothing else is found, a tracked point that swings (`swinging`).
+   in places (`sliding`), and, if nothing else is found, a reference that goes to and fro (`swinging`).
 
 A gain counts where it would count as well if every wheel crept a little (`sober`): contact is not as rigid as
 rolling, and a log of a minute tells far smaller parts of a radius than mean anything.
