@@ -25,8 +25,11 @@ the opposite sense; and of the steps that are as fast, how many may be in bursts
 CLEAR, TYPICAL = 6.0, 0.02
 """Slip in bursts over the median of all; and the part of all steps that are the worst: half of it is a burst's too."""
 
-FEWEST, APART, COUNTS, SLOW = 4, 3, 0.5, 5.0
-"""Bursts that it takes; steps between two of them at least; counts that a step in one loses; and counts in a step below
+FEWEST, SAME, SCATTER = 4, 3, 0.1
+"""Bursts that it takes; fewer, where the part that every step in them loses is the same but for so much of it."""
+
+APART, COUNTS, SLOW = 3, 0.5, 5.0
+"""Steps between two bursts at least; counts that a step in one loses; and counts in a step below
 which it does not tell what part of it is lost."""
 
 LEAST_KEPT = 0.1
@@ -81,7 +84,7 @@ def losing(robot: RobotDescription, logs: Sequence[Log]) -> Losing | None:
         shares = np.where(way > SLOW * count, one / np.maximum(way, count), 0.0) / value
         bursts.append(_bursts(log.t, one > least, shares))
     starts = [start for start, _ in bursts]
-    if sum(map(len, starts)) < FEWEST:
+    if sum(map(len, starts)) < (SAME if np.std(parts) < SCATTER * value else FEWEST):
         return None
     width = float(np.median(np.concatenate([length for _, length in bursts])))
     beat = _beat(starts) if len(logs) == 1 else None

@@ -118,3 +118,16 @@ def test_a_wheel_that_loses_counts_in_physics_is_named_and_explained():
 def test_held_out_logs_without_bursts_do_not_bear_them_out():
     found = diagnose(ROBOT, [driven(3, EFFECT)], [driven(4)])
     assert found.verdict == "unconfirmed", found.reason
+
+
+@pytest.mark.parametrize(("starts", "there"), [((5.0, 20.0, 40.0), True), ((5.0, 20.0), False)])
+def test_three_bursts_are_enough_where_every_step_loses_the_same_part(starts, there):
+    found = losing(ROBOT, [read(less(3, 0.3 * when(starts, 0.6)))])
+    assert (found is not None) == there
+    if there:
+        assert found.effect.value == pytest.approx(0.3, rel=0.05)
+
+
+def test_three_bursts_that_lose_different_parts_are_not():
+    part = 0.15 * when((5.0,), 0.6) + 0.3 * when((20.0,), 0.6) + 0.6 * when((40.0,), 0.6)
+    assert losing(ROBOT, [read(less(3, part))]) is None
