@@ -77,12 +77,14 @@ class Candidate:
     """A possible cause.
 
     kinds: of the catalogue, in the size of its step; two that differ by a quarter turn of `phase` are one effect of any
-    phase; none: a rival without a name, as `what`. columns: amplitudes that it takes.
+    phase; none: a rival without a name, as `what`. columns: amplitudes that it takes. sought: numbers beside these that
+    are chosen to suit the logs.
     """
 
     what: str
     kinds: tuple[Effect, ...] = ()
     columns: int = 1
+    sought: int = 0
 
     @property
     def family(self) -> str:
@@ -308,7 +310,9 @@ def finer(robot: RobotDescription, effect: Effect) -> list[Candidate]:
         return []
     speeds = [part * robot.max_wheel_speed for part in SPEEDS]
     kinds = [dataclasses.replace(effect, value=effect.step, above=speed) for speed in speeds]
-    return [Candidate(described(one), (one,)) for one in kinds]
+    usual = candidates_of(robot)
+    plain = (Candidate(described(one), (one,)) for one in kinds)
+    return [one if one in usual else dataclasses.replace(one, sought=1) for one in plain]
 
 
 def finest_of(robot: RobotDescription, effect: Effect) -> Candidate | None:

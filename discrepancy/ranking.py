@@ -24,7 +24,7 @@ LEAST_OF_CREEP, MUCH_CREEP = 40.0, 2.0
 candidate these must take away, as wrong contacts look a little like everything."""
 
 EACH_MORE = 10.0
-"""Deviance that a candidate with two amplitudes must take away more than one with one."""
+"""Deviance that a candidate must take away more for a second amplitude, or for a number that suits the logs."""
 
 LEAST_SOBER = 10.0
 """The deviance that it must take away where all wheels may creep."""
@@ -54,7 +54,8 @@ def rank_of(seen: Evidence, k: int) -> Rank:
     amplitudes, covariance, gain = seen.best([(k, part)])
     _, _, sober = seen.best([(k, part)], sober=True)
     errors = np.sqrt(np.diag(covariance))
-    gain, sober = (one - EACH_MORE * (len(amplitudes) - 1) for one in (gain, sober))
+    more = len(amplitudes) - 1 + seen.candidates[k].sought
+    gain, sober = (one - EACH_MORE * more for one in (gain, sober))
     return Rank(seen.candidates[k], gain, sober, part, tuple(amplitudes.tolist()), tuple(errors.tolist()))
 
 
