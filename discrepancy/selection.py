@@ -115,8 +115,8 @@ def one_after_another(
         if best.candidate.family in families:  # which cannot be as large as the logs want
             break
         first_gain = max(first_gain, best.gain)
-        near = _near(left, best, effects, again)
-        chosen = _chosen(left, [one for one in near if one.candidate not in vanished])
+        near = [one for one in _near(left, best, effects, again) if one.candidate not in vanished] or [best]
+        chosen = _chosen(left, near)
         if not chosen:
             break
         more = [one for rank in chosen for one in _as_found(robot, rank)]

@@ -159,6 +159,13 @@ def test_held_out_logs_make_up_for_what_is_faint():
     assert not one_after_another(ROBOT, look, later, first, LEAST_GAIN, False)[0]
 
 
+def test_the_best_effect_is_taken_in_if_all_that_is_near_it_has_vanished_before(monkeypatch):
+    monkeypatch.setattr("discrepancy.selection._near", lambda *_: ())
+    look = looking_at(rolled(RADIUS, seed=1))
+    (found,), _ = one_after_another(ROBOT, look, None, look([]), LEAST_GAIN, False)
+    assert found.candidate == of(RADIUS)
+
+
 def test_the_background_counts_whichever_candidates_are_looked_at(seen: Evidence):
     place = seen.index(of(LOSS))
     assert place is not None
