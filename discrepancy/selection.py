@@ -115,8 +115,8 @@ def one_after_another(
         if best.candidate.family in families:  # which cannot be as large as the logs want
             break
         first_gain = max(first_gain, best.gain)
-        near = [one for one in _near(left, best, effects, again) if one.candidate not in vanished] or [best]
-        chosen = _chosen(left, near)
+        near, held = _near(left, best, effects, again)
+        chosen = _chosen(left, held, [one for one in near if one.candidate not in vanished] or [best])
         if not chosen:
             break
         more = [one for rank in chosen for one in _as_found(robot, rank)]
@@ -318,27 +318,40 @@ def _remaining(left: Evidence) -> float:
     return max((one.gain for one in ranks_of(left)), default=0.0)
 
 
-def _near(left: Evidence, best: Rank, effects: list[Effect], again: Look | None) -> tuple[Rank, ...]:
+def _near(
+    left: Evidence, best: Rank, effects: list[Effect], again: Look | None
+) -> tuple[tuple[Rank, ...], Evidence | None]:
     """Return the candidates that cannot be told from the best one, it first; by held-out logs too, if it has no name
-    and others nearly as good have."""
+    and others nearly as good have: then the evidence of these besides."""
     near = alike(left, best)
     if again is None or best.candidate.kinds or not any(one.candidate.kinds for one in alike(left, best, WIDER)):
-        return near
-    seen = again(effects)
-    told = sorted((_beside(seen, one) for one in alike(left, best, WIDER)), key=lambda one: -one.gain)
-    return tuple(one for one in told if one.gain >= told[0].gain - margin(told[0].gain))
+        return near, None
+    held = again(effects)
+    told = sorted((_beside(held, one) for one in alike(left, best, WIDER)), key=lambda one: -one.gain)
+    return tuple(one for one in told if one.gain >= told[0].gain - margin(told[0].gain)), held
 
 
-def _chosen(left: Evidence, near: Sequence[Rank]) -> list[Rank]:
+def _chosen(left: Evidence, held: Evidence | None, near: Sequence[Rank]) -> list[Rank]:
     """Return the effect to take in, or two where two with an amplitude each do better than any one with two, or than
-    what has no name; none if there is none."""
+    what has no name; none if there is none. held: evidence that counts in the gain of those near."""
     best, named = near[0], next((one for one in near if one.candidate.kinds), None)
     if named is not None and named.candidate.columns == 1:
         return [named]
     gain, pair = _best_pair(left)
+    gain += 0.0 if held is None else _pair_foretold(left, held, pair)
     if named is None:
         return list(pair) if gain - EACH_MORE > best.gain + margin(best.gain) else []
     return list(pair) if gain - EACH_MORE > named.gain - margin(named.gain) else [named]
+
+
+def _pair_foretold(left: Evidence, held: Evidence, pair: Sequence[Rank]) -> float:
+    """Return what two effects with an amplitude each, as large as the logs ask for, take away from held-out ones."""
+    amplitudes = left.best([(k, one.part) for one in pair if (k := left.index(one.candidate)) is not None])[0]
+    told = 0.0
+    for one, size in zip(pair, amplitudes, strict=True):
+        told += held.foretold(one.candidate, one.part, [size])
+        held = held.less([(one.candidate, one.part, np.array([size]))])
+    return told
 
 
 def _best_pair(left: Evidence, among: int | None = SINGLES) -> tuple[float, tuple[Rank, ...]]:

@@ -27,7 +27,16 @@ from discrepancy.candidates import Candidate, candidates_of
 from discrepancy.evidence import Evidence, evidence_of
 from discrepancy.looks import Known, Looks, background_of
 from discrepancy.ranking import LEAST_GAIN, margin, rank_of, ranks_of, sine
-from discrepancy.selection import Found, _faint, _or_two_others, _settled, decided, foretold, one_after_another
+from discrepancy.selection import (
+    Found,
+    _faint,
+    _or_two_others,
+    _pair_foretold,
+    _settled,
+    decided,
+    foretold,
+    one_after_another,
+)
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
@@ -159,8 +168,25 @@ def test_held_out_logs_make_up_for_what_is_faint():
     assert not one_after_another(ROBOT, look, later, first, LEAST_GAIN, False)[0]
 
 
+def test_what_a_pair_foretells_is_the_deviance_of_both_together():
+    """2 a p - a I a of the held-out logs, a: as large as the logs ask for together, not each alone."""
+    both = (RADIUS, LOSS)
+    left, held = (looking_at(rolled(RADIUS, LOSS, seed=seed), rivals=both)([]) for seed in (5, 6))
+    pair = [rank_of(left, left.candidates.index(of(one))) for one in both]
+    amplitudes = left.best([(left.candidates.index(one.candidate), one.part) for one in pair])[0]
+    information, pull = held.plain
+    change = np.zeros(len(pull))
+    for one, size in zip(pair, amplitudes, strict=True):
+        column = held.columns[held.candidates.index(one.candidate)]
+        change[column], change[column + len(pull) // 2] = size, one.part * size
+    assert _pair_foretold(left, held, pair) == pytest.approx(2 * change @ pull - change @ information @ change)
+    assert _pair_foretold(left, held, pair) > max(
+        held.foretold(one.candidate, one.part, one.amplitudes) for one in pair
+    )
+
+
 def test_the_best_effect_is_taken_in_if_all_that_is_near_it_has_vanished_before(monkeypatch):
-    monkeypatch.setattr("discrepancy.selection._near", lambda *_: ())
+    monkeypatch.setattr("discrepancy.selection._near", lambda *_: ((), None))
     look = looking_at(rolled(RADIUS, seed=1))
     (found,), _ = one_after_another(ROBOT, look, None, look([]), LEAST_GAIN, False)
     assert found.candidate == of(RADIUS)
