@@ -13,27 +13,27 @@ from typing import Annotated, overload
 import typer
 from rich.console import Console
 
-from benchmarks import leaderboard as boards
-from benchmarks.assumptions import Assumptions, with_assumptions
-from benchmarks.board_views import as_json, as_markdown, print_leaderboard
-from benchmarks.calibrating import calibrate_logs
-from benchmarks.checking import Load, check_apart, load_apart
-from benchmarks.comparison import Effort, compute_tables
-from benchmarks.episodes import write_episode
-from benchmarks.estimating import Competitor
+from benchmarks.calibrate import calibrate_logs
+from benchmarks.leaderboard import board as boards
+from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
+from benchmarks.papers import select_tables
+from benchmarks.papers.assumptions import Assumptions, with_assumptions
+from benchmarks.papers.comparison import Effort, compute_tables
+from benchmarks.papers.views import draw, show_tables
 from benchmarks.progress import SilentProgress, TerminalProgress
-from benchmarks.results import check_results_folder, names_of
-from benchmarks.runner import Assignment
-from benchmarks.runner import run as run_plan
-from benchmarks.table_views import draw, show_tables
-from benchmarks.tables import select_tables
-from benchmarks.task import Task, odometry_of
+from benchmarks.results.episodes import write_episode
+from benchmarks.results.rows import check_results_folder, names_of
+from benchmarks.run.check import Load, check_apart, load_apart
+from benchmarks.run.evaluate import Competitor
+from benchmarks.run.plan import Assignment
+from benchmarks.run.plan import run as run_plan
 from benchmarks.tasks import official_tasks, select_tasks
+from benchmarks.tasks.task import Task, odometry_of
 from castor_envs import command_line
 from castor_envs.errors import InputError
-from castor_envs.presets import load_robot, preset_names
-from castor_envs.train_presets import train_names
-from castor_envs.vehicles import load_train, load_vehicle
+from castor_envs.vehicles.load import load_train, load_vehicle
+from castor_envs.vehicles.presets import load_robot, preset_names
+from castor_envs.vehicles.train_presets import train_names
 from estimators.registry import (
     CALIBRATION,
     CALIBRATION_METHODS,

@@ -13,19 +13,19 @@ from typer.core import TyperCommand, TyperGroup
 
 from castor_envs import command_line
 from castor_envs.errors import InputError
-from castor_envs.logs import read_log
-from castor_envs.robot import RobotDescription
-from castor_envs.train import TrainDescription
-from castor_envs.train_presets import train_names
-from castor_envs.vehicles import Vehicle, load_vehicle
-from discrepancy.examination import examine
-from discrepancy.html_report import html_of
-from discrepancy.inspection import inspect_logs
-from discrepancy.report import as_lines, write_diagnosis
+from castor_envs.logs.log import read_log
+from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
+from castor_envs.vehicles.train_presets import train_names
+from discrepancy.diagnose import examine
+from discrepancy.inspect import inspect_logs
+from discrepancy.report.page import html_of
+from discrepancy.report.text import as_lines, write_diagnosis
 from discrepancy.trains import report as train_report
-from discrepancy.trains import run as train_run
-from discrepancy.trains import scores as train_scores
 from discrepancy.trains.diagnosis import diagnose_train
+from discrepancy.trains.trial import run as train_run
+from discrepancy.trains.trial import scores as train_scores
 from discrepancy.trials import run, scores
 from discrepancy.trials.run import DURATION, ROBOT
 

@@ -6,19 +6,19 @@ alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (M
 what a plug-in needs.
 """
 
-from estimators.cast import CAST
-from estimators.cast_arc import CASTArc
-from estimators.dead_reckoning import DeadReckoning
-from estimators.grpec import GRPEC, GRPECXY, GRPECDev, GRPECPhi
-from estimators.inlier_least_squares import InlierLeastSquares
-from estimators.ipec import IPEC
 from estimators.protocol import Estimator, Observation
 from estimators.registry import EstimatorEntry, builtin_names, load_estimator
-from estimators.relative_poses import RelativePoseWarning
-from estimators.rmspec import RMSPEC
-from estimators.train_least_squares import TrainLeastSquares
-from estimators.train_odometry import TrainOdometry
-from estimators.two_truck_ipec import TwoTruckIPEC
+from estimators.robots.cast import CAST
+from estimators.robots.cast_arc import CASTArc
+from estimators.robots.dead_reckoning import DeadReckoning
+from estimators.robots.ipec import IPEC
+from estimators.trains.grpec import GRPEC, GRPECXY, GRPECDev, GRPECPhi
+from estimators.trains.inliers import InlierLeastSquares
+from estimators.trains.least_squares import TrainLeastSquares
+from estimators.trains.odometry import TrainOdometry
+from estimators.trains.relative_poses import RelativePoseWarning
+from estimators.trains.rmspec import RMSPEC
+from estimators.trains.two_truck import TwoTruckIPEC
 
 __all__ = [
     "CAST",

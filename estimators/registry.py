@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.robot import RobotDescription
-from castor_envs.train import TrainDescription
-from castor_envs.vehicles import Vehicle
+from castor_envs.vehicles.load import Vehicle
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
 from estimators.calibration.protocol import CalibrationMethod
-from estimators.plug_ins import PlugInKind, find
+from estimators.plugins.find import PlugInKind, find
 from estimators.protocol import Estimator
 
 ESTIMATOR = PlugInKind("estimator", "castor.estimators", ("reset", "update"), numbered=True)

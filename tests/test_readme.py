@@ -30,7 +30,7 @@ def test_the_two_lines_are_there_and_the_check_uses_one():
 
 
 def test_the_ten_lines_run(tmp_path):
-    code = block("from estimators.cast import CAST")
+    code = block("from estimators.robots.cast import CAST")
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
     done = call(sys.executable, "-c", code, folder=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -54,7 +54,7 @@ def test_the_train_blocks_run(tmp_path):
     done = call(sys.executable, "-c", block("castor/Configuration-v0"), folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert 0 < float(done.stdout.split(" mm")[0]) < 200
-    done = call(sys.executable, "-c", block("from estimators.grpec import"), folder=tmp_path)
+    done = call(sys.executable, "-c", block("from estimators.trains.grpec import"), folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("axle 3, CON1 0.622, CON2 0.022;")  # as Table 1 prints
 

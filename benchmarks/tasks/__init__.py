@@ -1,11 +1,10 @@
-"""The official tasks. Each module here offers ``tasks(measured)``; a new task is a new module, found by itself."""
+"""The official tasks: those that a module here offers as ``tasks(measured)``. A new task is a new module."""
 
-import importlib
-import pkgutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.task import Task
+from benchmarks.tasks.task import Task
+from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
 
 
@@ -14,8 +13,7 @@ def official_tasks(measured: Path | None = None) -> tuple[Task, ...]:
 
     measured: the folder with measured data, or None; tasks on measured data say in `missing` what they lack.
     """
-    modules = sorted(module.name for module in pkgutil.iter_modules(__path__))
-    return tuple(task for name in modules for task in importlib.import_module(f"{__name__}.{name}").tasks(measured))
+    return tuple(task for tasks in offers(__name__, "tasks") for task in tasks(measured))
 
 
 def select_tasks(tasks: Sequence[Task], names: Sequence[str]) -> tuple[Task, ...]:

@@ -22,20 +22,20 @@ from typing import Literal
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.task import Calibration, Case, Episode, Run, Task
 from benchmarks.tasks.kinematic import ROBOT, UNCALIBRATED_BETA
 from benchmarks.tasks.physics import drive
-from castor_envs.differential_axle import with_axle
-from castor_envs.encoders import Encoders
+from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.floor import Floor
-from castor_envs.importers.optiodom import find_sessions, published_sessions, read_session
-from castor_envs.kinematics import Array, Geometry
-from castor_envs.logs import Log
-from castor_envs.presets import preset
-from castor_envs.recorder import RecordLog
-from castor_envs.robot import RobotDescription
-from castor_envs.rolling import Rolled, roll
-from castor_envs.trajectories import Direction, Trajectory, figure_eight, pivoting, umbmark, wander
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.logs.importers.optiodom import find_sessions, published_sessions, read_session
+from castor_envs.logs.log import Log
+from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.rolling import Rolled, roll
+from castor_envs.motion.trajectories import Direction, Trajectory, figure_eight, pivoting, umbmark, wander
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.axle import with_axle
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
 
 WHEEL_BASE, DIAMETER = 0.02, 0.01

@@ -16,14 +16,14 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.task import Case, Episode, Run, Task
-from castor_envs.encoders import Encoders
-from castor_envs.kinematics import Geometry
-from castor_envs.logs import Log
-from castor_envs.presets import preset
-from castor_envs.robot import Castor, RobotDescription, Wheel
-from castor_envs.rolling import Rolled, roll
-from castor_envs.trajectories import Direction, umbmark
+from benchmarks.tasks.task import Case, Episode, Run, Task
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from castor_envs.motion.rolling import Rolled, roll
+from castor_envs.motion.trajectories import Direction, umbmark
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 
 ROBOT = "asoc-prototype"
 SETS = 100

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.task import Case, Episode, Run, Task
-from castor_envs.importers.optiodom import find_sessions, published_correction, published_sessions, read_session
-from castor_envs.presets import preset
-from castor_envs.robot import RobotDescription
+from benchmarks.tasks.task import Case, Episode, Run, Task
+from castor_envs.logs.importers.optiodom import find_sessions, published_correction, published_sessions, read_session
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
 
 
 @dataclass(frozen=True)

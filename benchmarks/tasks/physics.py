@@ -13,14 +13,14 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.task import Case, Episode, Run, Task
 from benchmarks.tasks.kinematic import CALIBRATED
+from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.logs import Log
-from castor_envs.presets import preset
-from castor_envs.recorder import RecordLog
-from castor_envs.robot import RobotDescription
-from castor_envs.trajectories import Direction
+from castor_envs.logs.log import Log
+from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.trajectories import Direction
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
 
 ROBOT = "asoc-prototype"
 CASES = 20

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.static_tests import STATIC_TESTS
-from benchmarks.task import Case, Episode, Run, Task
-from castor_envs.logs import Log
-from castor_envs.se2 import compose, inverse
-from castor_envs.train import TrainDescription
-from castor_envs.train_presets import FRAME_LENGTH, cfmmr
+from benchmarks.tasks.static_tests import STATIC_TESTS
+from benchmarks.tasks.task import Case, Episode, Run, Task
+from castor_envs.geometry.se2 import compose, inverse
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train import TrainDescription
+from castor_envs.vehicles.train_presets import FRAME_LENGTH, cfmmr
 
 Array = NDArray[np.float64]
 

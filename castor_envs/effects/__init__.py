@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import TypeAdapter
 
+from castor_envs.effects.base import Effect, Reader
+from castor_envs.effects.clocks import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
 from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
 from castor_envs.effects.dimensions import (
     AllWheelRadius,
@@ -28,11 +30,7 @@ from castor_envs.effects.dimensions import (
     Track,
     WheelRadius,
 )
-from castor_envs.effects.effect import Effect, Reader
-from castor_envs.effects.floors import Bump, FloorSlope, FrictionPatch
-from castor_envs.effects.motion import Motion, Slip
-from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
-from castor_envs.effects.sensors import (
+from castor_envs.effects.encoders import (
     LostRemainders,
     PivotBacklash,
     PivotEccentricity,
@@ -41,12 +39,14 @@ from castor_envs.effects.sensors import (
     TickLossBursts,
     WheelEccentricity,
 )
-from castor_envs.effects.timing import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
+from castor_envs.effects.floor import Bump, FloorSlope, FrictionPatch
+from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.floor import Floor
+from castor_envs.motion.steps import Motion, Slip
 
 if TYPE_CHECKING:
-    from castor_envs.robot import RobotDescription
+    from castor_envs.vehicles.robot import RobotDescription
 
 __all__ = [
     "EFFECTS",

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.description import CONFIG
-from castor_envs.effects.creep import creep
-from castor_envs.effects.effect import Effect
-from castor_envs.effects.motion import Motion, Slip
+from castor_envs.effects.base import Effect
 from castor_envs.floor import Floor
+from castor_envs.motion.steps import Motion, Slip
+from castor_envs.physics.contact_motion import creep
+from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
-    from castor_envs.robot import RobotDescription
+    from castor_envs.vehicles.robot import RobotDescription
 
 Stiffness = Annotated[float, Field(ge=-0.9, le=10.0)]
 

@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.description import CONFIG
-from castor_envs.effects.effect import (
+from castor_envs.effects.base import (
     Array,
     Effect,
     Number,
@@ -21,11 +20,12 @@ from castor_envs.effects.effect import (
     with_castor,
     with_wheels,
 )
-from castor_envs.effects.motion import Motion, Slip, contact_paths
 from castor_envs.errors import InputError
+from castor_envs.motion.steps import Motion, Slip, contact_paths
+from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
-    from castor_envs.robot import RobotDescription
+    from castor_envs.vehicles.robot import RobotDescription
 
 Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Metres = Annotated[float, Field(ge=-1.0, le=1.0)]

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.description import CONFIG
-from castor_envs.effects.effect import Effect
-from castor_envs.effects.motion import turned_by
+from castor_envs.effects.base import Effect
+from castor_envs.motion.steps import turned_by
+from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
-    from castor_envs.robot import RobotDescription
+    from castor_envs.vehicles.robot import RobotDescription
 
 Array = NDArray[np.float64]
 Metres = Annotated[float, Field(ge=-10.0, le=10.0)]

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.description import CONFIG
-from castor_envs.effects.effect import (
+from castor_envs.effects.base import (
     Effect,
     Number,
     Reader,
@@ -22,9 +21,10 @@ from castor_envs.effects.effect import (
     wheel_encoders,
 )
 from castor_envs.errors import InputError
+from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
-    from castor_envs.robot import Castor, RobotDescription
+    from castor_envs.vehicles.robot import Castor, RobotDescription
 
 Array = NDArray[np.float64]
 One = Annotated[float, Field(ge=1.0, le=1.0)]

@@ -6,14 +6,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from castor_envs.controller import Commands
 from castor_envs.envs.actions import finite
 from castor_envs.envs.robot_env import RobotEnv
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
-from castor_envs.robot import RobotDescription
-from castor_envs.trajectories import Trajectory, figure_eight, umbmark
+from castor_envs.motion.controllers import Commands
+from castor_envs.motion.trajectories import Trajectory, figure_eight, umbmark
+from castor_envs.vehicles.robot import RobotDescription
 
 TRAJECTORIES = {"figure-eight": figure_eight, "square": umbmark}
 LOST = 0.5  # m from the reference at which an episode ends
@@ -63,7 +63,7 @@ class ASOCEnv(RobotEnv):
     - `trajectory`: "figure-eight", "square", or a `Trajectory`
     - `control`: "speed" or "voltage"
     - `held`: the number (from 1) of a castor whose wheels are blocked, whatever they are commanded, as for
-      calibration by pivoting about it (`castor_envs.trajectories.pivoting`)
+      calibration by pivoting about it (`castor_envs.motion.trajectories.pivoting`)
     - `floor`: a `Floor` or the path of a floor file
 
     ## Version History

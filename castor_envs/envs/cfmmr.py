@@ -11,8 +11,8 @@ from castor_envs.envs.sensed_robot import Observation
 from castor_envs.envs.train_env import TrainEnv
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.train import TrainDescription
-from castor_envs.train_paths import TrainPath
+from castor_envs.motion.paths import TrainPath
+from castor_envs.vehicles.train import TrainDescription
 
 LOST = 0.5  # m, mean over the axles, from the reference at which an episode ends
 

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.controller import Commands, trailing_angles
 from castor_envs.envs.drawn_env import DrawnEnv
 from castor_envs.envs.sensed_robot import Observation, SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, load_floor
-from castor_envs.kinematics import Geometry
-from castor_envs.presets import load_robot
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.controllers import Commands, trailing_angles
+from castor_envs.motion.trajectories import Trajectory
 from castor_envs.rendering import Renderer
-from castor_envs.robot import RobotDescription
-from castor_envs.trajectories import Trajectory
+from castor_envs.vehicles.presets import load_robot
+from castor_envs.vehicles.robot import RobotDescription
 
 Array = NDArray[np.float64]
 

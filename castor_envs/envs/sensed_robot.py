@@ -6,15 +6,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from castor_envs.controller import Commands
 from castor_envs.effects import reader_of
-from castor_envs.encoders import Encoders, castor_angles
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.kinematics import Geometry
-from castor_envs.physics.simulation import Drive
-from castor_envs.physics.world import World
-from castor_envs.robot import RobotDescription
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.controllers import Commands
+from castor_envs.physics.robot_world import World
+from castor_envs.physics.stepper import Drive
+from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.vehicles.robot import RobotDescription
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]

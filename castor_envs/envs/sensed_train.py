@@ -7,14 +7,14 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.effects import reader_of
-from castor_envs.encoders import Encoders
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.floor import Floor
-from castor_envs.kinematics import Geometry
-from castor_envs.physics.simulation import Drive
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.physics.stepper import Drive
 from castor_envs.physics.train_world import TrainWorld
-from castor_envs.posture_sensor import PostureSensors
-from castor_envs.train import TrainDescription
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.sensors.posture import PostureSensors
+from castor_envs.vehicles.train import TrainDescription
 
 Array = NDArray[np.float64]
 MOST_BENT = 100.0  # rad: no reading of a relative heading goes beyond

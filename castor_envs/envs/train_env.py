@@ -9,10 +9,10 @@ from castor_envs.envs.drawn_env import DrawnEnv
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.envs.sensed_train import SensedTrain
 from castor_envs.floor import Floor, load_floor
+from castor_envs.motion.paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
 from castor_envs.rendering import TrainRenderer
-from castor_envs.train import TrainDescription
-from castor_envs.train_paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
-from castor_envs.vehicles import load_train
+from castor_envs.vehicles.load import load_train
+from castor_envs.vehicles.train import TrainDescription
 
 Array = NDArray[np.float64]
 

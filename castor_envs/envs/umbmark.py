@@ -6,13 +6,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.controller import Commands, KinematicController
 from castor_envs.envs.actions import finite
 from castor_envs.envs.robot_env import RobotEnv
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.floor import Floor
-from castor_envs.robot import RobotDescription
-from castor_envs.trajectories import Corners, Direction, umbmark
+from castor_envs.motion.controllers import Commands, KinematicController
+from castor_envs.motion.trajectories import Corners, Direction, umbmark
+from castor_envs.vehicles.robot import RobotDescription
 
 MARGIN = 2.0  # m around the square that estimates may use
 

@@ -7,7 +7,7 @@ import pymunk
 from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles.robot import RobotDescription
 
 Array = NDArray[np.float64]
 

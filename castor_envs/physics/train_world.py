@@ -9,12 +9,12 @@ from pymunk.constraints import Constraint
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.physics.frames import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
-from castor_envs.physics.simulation import Drive, Simulation, Stepper
+from castor_envs.geometry.se2 import compose, inverse, relative_pose
+from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
 from castor_envs.physics.statics import chassis, combined, place, pose_of, twist_of
-from castor_envs.physics.wheel_records import MOST_SUBSTEPS, enough_substeps, wheel_records
-from castor_envs.se2 import compose, inverse, relative_pose
-from castor_envs.train import TrainDescription
+from castor_envs.physics.stepper import Drive, Simulation, Stepper
+from castor_envs.physics.wheel_state import MOST_SUBSTEPS, enough_substeps, wheel_records
+from castor_envs.vehicles.train import TrainDescription
 
 Array = NDArray[np.float64]
 

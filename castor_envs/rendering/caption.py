@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.rendering.canvas import Canvas
-from castor_envs.rendering.palette import AXES, CABLE, ESTIMATE, INK, REFERENCE, SLIDING, TRUE_PATH, TYRE, WHITE
-from castor_envs.rendering.view import View
+from castor_envs.rendering.drawing.canvas import Canvas
+from castor_envs.rendering.drawing.palette import AXES, CABLE, ESTIMATE, INK, REFERENCE, SLIDING, TRUE_PATH, TYRE, WHITE
+from castor_envs.rendering.drawing.view import View
 
 Array = NDArray[np.float64]
 

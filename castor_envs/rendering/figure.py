@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.rendering.canvas import Canvas
-from castor_envs.rendering.outlines import CastorOutline, castor_outlines, chassis_outline, inset, nose, placed
-from castor_envs.rendering.palette import (
+from castor_envs.rendering.drawing.canvas import Canvas
+from castor_envs.rendering.drawing.palette import (
     DECK,
     ESTIMATE,
     IDLE_TYRE,
@@ -17,9 +16,10 @@ from castor_envs.rendering.palette import (
     WHITE,
     Color,
 )
-from castor_envs.rendering.path import evenly
-from castor_envs.rendering.view import View
-from castor_envs.robot import RobotDescription
+from castor_envs.rendering.drawing.path import evenly
+from castor_envs.rendering.drawing.view import View
+from castor_envs.rendering.outlines import CastorOutline, castor_outlines, chassis_outline, inset, nose, placed
+from castor_envs.vehicles.robot import RobotDescription
 
 Array = NDArray[np.float64]
 

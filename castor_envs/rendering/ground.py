@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from castor_envs.floor import Floor, Patch
-from castor_envs.rendering.canvas import Canvas
+from castor_envs.rendering.drawing.canvas import Canvas
+from castor_envs.rendering.drawing.palette import ARENA, AXES, CABLE, FADED, GRID, INK, ROUGH, SLIPPERY, WHITE
+from castor_envs.rendering.drawing.view import View
 from castor_envs.rendering.outlines import bar, placed
-from castor_envs.rendering.palette import ARENA, AXES, CABLE, FADED, GRID, INK, ROUGH, SLIPPERY, WHITE
-from castor_envs.rendering.view import View
 
 GRID_STEP = 0.5  # m; ten times as much where the lines would merge
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.kinematics import Geometry, left_of, unit
-from castor_envs.robot import Castor, RobotDescription
+from castor_envs.geometry.kinematics import Geometry, left_of, unit
+from castor_envs.vehicles.robot import Castor, RobotDescription
 
 Array = NDArray[np.float64]
 

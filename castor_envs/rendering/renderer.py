@@ -7,7 +7,7 @@ from castor_envs.floor import Floor
 from castor_envs.rendering.caption import draw_error
 from castor_envs.rendering.figure import Figure
 from castor_envs.rendering.scene import Mode, Scene, finite_or_none
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles.robot import RobotDescription
 
 
 class Renderer:

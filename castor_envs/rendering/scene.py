@@ -7,13 +7,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.rendering.canvas import Canvas
 from castor_envs.rendering.caption import draw_caption
+from castor_envs.rendering.drawing.canvas import Canvas
+from castor_envs.rendering.drawing.palette import (
+    ESTIMATE,
+    FADED,
+    FAINT_PATH,
+    OUTSIDE,
+    REFERENCE,
+    TRUE_PATH,
+    TRUTH,
+    WHITE,
+)
+from castor_envs.rendering.drawing.path import Path, evenly
+from castor_envs.rendering.drawing.view import View
+from castor_envs.rendering.drawing.window import Window
 from castor_envs.rendering.ground import draw_floor
-from castor_envs.rendering.palette import ESTIMATE, FADED, FAINT_PATH, OUTSIDE, REFERENCE, TRUE_PATH, TRUTH, WHITE
-from castor_envs.rendering.path import Path, evenly
-from castor_envs.rendering.view import View
-from castor_envs.rendering.window import Window
 
 Array = NDArray[np.float64]
 Mode = Literal["human", "rgb_array"]

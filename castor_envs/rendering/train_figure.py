@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.rendering.canvas import Canvas
+from castor_envs.rendering.drawing.canvas import Canvas
+from castor_envs.rendering.drawing.palette import BEAM, ESTIMATE, INK
+from castor_envs.rendering.drawing.path import evenly
+from castor_envs.rendering.drawing.view import View
 from castor_envs.rendering.figure import Figure
-from castor_envs.rendering.palette import BEAM, ESTIMATE, INK
-from castor_envs.rendering.path import evenly
-from castor_envs.rendering.view import View
-from castor_envs.train import TrainDescription
+from castor_envs.vehicles.train import TrainDescription
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from castor_envs.floor import Floor
 from castor_envs.rendering.caption import draw_mean_error
 from castor_envs.rendering.scene import Mode, Scene, finite_or_none
 from castor_envs.rendering.train_figure import TrainFigure
-from castor_envs.train import TrainDescription
+from castor_envs.vehicles.train import TrainDescription
 
 Array = NDArray[np.float64]
 

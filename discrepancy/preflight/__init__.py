@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from castor_envs.log_columns import LogColumns
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.findings import Mistake, Preflight
 from discrepancy.preflight.misfit import Misfit, Misfits
 from discrepancy.preflight.reading import Reading

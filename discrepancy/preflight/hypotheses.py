@@ -8,8 +8,8 @@ from functools import reduce
 from itertools import combinations, permutations
 
 from castor_envs.effects import CastorOrder, CountsPerRev, Effect, EncoderReversed, EncodersSwapped, PivotBias
-from castor_envs.log_columns import LogColumns
-from castor_envs.robot import RobotDescription
+from castor_envs.logs.columns import LogColumns
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 
 FACTORS = (2.0, 4.0, 10.0, 0.5, 0.25, 0.1)

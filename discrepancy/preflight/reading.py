@@ -7,7 +7,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from castor_envs.effects import CastorOrder, Effect, EncoderReversed, EncodersSwapped, PivotBias
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles.robot import RobotDescription
 
 
 @dataclass(frozen=True)

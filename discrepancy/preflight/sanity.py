@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.log_columns import LogColumns
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.findings import Mistake
 
 Array = NDArray[np.float64]

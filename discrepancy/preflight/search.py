@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, places_to_scale, scale, wiring
 from discrepancy.preflight.misfit import Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading

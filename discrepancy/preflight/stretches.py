@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.logs import Log
+from castor_envs.logs.log import Log
 
 Array = NDArray[np.float64]
 

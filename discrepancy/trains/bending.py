@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from castor_envs.kinematics import Array
+from castor_envs.geometry.kinematics import Array
 from castor_envs.physics.statics import wheel_loads
-from castor_envs.posture_sensor import posture, sensed
-from castor_envs.train import Frame, TrainDescription
+from castor_envs.sensors.posture import posture, sensed
+from castor_envs.vehicles.train import Frame, TrainDescription
 
 GRAVITY = 9.81
 NEWTON = 3

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from castor_envs.effects import AllWheelRadius, Effect, Track, WheelRadius
-from castor_envs.kinematics import Array
-from castor_envs.train import TrainDescription
-from castor_envs.train_effects import (
+from castor_envs.effects.train import (
     AxleSlip,
     DeadGauge,
     EffectOfTrain,
@@ -16,6 +14,8 @@ from castor_envs.train_effects import (
     GaugeDrift,
     GaugeGain,
 )
+from castor_envs.geometry.kinematics import Array
+from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.rows import TrainLog
 
 OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)

@@ -19,10 +19,10 @@ import numpy as np
 from pydantic import TypeAdapter
 from threadpoolctl import threadpool_limits
 
+from castor_envs.effects.train import AxleSlip, DeadGauge, GaugeGain, GaugeNoise, SensorStops
 from castor_envs.errors import InputError
-from castor_envs.logs import Log
-from castor_envs.train import TrainDescription
-from castor_envs.train_effects import AxleSlip, DeadGauge, GaugeGain, GaugeNoise, SensorStops
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.candidates import Candidate, Placed, dead_gauges
 from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
 from discrepancy.trains.gap import Gap, gap_of

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from castor_envs.kinematics import Array
-from castor_envs.se2 import compose, inverse, relative_pose
-from castor_envs.train import TrainDescription
+from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.se2 import compose, inverse, relative_pose
+from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.evidence import Settled
 from discrepancy.trains.motion import Motion
 from discrepancy.trains.rows import TrainLog

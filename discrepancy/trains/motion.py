@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from castor_envs.kinematics import Array
-from castor_envs.se2 import relative_pose
+from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.se2 import relative_pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import binary_dilation
 
-from castor_envs.kinematics import Array
-from castor_envs.logs import Log
-from castor_envs.se2 import compose, inverse
-from castor_envs.train import TrainDescription
+from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.se2 import compose, inverse
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains import bending
 from discrepancy.trains.motion import Motion
 

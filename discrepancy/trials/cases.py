@@ -20,9 +20,9 @@ from typing import Any, Literal
 import numpy as np
 
 from castor_envs.effects import Effect, catalogue
-from castor_envs.robot import RobotDescription
-from castor_envs.trajectories import Leg, Run, Trajectory, wander
-from discrepancy.trials.strength import FITTED_ANYWAY, WIRING, class_of
+from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.strength.separation import FITTED_ANYWAY, WIRING, class_of
 
 Stratum = Literal["clean", "one", "large", "two", "outside", "poor"]
 Course = Literal["wander", "to and fro", "circles"]

@@ -6,8 +6,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from castor_envs.errors import InputError
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import Hidden, Outsiders
 from discrepancy.trials.outside import outside_effects
 
@@ -36,7 +36,7 @@ def generator(name: str) -> Generator:
             import mujoco  # noqa: F401
         except ImportError:
             raise InputError("generator mujoco needs MuJoCo; install castor-envs[trial]") from None
-        from discrepancy.trials.mujoco_generator import drive
+        from discrepancy.trials.mujoco.generator import drive
 
         return Generator(drive, _foreign_outsiders, foreign=True)
     raise InputError(f"unknown generator {name!r}; there are pymunk and mujoco")
@@ -48,7 +48,7 @@ def _own_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iter
 
 
 def _foreign_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
-    from discrepancy.trials import mujoco_outside as foreign
+    from discrepancy.trials.mujoco import outside as foreign
 
     castor = int(random.integers(len(robot.castors))) + 1
     wheel = int(random.integers(len(robot.castors[castor - 1].wheels))) + 1

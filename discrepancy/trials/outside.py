@@ -11,9 +11,9 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects.effect import all_channels
-from castor_envs.kinematics import Geometry
-from castor_envs.robot import RobotDescription
+from castor_envs.effects.base import all_channels
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.vehicles.robot import RobotDescription
 
 Array = NDArray[np.float64]
 

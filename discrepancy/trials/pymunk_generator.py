@@ -3,15 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.controller import KinematicController, trailing_angles
 from castor_envs.effects import reader_of, reference
-from castor_envs.encoders import Encoders, castor_angles
 from castor_envs.floor import Floor
-from castor_envs.kinematics import Geometry
-from castor_envs.logs import Log
-from castor_envs.physics.world import World
-from castor_envs.robot import RobotDescription
-from castor_envs.trajectories import Trajectory
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from castor_envs.motion.controllers import KinematicController, trailing_angles
+from castor_envs.motion.trajectories import Trajectory
+from castor_envs.physics.robot_world import World
+from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.noise import Noise
 from discrepancy.trials.outside import Outside, outside_effects
 from discrepancy.trials.reading import as_recorded, counts_of

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.kinematics import Geometry
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.noise import Noise
 
 Array = NDArray[np.float64]

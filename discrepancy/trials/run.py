@@ -24,18 +24,18 @@ from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, write_json
-from castor_envs.logs import Log, read_log, write_log
-from castor_envs.presets import preset
-from castor_envs.robot import RobotDescription
-from discrepancy.examination import Examination, examine
-from discrepancy.findings import Diagnosis
+from castor_envs.logs.log import Log, read_log, write_log
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.diagnose import Examination, examine
+from discrepancy.inference.findings import Diagnosis
 from discrepancy.trials.cases import Case, Hidden, draw, motion
 from discrepancy.trials.folder import asked_of, begin, each, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import EXACT, Noise
 from discrepancy.trials.reading import as_recorded
-from discrepancy.trials.settling import Strength, Track, settled
-from discrepancy.trials.strength import WIRING, Yardstick, class_of
+from discrepancy.trials.strength.separation import WIRING, Yardstick, class_of
+from discrepancy.trials.strength.solve_size import Strength, Track, settled
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 from castor_envs.errors import InputError
 from castor_envs.files import read_json
 from discrepancy.trials.run import Plan, plan_of
-from discrepancy.trials.strength import JITTER, WIRING
+from discrepancy.trials.strength.separation import JITTER, WIRING
 
 FORMAT = "castor-trial/2"
 

@@ -5,12 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from castor_envs.encoders import Encoders
-from castor_envs.kinematics import Geometry
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
-from castor_envs.rolling import roll
-from castor_envs.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.log_likelihood import Noise
 
 TYPICAL = Noise(along=1e-3, across=1e-3, position=2e-3, heading=5e-3)

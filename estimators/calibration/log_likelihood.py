@@ -7,9 +7,9 @@ wheels'. Known are
     rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled
     reference poses          off by independent errors, where they were taken
 
-The rolling constraints are those of castor_envs.kinematics, integrated over a step to fourth order in its length: half-
-way values alone would bias castors that swing in. Each step ties two samples only, so the normal equations are banded
-(Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read: rounded
+The rolling constraints are those of castor_envs.geometry.kinematics, integrated over a step to fourth order in its
+length: half-way values alone would bias castors that swing in. Each step ties two samples only, so the normal
+equations are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read: rounded
 regressors would shrink the parameters.
 """
 
@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, get_lapack_funcs
 
-from castor_envs.encoders import castor_angles
 from castor_envs.errors import InputError
-from castor_envs.kinematics import Array, Geometry, constraint_matrix
-from castor_envs.logs import Log, pivot_jumps
-from castor_envs.se2 import compose, relative_pose
+from castor_envs.geometry.kinematics import Array, Geometry, constraint_matrix
+from castor_envs.geometry.se2 import compose, relative_pose
+from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.sensors.encoders import castor_angles
 
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""

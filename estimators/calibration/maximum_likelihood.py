@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
-from castor_envs.kinematics import Array, Geometry
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
 

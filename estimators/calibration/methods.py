@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from castor_envs.errors import InputError
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration import maximum_likelihood, pivoting
 from estimators.calibration.protocol import Recording
-from estimators.calibration.umbmark_correction import corrected, direction_of, from_logs
+from estimators.calibration.umbmark import corrected, direction_of, from_logs
 
 
 class Uncalibrated:

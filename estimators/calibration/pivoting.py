@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
-from castor_envs.kinematics import Array
-from castor_envs.logs import Log, pivot_jumps
-from castor_envs.robot import RobotDescription
-from estimators.castor_odometry import wrap
+from castor_envs.geometry.kinematics import Array
+from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.robots.castor_odometry import wrap
 
 STEADY = 2.0
 """Counts by which a castor's angle may still move for it to have swung in."""

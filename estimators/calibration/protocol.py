@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from castor_envs.logs import Log
-from castor_envs.robot import RobotDescription
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 
 
 @dataclass(frozen=True, eq=False)

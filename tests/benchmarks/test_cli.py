@@ -12,8 +12,8 @@ import pytest
 
 from benchmarks import cli
 from castor_envs import command_line
-from castor_envs.logs import read_log
-from castor_envs.robot import RobotDescription
+from castor_envs.logs.log import read_log
+from castor_envs.vehicles.robot import RobotDescription
 
 SCRIPT = Path(sys.executable).with_name("castor-bench")
 
@@ -238,7 +238,7 @@ def test_a_built_in_that_serves_no_chosen_task_is_refused_at_once(castor_bench):
 
 
 def test_a_built_in_is_left_out_of_the_tasks_that_it_does_not_serve(castor_bench, fake_tasks, monkeypatch):
-    three = importlib.import_module("castor_envs.presets").preset("3-castor")
+    three = importlib.import_module("castor_envs.vehicles.presets").preset("3-castor")
     other = type("Other", (fake_tasks.Arcs,), {"robot": three, "record": None})(name="other")
     monkeypatch.setattr(cli, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), other))
     heard = {}

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from castor_envs import command_line
-from castor_envs.logs import Log, write_log
-from castor_envs.presets import preset
-from castor_envs.train_presets import cfmmr
+from castor_envs.logs.log import Log, write_log
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.train_presets import cfmmr
 from discrepancy import cli
 
 

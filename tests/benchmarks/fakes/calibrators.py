@@ -5,8 +5,8 @@ import gc
 import os
 
 from castor_envs.errors import InputError
-from castor_envs.presets import differential, preset
-from castor_envs.robot import RobotDescription
+from castor_envs.vehicles.presets import differential, preset
+from castor_envs.vehicles.robot import RobotDescription
 
 
 class Truth:

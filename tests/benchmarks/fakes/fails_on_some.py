@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from castor_envs.kinematics import Geometry
-from castor_envs.presets import differential
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.vehicles.presets import differential
 
 
 class FailsOnSome:

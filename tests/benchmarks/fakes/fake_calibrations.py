@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from fake_tasks import Arcs, arc, with_radius_error
 
-from benchmarks.task import Calibration, Episode, Run
+from benchmarks.tasks.task import Calibration, Episode, Run
 from estimators.calibration.protocol import Recording
 
 

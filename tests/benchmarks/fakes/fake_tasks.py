@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.task import Episode, Run
+from benchmarks.tasks.task import Episode, Run
 from castor_envs.errors import InputError
-from castor_envs.logs import Log
-from castor_envs.presets import differential
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.presets import differential
 
 SPEED, PERIOD = 0.5, 0.05
 

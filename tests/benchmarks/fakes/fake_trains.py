@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from benchmarks.task import Episode, Run
-from castor_envs.logs import Log
-from castor_envs.train_presets import cfmmr
+from benchmarks.tasks.task import Episode, Run
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train_presets import cfmmr
 
 
 def moving_train(samples=41):

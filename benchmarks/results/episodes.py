@@ -1,0 +1,175 @@
+"""Recorded episodes, kept so that every estimator is judged on the same ones and scores can be computed again."""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.results.archives import CorruptFileError, read_archive, read_metadata, write_archive
+from benchmarks.results.provenance import provenance, world_digest
+from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
+from castor_envs.errors import InputError
+from castor_envs.files import write_atomically
+from castor_envs.logs.log import Log, write_log
+from castor_envs.vehicles.load import file_name as vehicle_file_name
+from castor_envs.vehicles.load import vehicle_from_dict
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.protocol import Recording
+from estimators.registry import load_estimator
+
+FORMAT = "castor-episode/1"
+BELIEFS_FORMAT = "castor-beliefs/1"
+RECORDINGS_FORMAT = "castor-recordings/1"
+_PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age")
+
+
+def file_name(case: Case) -> str:
+    """Return the file name of a case; raises ValueError for a name that does not fit into one."""
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", str(case)):
+        raise ValueError(f"case {case!r}: use letters, digits and _ . - only")
+    return f"{case}.npz"
+
+
+class EpisodeStore:
+    """The episodes under RESULTS/episodes/<task>@<version>/<case>.npz."""
+
+    def __init__(self, results: Path):
+        self.root = results / "episodes"
+
+    def path(self, task: str, version: int, case: Case) -> Path:
+        """Return the file of an episode."""
+        return self.root / f"{task}@{version}" / file_name(case)
+
+    def digest(self, task: str, version: int, case: Case) -> str | None:
+        """Return the digest of a stored episode; raises CorruptFileError.
+
+        None if it is not there, or if another version of the world or of the tasks recorded it, or for another version
+        of the odometry that follows calibrated robots: then it is recorded again, and if it differs, so do its rows.
+        """
+        try:
+            metadata = read_metadata(self.path(task, version, case), FORMAT)
+        except FileNotFoundError:
+            return None
+        try:
+            digest, world = str(metadata["digest"]), metadata["origin"].get("world")
+            calibration = metadata.get("calibration")
+            current = world == world_digest() and (
+                calibration is None or calibration["odometry_source"] == _source_now(calibration["odometry"])
+            )
+        except (KeyError, AttributeError, TypeError, InputError):
+            raise CorruptFileError(self.path(task, version, case), "does not hold an episode") from None
+        return digest if current else None
+
+    def load(self, task: str, version: int, case: Case) -> Episode:
+        """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""
+        path = self.path(task, version, case)
+        metadata, arrays = read_archive(path, FORMAT)
+        try:
+            runs = tuple(
+                Run(
+                    _log(arrays, f"{k}"),
+                    direction=entry["direction"],
+                    baseline=entry["baseline"],
+                    belief=arrays.get(f"{k}.belief"),
+                    sound=tuple(entry.get("sound", ())),
+                )
+                for k, entry in enumerate(metadata["runs"])
+            )
+            calibration = _calibration(metadata, arrays, str(path))
+            episode = Episode(vehicle_from_dict(metadata["robot"], str(path)), runs, calibration)
+        except (KeyError, TypeError, ValueError, InputError):
+            raise CorruptFileError(path, "does not hold an episode") from None
+        if episode.digest != metadata["digest"]:
+            raise CorruptFileError(path, "does not hold what its digest says")
+        return episode
+
+    def save(self, task: Task, case: Case, episode: Episode) -> None:
+        """Store an episode; columns that the vehicle does not explain are left out."""
+        metadata: dict[str, Any] = {
+            "format": FORMAT,
+            "task": task.name,
+            "task_version": task.version,
+            "case": case,
+            "digest": episode.digest,
+            "robot": episode.robot.to_dict(),
+            "runs": [
+                {"direction": run.direction, "baseline": run.baseline, "sound": list(run.sound)} for run in episode.runs
+            ],
+            "origin": provenance(),
+        }
+        logs = {f"{k}": run.log for k, run in enumerate(episode.runs)}
+        if (calibration := episode.calibration) is not None:
+            metadata["calibration"] = {
+                "recordings": [{"held": one.held, "side": one.side} for one in calibration.recordings],
+                "odometry": calibration.odometry,
+                "odometry_source": calibration.odometry_source,
+                "true_robot": None if calibration.true_robot is None else calibration.true_robot.to_dict(),
+            }
+            logs |= {f"recording-{k}": one.log for k, one in enumerate(calibration.recordings)}
+        arrays = {
+            f"{name}.{part}": _compact(getattr(log, part))
+            for name, log in logs.items()
+            for part in _PARTS
+            if getattr(log, part) is not None
+        }
+        arrays |= {f"{k}.belief": run.belief for k, run in enumerate(episode.runs) if run.belief is not None}
+        write_archive(self.path(task.name, task.version, case), metadata, arrays)
+
+
+def write_episode(folder: Path, episode: Episode) -> None:
+    """Write an episode for people and other programs: robot.json or train.json and a log a run, such as run-01-cw.csv.
+
+    A run on the clean floor that only gives the systematic error ends in -baseline. Where runs start from a belief
+    instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name. What
+    calibration methods get are logs such as recording-01.csv, with recordings.json: which castor was held, the side of
+    the square (m), the odometry that follows the runs; true-robot.json has the parameters that are sought.
+    """
+    episode.robot.save(folder / vehicle_file_name(episode.robot))
+    beliefs: dict[str, Any] = {}
+    for k, run in enumerate(episode.runs, start=1):
+        name = "-".join(filter(None, [f"run-{k:02d}", run.direction, "baseline" if run.baseline else None])) + ".csv"
+        write_log(folder / name, run.log, episode.robot)
+        if run.belief is not None:
+            beliefs[name] = run.belief.tolist()
+    if beliefs:
+        write_atomically(folder / "beliefs.json", json.dumps({"format": BELIEFS_FORMAT, **beliefs}, indent=2) + "\n")
+    if (calibration := episode.calibration) is not None:
+        known: dict[str, Any] = {"format": RECORDINGS_FORMAT, "odometry": calibration.odometry}
+        for k, one in enumerate(calibration.recordings, start=1):
+            write_log(folder / f"recording-{k:02d}.csv", one.log, episode.robot)
+            known[f"recording-{k:02d}.csv"] = {"held": one.held, "side_m": one.side}
+        write_atomically(folder / "recordings.json", json.dumps(known, indent=2) + "\n")
+        if calibration.true_robot is not None:
+            calibration.true_robot.save(folder / "true-robot.json")
+
+
+@cache
+def _source_now(odometry: str) -> str:
+    return load_estimator(odometry).source_hash
+
+
+def _log(arrays: dict[str, Any], name: str) -> Log:
+    return Log(**{part: arrays[f"{name}.{part}"] for part in _PARTS if f"{name}.{part}" in arrays})
+
+
+def _calibration(metadata: dict[str, Any], arrays: dict[str, Any], path: str) -> Calibration | None:
+    stored = metadata.get("calibration")
+    if stored is None:
+        return None
+    recordings = tuple(
+        Recording(_log(arrays, f"recording-{k}"), entry["held"], entry["side"])
+        for k, entry in enumerate(stored["recordings"])
+    )
+    true = None if stored["true_robot"] is None else RobotDescription.from_dict(stored["true_robot"], path)
+    return Calibration(recordings, stored["odometry"], stored["odometry_source"], true)
+
+
+def _compact(array: NDArray) -> NDArray:
+    """Return whole numbers as 32-bit integers, which Log turns back into the same float64."""
+    if np.isfinite(array).all() and (np.abs(array) < 2**31).all() and (array == np.rint(array)).all():
+        return array.astype(np.int32) if not np.signbit(array[array == 0]).any() else array
+    return array

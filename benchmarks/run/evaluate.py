@@ -1,0 +1,164 @@
+"""The second stage of a run: estimators follow recorded episodes in worker processes; the parent scores and stores.
+
+The workers get observations, the robot and the start pose; for calibration methods the recordings too. The truth stays
+here.
+"""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.progress import RunProgress
+from benchmarks.results.provenance import provenance
+from benchmarks.results.rows import NOT_SERVED, ResultsStore, Row
+from benchmarks.run.processes import Died, Done, Job, Outcome, Raised, TimedOut, run_jobs
+from benchmarks.run.worker_calibrate import Calibrated, calibrate_and_follow, observed_calibration
+from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_stacked, observed_runs
+from benchmarks.scoring.registry import score
+from benchmarks.tasks.task import Case, Episode, Task
+from estimators.registry import CalibrationEntry, EstimatorEntry
+
+MOST_TIMEOUTS = 3
+"""After so many time-outs of an estimator in a task, its other episodes there are not tried."""
+
+Competitor = EstimatorEntry | CalibrationEntry
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """Cases of a task that an estimator is to follow in one job. stacked: on stacks of alike runs, else one case.
+
+    A calibration method calibrates one case in a job, and the task's odometry follows its runs.
+    """
+
+    task: Task
+    entry: Competitor
+    episodes: dict[Case, Episode]
+    stacked: bool
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Task and estimator, to count by."""
+        return self.task.name, self.entry.name, self.entry.source_hash
+
+
+def owner_of(entry: Competitor) -> tuple[str, str] | str:
+    """Return whose code an estimator is: plug-ins do not share a worker process with anyone."""
+    return "built in" if entry.builtin else (entry.spec, entry.source_hash)
+
+
+class Estimating:
+    """Takes work, makes jobs of it, and stores a row for each case, whatever happens."""
+
+    def __init__(self, works: Iterator[Work], rows: ResultsStore, timeout: float, progress: RunProgress):
+        self._works = works
+        self._rows = rows
+        self._timeout = timeout
+        self._progress = progress
+        self._timeouts: Counter[tuple[str, str, str]] = Counter()
+        self._again: deque[Work] = deque()
+
+    def run(self, processes: int) -> None:
+        """Do all work."""
+        with closing(run_jobs(self, processes)) as outcomes:
+            for job, outcome in outcomes:
+                self._take(job.subject, outcome)
+
+    def next_job(self) -> Job | None:
+        """Return the job of the next work that can be tried; rows of what cannot are stored as failed."""
+        while True:
+            work = self._again.popleft() if self._again else next(self._works, None)
+            if work is None:
+                return None
+            reason = work.entry.applicable(next(iter(work.episodes.values())).robot)
+            if reason is not None:
+                self._store_all(work, Failure(NOT_SERVED + reason))
+            elif self._timeouts[work.key] >= MOST_TIMEOUTS:
+                reason = f"not tried after {MOST_TIMEOUTS} episodes took over {self._timeout:g} s each"
+                self._store_all(work, Failure(reason), timeout=self._timeout)
+            else:
+                return self._job(work)
+
+    def _job(self, work: Work) -> Job:
+        entry, episodes = work.entry, list(work.episodes.values())
+        if isinstance(entry, CalibrationEntry):
+            function, seen = calibrate_and_follow, observed_calibration(episodes[0])
+        elif work.stacked:
+            function, seen = estimate_stacked, [observed_runs(episode) for episode in episodes]
+        else:
+            function, seen = estimate_singly, observed_runs(episodes[0])
+        return Job(function, (entry.spec, entry.source_hash, seen), work, self._timeout, owner_of(entry))
+
+    def _take(self, work: Work, outcome: Outcome) -> None:
+        """Store what came of some work; a stack that failed as a whole is tried again case by case."""
+        match outcome:
+            case Done(value):
+                answer = value if work.stacked or isinstance(value, Failure) else [value]
+            case TimedOut():
+                answer = Failure(f"took over {self._timeout:g} s")
+            case Died(exit_code):
+                answer = Failure(f"ended its process (exit code {exit_code})")
+            case Raised(text):
+                raise RuntimeError(f"task {work.task.name}, estimator {work.entry.name}:\n{text}")
+        if isinstance(answer, list):
+            for (case, episode), result in zip(work.episodes.items(), answer, strict=True):
+                self._store(work, case, episode, result)
+        elif work.stacked and not answer.reason.startswith(NOT_SERVED):
+            self._progress.warn(
+                f"{work.entry.name} on stacked runs of {work.task.name}: {answer.reason}; trying case by case"
+            )
+            for case, episode in work.episodes.items():
+                self._again.append(Work(work.task, work.entry, {case: episode}, stacked=False))
+        else:
+            late = isinstance(outcome, TimedOut)
+            self._timeouts[work.key] += late
+            self._store_all(work, answer, self._timeout if late else None)
+
+    def _store_all(self, work: Work, failure: Failure, timeout: float | None = None) -> None:
+        for case, episode in work.episodes.items():
+            self._store(work, case, episode, failure, timeout)
+
+    def _store(
+        self,
+        work: Work,
+        case: Case,
+        episode: Episode,
+        result: list[NDArray[np.float64]] | Calibrated | Failure,
+        timeout: float | None = None,
+    ) -> None:
+        failure, calibrated, estimates, scores = None, None, (), {}
+        match result:
+            case Failure(reason):
+                failure = reason
+            case Calibrated(calibrated, followed):
+                estimates = tuple(followed)
+            case _:
+                estimates = tuple(result)
+        if failure is None:
+            with np.errstate(all="ignore"):
+                scores = score(episode, estimates, calibrated)
+            if work.task.metric not in scores:
+                failure, scores, estimates = f"the runs of this episode give no {work.task.metric}", {}, ()
+            elif not np.isfinite(scores[work.task.metric]):
+                failure, scores, estimates = "returned poses too large to be scored", {}, ()
+        row = Row(
+            task=work.task.name,
+            version=work.task.version,
+            estimator=work.entry.name,
+            source_hash=work.entry.source_hash,
+            case=case,
+            episode=episode.digest,
+            robot_hash=episode.robot.hash(),
+            failure=failure,
+            timeout=timeout,
+            scores={name: value for name, value in scores.items() if np.isfinite(value)},
+            estimates=estimates,
+            calibrated=calibrated if failure is None else None,
+            origin=provenance(),
+        )
+        self._rows.save(row)
+        self._progress.advance()

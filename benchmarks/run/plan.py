@@ -1,0 +1,188 @@
+"""The run: record the episodes that are needed, let estimators follow them, score, store, and time their updates.
+
+It computes what is missing, and nothing else, so a run that was stopped in any way is continued by the next one.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.progress import RunProgress, SilentProgress
+from benchmarks.results.archives import CorruptFileError
+from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.provenance import provenance
+from benchmarks.results.rows import ResultsStore, check_results_folder, remove_leftovers
+from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
+from benchmarks.run.processes import Done, Job, run_jobs
+from benchmarks.run.record import record_missing
+from benchmarks.run.worker_estimate import observed_runs, time_updates
+from benchmarks.scoring.registry import METRICS
+from benchmarks.tasks.task import Case, Episode, Task, odometry_of
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.registry import CalibrationEntry
+
+STACK = 50
+"""At most so many cases of a task are stacked for one batched estimator."""
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A task, the cases of it to run, and the estimators, or calibration methods, to run on them."""
+
+    task: Task
+    cases: tuple[Case, ...]
+    estimators: tuple[Competitor, ...]
+
+    def __post_init__(self):
+        judges_methods = odometry_of(self.task) is not None
+        for entry in self.estimators:
+            if isinstance(entry, CalibrationEntry) != judges_methods:
+                judged = "calibration methods" if judges_methods else "estimators"
+                raise ValueError(f"task {self.task.name} judges {judged}, and {entry.name!r} is none")
+
+
+def run(
+    plan: Sequence[Assignment],
+    results: Path,
+    processes: int = 1,
+    timeout: float = 60.0,
+    progress: RunProgress | None = None,
+) -> dict[str, str]:
+    """Run what is missing of a plan into a results folder; returns why tasks could not be run, by name.
+
+    timeout: s, for an estimator in one episode. A row that failed by a shorter one is tried again.
+
+    Raises InputError if the results folder cannot be one, RuntimeError if a task cannot record an episode.
+    """
+    check_results_folder(results)
+    remove_leftovers(results)
+    return _Run(results, processes, timeout, progress or SilentProgress()).run(plan)
+
+
+class _Run:
+    def __init__(self, results: Path, processes: int, timeout: float, progress: RunProgress):
+        self.results, self.processes, self.timeout, self.progress = results, processes, timeout, progress
+        self.episodes = EpisodeStore(results)
+        self.rows = ResultsStore(results)
+        self.found: dict[tuple, tuple[str, float | None] | None] = {}
+
+    def run(self, plan: Sequence[Assignment]) -> dict[str, str]:
+        for assignment in plan:
+            if assignment.task.metric not in METRICS:
+                raise ValueError(f"task {assignment.task.name}: unknown metric {assignment.task.metric!r}")
+            if not METRICS[assignment.task.metric].ranks:
+                raise ValueError(f"task {assignment.task.name}: {assignment.task.metric!r} is larger for who is better")
+        missing = {a.task.name: a.task.missing for a in plan if a.task.missing is not None}
+        plan = [assignment for assignment in plan if assignment.task.name not in missing]
+        needed = [(a.task, case) for a in plan for case in a.cases if self._to_record(a, case)]
+        problems = record_missing(self.results, needed, self.processes, self.progress)
+        plan = [assignment for assignment in plan if assignment.task.name not in problems]
+        lacking = [self._lacking(assignment) for assignment in plan]
+        rows = sum(len(entries) for cases in lacking for entries in cases.values())
+        self.progress.start("running estimators", rows)
+        works = (
+            work
+            for assignment, cases in zip(plan, lacking, strict=True)
+            for work in self._works(assignment.task, cases)
+        )
+        Estimating(works, self.rows, self.timeout, self.progress).run(self.processes)
+        self._time(plan)
+        for path in dict.fromkeys(error.path for error in self.rows.corrupt):
+            self.progress.warn(f"{path} was damaged; it has been computed again")
+        return {**missing, **problems}
+
+    def _to_record(self, assignment: Assignment, case: Case) -> bool:
+        """Return whether a case's episode is needed and not there, or there from another version of the world."""
+        task = assignment.task
+        try:
+            stored = self.episodes.digest(task.name, task.version, case)
+        except CorruptFileError as error:
+            self.progress.warn(f"{error}; it is recorded again")
+            return True
+        outdated = stored is None and self.episodes.path(task.name, task.version, case).exists()
+        return outdated or (
+            stored is None and any(self._lacks(task, entry, case, None) for entry in assignment.estimators)
+        )
+
+    def _lacking(self, assignment: Assignment) -> dict[Case, list[Competitor]]:
+        """Return the cases that some estimators have no row of, with these estimators."""
+        task, lacking = assignment.task, {}
+        for case in assignment.cases:
+            episode = self.episodes.digest(task.name, task.version, case)
+            entries = [entry for entry in assignment.estimators if self._lacks(task, entry, case, episode)]
+            if entries:
+                lacking[case] = entries
+        return lacking
+
+    def _lacks(self, task: Task, entry: Competitor, case: Case, episode: str | None) -> bool:
+        """Return whether a row is to be computed; one of another episode than the recorded one is."""
+        key = (task.name, task.version, entry.name, entry.source_hash, case)
+        if key not in self.found:
+            row = self.rows.load(*key)
+            self.found[key] = None if row is None else (row.episode, row.timeout)
+        found = self.found[key]
+        if found is None or (episode is not None and found[0] != episode):
+            return True
+        return found[1] is not None and found[1] < self.timeout
+
+    def _works(self, task: Task, lacking: dict[Case, list[Competitor]]) -> Iterator[Work]:
+        """Yield what is to be done in a task, some cases at a time so that few episodes are held at once."""
+        cases = list(lacking)
+        for some in (cases[k : k + STACK] for k in range(0, len(cases), STACK)):
+            episodes = {case: self._load(task, case) for case in some}
+            for entry in dict.fromkeys(entry for case in some for entry in lacking[case]):
+                own = {case: episodes[case] for case in some if entry in lacking[case]}
+                # A train is one vehicle of several poses, which a stack could not be told from.
+                robots = all(isinstance(episode.robot, RobotDescription) for episode in own.values())
+                stacked = entry.batched and robots
+                if stacked and entry.builtin:
+                    yield Work(task, entry, own, stacked=True)
+                else:
+                    # Robots of different cases stay apart: their mean would be nearer to the truth than any of them.
+                    for case in own:
+                        yield Work(task, entry, {case: own[case]}, stacked=stacked)
+
+    def _load(self, task: Task, case: Case) -> Episode:
+        try:
+            return self.episodes.load(task.name, task.version, case)
+        except CorruptFileError as error:
+            self.progress.warn(f"{error}; it is recorded again")
+            self.episodes.save(task, case, task.record(case))
+            return self.episodes.load(task.name, task.version, case)
+
+    def _time(self, plan: Sequence[Assignment]) -> None:
+        """Measure what an update costs, for each estimator on the first run it can follow in a task."""
+        jobs = [job for a in plan for entry in a.estimators if (job := self._timing(a, entry)) is not None]
+        self.progress.start("timing updates", len(jobs))
+        with closing(run_jobs(_InOrder(jobs), self.processes)) as outcomes:
+            for job, outcome in outcomes:
+                if isinstance(outcome, Done) and isinstance(outcome.value, float):
+                    task, entry = job.subject
+                    self.rows.save_time(
+                        task.name, task.version, entry.name, entry.source_hash, outcome.value, provenance()
+                    )
+                self.progress.advance()
+
+    def _timing(self, assignment: Assignment, entry: Competitor) -> Job | None:
+        task = assignment.task
+        if isinstance(entry, CalibrationEntry):  # has no updates
+            return None
+        if self.rows.load_time(task.name, task.version, entry.name, entry.source_hash) is not None:
+            return None
+        for case in assignment.cases:
+            row = self.rows.load(task.name, task.version, entry.name, entry.source_hash, case)
+            if row is not None and row.failure is None and self.episodes.path(task.name, task.version, case).exists():
+                arguments = (entry.spec, entry.source_hash, observed_runs(self._load(task, case)))
+                return Job(time_updates, arguments, (task, entry), self.timeout, owner_of(entry))
+        return None
+
+
+class _InOrder:
+    """Jobs known from the start, one after another."""
+
+    def __init__(self, jobs: Sequence[Job]):
+        self._jobs = iter(jobs)
+
+    def next_job(self) -> Job | None:
+        return next(self._jobs, None)

@@ -1,0 +1,58 @@
+"""The first stage of a run: record every episode that is needed and not there yet, in worker processes."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+from benchmarks.progress import RunProgress
+from benchmarks.results.episodes import EpisodeStore
+from benchmarks.run.processes import Done, Job, Raised, run_jobs
+from benchmarks.tasks.task import Case, Task
+from castor_envs.errors import InputError
+
+
+def record_missing(
+    results: Path, needed: Iterable[tuple[Task, Case]], processes: int, progress: RunProgress
+) -> dict[str, str]:
+    """Record and store episodes; returns, by task name, what is wrong with the input of tasks that could not.
+
+    Raises RuntimeError, with the traceback, if a task fails otherwise.
+    """
+    needed = list(needed)
+    problems: dict[str, str] = {}
+    progress.start("recording episodes", len(needed))
+    jobs = _Jobs(Job(record_episode, (results, task, case), (task, case)) for task, case in needed)
+    with closing(run_jobs(jobs, processes)) as outcomes:
+        for job, outcome in outcomes:
+            task, case = job.subject
+            match outcome:
+                case Done(None):
+                    pass
+                case Done(str(problem)):
+                    problems.setdefault(task.name, problem)
+                case Raised(text):
+                    raise RuntimeError(f"task {task.name}, case {case}: cannot be recorded\n{text}")
+                case _:
+                    raise RuntimeError(f"task {task.name}, case {case}: cannot be recorded: {outcome}")
+            progress.advance()
+    return problems
+
+
+def record_episode(results: Path, task: Task, case: Case) -> str | None:
+    """Record and store the episode of a case; returns what is wrong with the task's input, if anything is."""
+    try:
+        episode = task.record(case)
+    except InputError as error:
+        return str(error)
+    EpisodeStore(results).save(task, case, episode)
+    return None
+
+
+class _Jobs:
+    """Jobs known from the start."""
+
+    def __init__(self, jobs: Iterator[Job]):
+        self._jobs = jobs
+
+    def next_job(self) -> Job | None:
+        return next(self._jobs, None)

@@ -1,0 +1,273 @@
+"""What happens in a worker process: an estimator follows observations. The truth is not in this process.
+
+An estimator gets the vehicle as the episode describes it, where it starts, and one observation after another. The
+parent gets back its poses at the evaluation samples and scores them.
+"""
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import cycle, islice
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.results.rows import NOT_SERVED
+from benchmarks.tasks.task import Episode
+from castor_envs.errors import InputError
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.load import Vehicle
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
+from estimators.trains.relative_poses import RelativePoseWarning
+
+Array = NDArray[np.float64]
+Entry = TypeVar("Entry", EstimatorEntry, CalibrationEntry)
+
+FEWEST_TIMED = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All observations of one run, or of several along leading axes: the same numbers as `Log.observations` yields.
+
+    wheel (..., K, driven wheels), pivot (..., K, pivot encoders), time (..., K), gyro (..., K) or None; of a train rps
+    (K, 3F) and rps_age (K, F), for robots None.
+    """
+
+    wheel: Array
+    pivot: Array
+    time: Array
+    gyro: Array | None
+    rps: Array | None = None
+    rps_age: Array | None = None
+
+    @classmethod
+    def of(cls, log: Log) -> "Observations":
+        """Return the observations of a log, without its reference."""
+        increments = np.diff(log.wheel, axis=0, prepend=log.wheel[:1])
+        return cls(increments, log.pivot, log.t, log.gyro, log.rps, log.rps_age)
+
+    @classmethod
+    def stack(cls, members: Sequence["Observations"]) -> "Observations":
+        """Return observations of robots, of equal length, along one new leading axis."""
+        gyro = [member.gyro for member in members if member.gyro is not None]
+        return cls(
+            np.stack([member.wheel for member in members]),
+            np.stack([member.pivot for member in members]),
+            np.stack([member.time for member in members]),
+            np.stack(gyro) if gyro else None,
+        )
+
+    def __len__(self) -> int:
+        return self.time.shape[-1]
+
+    def at(self, k: int) -> dict[str, Array]:
+        """Return observation k, in arrays of its own."""
+        observation = {"wheel": self.wheel[..., k, :].copy(), "time": self.time[..., k, None].copy()}
+        if self.rps is not None and self.rps_age is not None:
+            observation |= {"rps": self.rps[..., k, :].copy(), "rps_age": self.rps_age[..., k, :].copy()}
+        else:
+            observation["pivot"] = self.pivot[..., k, :].copy()
+        if self.gyro is not None:
+            observation["gyro"] = self.gyro[..., k, None].copy()
+        return observation
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedRun:
+    """What a worker gets of a run: the vehicle, where it starts, the observations, which poses to return.
+
+    start: (3,), of a train (N, 3).
+    """
+
+    robot: Vehicle
+    start: Array
+    observations: Observations
+    samples: NDArray[np.intp]
+
+
+def observed_runs(episode: Episode) -> list[ObservedRun]:
+    """Return what estimators may see of an episode."""
+    return [ObservedRun(episode.robot, run.start.copy(), Observations.of(run.log), run.samples) for run in episode.runs]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An estimator failed; `reason` goes on the leaderboard."""
+
+    reason: str
+
+
+class FailedError(Exception):
+    """Raised where an estimator or a calibration method fails."""
+
+
+def estimate_singly(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> list[Array] | Failure:
+    """Return the estimated poses of each run, (M, 3) or (N, M, 3) of a train, or how the first failing run failed."""
+    estimates = []
+    for number, run in enumerate(runs, start=1):
+        try:
+            poses = _follow(loaded(load_estimator, spec, source_hash), run.robot, run.start, run.observations)
+        except FailedError as failure:
+            return Failure(f"{failure} of run {number}" if "at sample" in str(failure) else str(failure))
+        bad = np.argwhere(~np.isfinite(poses).all(axis=-1))[:, -1]
+        if bad.size:
+            return Failure(f"returned NaN or infinity at sample {bad.min()} of run {number}")
+        estimates.append(poses[..., run.samples, :])
+    return estimates
+
+
+def estimate_stacked(
+    spec: str, source_hash: str, episodes: Sequence[Sequence[ObservedRun]]
+) -> list[list[Array] | Failure] | Failure:
+    """Return the estimated poses of each run of robots' episodes, on stacks of runs alike in layout and length.
+
+    A pose that is not finite fails its own episode; anything else that goes wrong fails the whole, and the parent then
+    tries the episodes one by one.
+    """
+    runs = [(e, r, run) for e, episode in enumerate(episodes) for r, run in enumerate(episode)]
+    groups: dict[tuple, list[tuple[int, int, ObservedRun]]] = {}
+    for member in runs:
+        groups.setdefault(_stack_key(member[2]), []).append(member)
+    estimates: list[list[Any]] = [[None] * len(episode) for episode in episodes]
+    failures: dict[int, tuple[int, Failure]] = {}
+    for members in groups.values():
+        geometry = Geometry.of([_robot_of(run) for _, _, run in members])
+        start = np.stack([run.start for _, _, run in members])
+        observations = Observations.stack([run.observations for _, _, run in members])
+        try:
+            poses = _follow(loaded(load_estimator, spec, source_hash), geometry, start, observations)
+        except FailedError as failure:
+            return Failure(str(failure))
+        for (e, r, run), own in zip(members, poses, strict=True):
+            estimates[e][r] = own[run.samples]
+            good = np.isfinite(own).all(axis=-1)
+            if not good.all() and (e not in failures or r < failures[e][0]):
+                k = np.argmin(good)
+                failures[e] = (r, Failure(f"returned NaN or infinity at sample {k} of run {r + 1}"))
+    return [failures[e][1] if e in failures else estimates[e] for e in range(len(episodes))]
+
+
+def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> float | Failure:
+    """Return the median CPU time of an update of a single vehicle, microseconds.
+
+    Over the first run, or over more, again and again, where it is short: at least FEWEST_TIMED updates. The first
+    observation of a run, which is of the start itself, does not count.
+    """
+    spent: list[int] = []
+    try:
+        for run in islice(cycle(runs), FEWEST_TIMED):
+            own: list[int] = []
+            _follow(loaded(load_estimator, spec, source_hash), run.robot, run.start, run.observations, own)
+            spent += own[1:] or own
+            if len(spent) >= FEWEST_TIMED:
+                break
+    except FailedError as failure:
+        return Failure(str(failure))
+    return float(np.median(spent)) / 1e3
+
+
+def _stack_key(run: ObservedRun) -> tuple:
+    geometry = Geometry.of(_robot_of(run))
+    layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
+    return (
+        *(getattr(geometry, name).tobytes() for name in layout),
+        geometry.sample_period,
+        len(run.observations),
+        run.observations.gyro is None,
+    )
+
+
+def _robot_of(run: ObservedRun) -> RobotDescription:
+    if not isinstance(run.robot, RobotDescription):
+        raise TypeError(f"only robots are stacked, and {run.robot.name!r} is a train")
+    return run.robot
+
+
+@lru_cache(maxsize=8)
+def loaded(load: Callable[[str], Entry], spec: str, source_hash: str) -> Entry:
+    """Return what a spec names; raises FailedError if it cannot be loaded, or is no longer what the parent loaded."""
+    try:
+        entry = load(spec)
+    except BaseException as error:
+        raise FailedError(f"could not be loaded by a worker process: {one_line(error)}") from None
+    if entry.source_hash != source_hash:
+        raise FailedError("its source changed while the benchmark ran; run again")
+    return entry
+
+
+def _follow(
+    entry: EstimatorEntry,
+    robot: Vehicle | Geometry,
+    start: Array,
+    observations: Observations,
+    spent: list[int] | None = None,
+) -> Array:
+    """Return the poses (..., K, 3) of a new estimator; append the CPU time of each update, ns, to `spent`.
+
+    robot: a single vehicle, or the geometry of a stack of robots. start (..., 3): the leading axes are those of the
+    stack, or a train's axles. What estimators say of relative poses that they cannot use is not shown.
+    """
+    poses = np.empty((*start.shape[:-1], len(observations), 3))
+    where = "when constructed"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RelativePoseWarning)
+            estimator = entry.factory()
+            where = "in reset"
+            estimator.reset(robot, start.copy())
+            for k in range(len(observations)):
+                where = f"in update at sample {k}"
+                observation = observations.at(k)
+                began = time.process_time_ns()
+                answer = estimator.update(observation)
+                if spent is not None:
+                    spent.append(time.process_time_ns() - began)
+                poses[..., k, :] = _pose(answer, start.shape, where)
+    except FailedError:
+        raise
+    except BaseException as error:
+        # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
+        certain = isinstance(error, InputError) or not isinstance(robot, Geometry)
+        if certain and where == "in reset" and (reason := _declined(error, robot)) is not None:
+            raise FailedError(NOT_SERVED + reason) from None
+        raise FailedError(f"raised {one_line(error)} {where}") from None
+    return poses
+
+
+def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
+    try:
+        pose = np.asarray(answer, dtype=float)
+    except (TypeError, ValueError):
+        raise FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {where}") from None
+    if pose.shape != shape:
+        raise FailedError(f"returned shape {pose.shape} instead of {shape} {where}")
+    return pose
+
+
+def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:
+    """Return why an estimator's `reset` declines, as one printable line; None if what it raised says otherwise."""
+    if isinstance(error, ValueError):
+        return message_of(error) or type(error).__name__
+    return declines(error, robot)
+
+
+def one_line(error: BaseException) -> str:
+    """Return type and message of a plug-in's exception as one printable line."""
+    text = message_of(error)
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def message_of(error: BaseException) -> str:
+    """Return the message of a plug-in's exception as one printable line, whatever it may hold."""
+    try:
+        text = " ".join(str(error).split())[:200]
+    except Exception:
+        text = "its message cannot be shown"
+    text = "".join(character if character.isprintable() else "?" for character in text)
+    return text

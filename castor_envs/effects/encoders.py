@@ -1,0 +1,280 @@
+"""Effects on what the encoders read: gains, eccentric discs, backlash, lost counts."""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from castor_envs.effects.base import (
+    Effect,
+    Number,
+    Reader,
+    in_turn,
+    pivot_channel,
+    pivot_encoders,
+    through,
+    wheel_channel,
+    wheel_encoders,
+)
+from castor_envs.vehicles.description import CONFIG, NotNegative, Positive
+
+if TYPE_CHECKING:
+    from castor_envs.vehicles.robot import RobotDescription
+
+Array = NDArray[np.float64]
+Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
+Direction = Literal["forward", "backward"]
+Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+QUARTERS = (0.0, math.pi / 2)  # phases whose sines add up to one of any phase
+
+
+def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+    """Return what leaves out of angles (k, c) all that was lost so far: `lost(times taken (k,), angles turned (k, c))`
+    of each sample."""
+    last: list[tuple[Array, Array, Array]] = []
+
+    def read(t: Array, angle: Array) -> Array:
+        since, before, gone = last[0] if last else (t[:1], angle[:1], np.zeros_like(angle[:1]))
+        own = lost(np.diff(t, prepend=since), np.diff(angle, axis=0, prepend=before))
+        total = np.cumsum(np.concatenate([gone, own]), axis=0)[1:]
+        last[:] = [(t[-1:], angle[-1:].copy(), total[-1:])]
+        return angle - total
+
+    return read
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotGain(Effect):
+    """A pivot encoder reads (1 + value) theta: too many degrees for each degree turned, counted from theta = 0."""
+
+    name: Literal["pivot_gain"] = "pivot_gain"
+    castor: Number
+    value: Fraction
+    title = "gain of a pivot encoder"
+    unit = "1"
+    step = 1e-3
+    check = "Turn the castor by ten full turns and read its pivot; check the gear or belt between pivot and encoder."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotGain", ...]:
+        """Return one for each castor with a pivot encoder."""
+        return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that scales theta."""
+        own = pivot_channel(robot, self.castor, self.name)
+        return through(robot, [own], lambda t, angle: (1.0 + self.value) * angle)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotEccentricity(Effect):
+    """A pivot encoder's disc sits off its centre: it reads theta + value sin(theta - phase)."""
+
+    name: Literal["pivot_eccentricity"] = "pivot_eccentricity"
+    castor: Number
+    value: Fraction
+    phase: Phase = 0.0
+    title = "eccentric pivot encoder"
+    unit = "rad"
+    step = 1e-3
+    check = "Turn the castor by quarter turns against a protractor; check the encoder disc's or magnet's centring."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotEccentricity", ...]:
+        """Return two for each castor with a pivot encoder, a quarter turn apart."""
+        return tuple(cls(castor=i, value=cls.step, phase=phase) for i in pivot_encoders(robot) for phase in QUARTERS)
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that adds the sine of theta."""
+        own = pivot_channel(robot, self.castor, self.name)
+        return through(robot, [own], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class WheelEccentricity(Effect):
+    """A wheel or its encoder's disc sits off its centre: at angle phi it reads phi + value sin(phi - phase).
+
+    phi is the angle turned since the start of the run.
+    """
+
+    name: Literal["wheel_eccentricity"] = "wheel_eccentricity"
+    castor: Number
+    wheel: Number
+    value: Fraction
+    phase: Phase = 0.0
+    title = "eccentric wheel"
+    unit = "rad"
+    step = 1e-3
+    check = "Spin the wheel against a dial gauge; check its hub and its encoder's centring."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["WheelEccentricity", ...]:
+        """Return two for each wheel with an encoder, a quarter turn apart."""
+        places = [(*own, phase) for own in wheel_encoders(robot) for phase in QUARTERS]
+        return tuple(cls(castor=i, wheel=j, value=cls.step, phase=phase) for i, j, phase in places)
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that adds the sine of the wheel's angle."""
+        own = wheel_channel(robot, self.castor, self.wheel, self.name)
+        return through(robot, [own], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class PivotBacklash(Effect):
+    """A pivot encoder's gear has backlash: turned left it reads half of `value` (rad) too little, right too much.
+
+    Turned back, it stands still for `value`, then follows. The run starts in the middle of the backlash.
+    """
+
+    name: Literal["pivot_backlash"] = "pivot_backlash"
+    castor: Number
+    value: Annotated[float, Field(ge=0.0, le=1.0)]
+    title = "backlash of a pivot encoder"
+    unit = "rad"
+    step = 1e-3
+    check = "Rock the castor by hand and watch its pivot's counts; check the encoder's gear, belt and coupling."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["PivotBacklash", ...]:
+        """Return one for each castor with a pivot encoder."""
+        return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that follows theta at half the backlash."""
+        own, half = pivot_channel(robot, self.castor, self.name), self.value / 2
+        before: list[Array] = []
+
+        def read(t: float, angle: Array) -> Array:
+            before[:] = [np.clip(before[0], angle - half, angle + half) if before else angle]
+            return before[0]
+
+        return through(robot, [own], in_turn(read))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class TickLoss(Effect):
+    """A wheel's encoder loses the fraction `value` of what the wheel turns in samples faster than `above` (rad/s).
+
+    Only while it turns in one `direction`, which is that of its castor. The speed is a sample's mean.
+    """
+
+    name: Literal["tick_loss"] = "tick_loss"
+    castor: Number
+    wheel: Number
+    value: Annotated[float, Field(ge=0.0, le=0.5)]
+    above: NotNegative
+    direction: Direction = "forward"
+    title = "counts lost at speed"
+    unit = "1"
+    step = 1e-2
+    check = (
+        "Spin the wheel fast and slowly by the same turns, both ways; check the encoder's cable, supply and input rate."
+    )
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["TickLoss", ...]:
+        """Return two for each wheel with an encoder, one a direction, above a quarter of the robot's top speed."""
+        above = robot.max_wheel_speed / 4
+        ways: tuple[Direction, ...] = ("forward", "backward")
+        return tuple(
+            cls(castor=i, wheel=j, value=cls.step, above=above, direction=way)
+            for i, j in wheel_encoders(robot)
+            for way in ways
+        )
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that leaves out what was lost so far."""
+        own, sign = (
+            wheel_channel(robot, self.castor, self.wheel, self.name),
+            1.0 if self.direction == "forward" else -1.0,
+        )
+
+        def lost(t: Array, turned: Array) -> Array:
+            return np.where(sign * turned > self.above * t[:, None], self.value * turned, 0.0)
+
+        return through(robot, [own], losing(lost))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class TickLossBursts(Effect):
+    """A wheel's encoder loses the fraction `value` of what the wheel turns in bursts: `width` (s) every `period` (s).
+
+    The first burst begins at `start` (s), the others `period` after the one before; with a `seed` their distances are
+    drawn, evenly from 0 to twice the period. In part of a sample, that part is lost.
+    """
+
+    name: Literal["tick_loss_bursts"] = "tick_loss_bursts"
+    castor: Number
+    wheel: Number
+    value: Annotated[float, Field(ge=0.0, le=1.0)]
+    period: Positive
+    width: Positive
+    start: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] | None = None
+    title = "counts lost in bursts"
+    unit = "1"
+    step = 0.1
+    check = "Look for a loose plug or cable; watch the counts while shaking it and while other devices switch on."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["TickLossBursts", ...]:
+        """Return none: when counts may be lost has to be found first."""
+        return ()
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that leaves out what was lost so far."""
+        own = wheel_channel(robot, self.castor, self.wheel, self.name)
+        random = None if self.seed is None else np.random.default_rng(self.seed)
+        before: list[tuple[float, Array]] = []
+        bursts = [self.start]
+        lost = np.zeros(1)
+
+        def read(t: float, angle: Array) -> Array:
+            while bursts[-1] < t:
+                bursts.append(bursts[-1] + self.period * (1.0 if random is None else random.uniform(0.0, 2.0)))
+            if before:
+                since, turned = before[0][0], angle - before[0][1]
+                while len(bursts) > 1 and bursts[1] <= since:
+                    del bursts[0]
+                begins = np.array(bursts)
+                edges = np.minimum(begins[:-1] + self.width, begins[1:])
+                shared = np.clip(np.minimum(edges, t) - np.maximum(begins[:-1], since), 0.0, None).sum()
+                lost[:] += self.value * turned * (shared / (t - since))
+            before[:] = [(t, angle)]
+            return angle - lost
+
+        return through(robot, [own], in_turn(read))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class LostRemainders(Effect):
+    """A wheel's counts are cut to whole ones, toward zero, sample by sample, and what is left over is lost.
+
+    It is there or not: its value is always 1.
+    """
+
+    name: Literal["lost_remainders"] = "lost_remainders"
+    castor: Number
+    wheel: Number
+    value: Annotated[float, Field(ge=1.0, le=1.0)] = 1.0
+    title = "remainders lost between samples"
+    unit = "1"
+    step = 1.0
+    check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["LostRemainders", ...]:
+        """Return one for each wheel with an encoder."""
+        return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
+
+    def reader(self, robot: "RobotDescription") -> Reader:
+        """Return a reader that leaves out the remainders so far."""
+        own = wheel_channel(robot, self.castor, self.wheel, self.name)
+        per_rev = robot.wheels[own].counts_per_rev
+        assert per_rev is not None  # as the wheel has a channel
+        count = 2 * math.pi / per_rev
+        return through(robot, [own], losing(lambda t, turned: turned - np.trunc(turned / count) * count))

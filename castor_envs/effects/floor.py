@@ -1,0 +1,179 @@
+"""Effects of the floor: slope, a cable, a slippery place. Reference poses tell the places, in the frame N."""
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from castor_envs.effects.base import Effect
+from castor_envs.errors import InputError
+from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.motion.steps import Motion, Slip, contact_paths, contact_places
+from castor_envs.physics.contact_motion import creep
+from castor_envs.vehicles.description import CONFIG, Positive
+
+if TYPE_CHECKING:
+    from castor_envs.vehicles.robot import RobotDescription
+
+Array = NDArray[np.float64]
+Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+
+PARTS = 128
+"""Parts of a step, at each of which a cable's gradient is taken."""
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class FloorSlope(Effect):
+    """The floor rises along x or y (`direction`) of N by `value` (m) each metre."""
+
+    name: Literal["floor_slope"] = "floor_slope"
+    direction: Literal["x", "y"]
+    value: Annotated[float, Field(ge=-0.5, le=0.5)]
+    title = "slope of the floor"
+    unit = "m/m"
+    step = 0.01
+    check = "Lay a spirit level on the floor along both axes; compare wheel counts uphill with those downhill."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["FloorSlope", ...]:
+        """Return one along each axis."""
+        return (cls(direction="x", value=cls.step), cls(direction="y", value=cls.step))
+
+    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+        """Return the floor, steeper by `value`."""
+        x, y = floor.slope
+        slope = (x + self.value, y) if self.direction == "x" else (x, y + self.value)
+        return dataclasses.replace(floor, slope=slope)
+
+    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+        """Return how far contacts creep more as the weight's part along the floor pulls at them."""
+        return creep(robot, motion, self.floor(robot, Floor())) - creep(robot, motion, Floor())
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Bump(Effect):
+    """A cable of diameter `value` (m) lies on the floor through (x, y), along `direction` (rad, in N).
+
+    `length` (m) of it lies there, (x, y) in the middle.
+    """
+
+    name: Literal["bump"] = "bump"
+    x: float
+    y: float
+    direction: Angle
+    length: Positive = 100.0
+    value: Annotated[float, Field(ge=0.0, le=0.1)]
+    title = "cable or threshold on the floor"
+    unit = "m"
+    step = 1e-3
+    check = "Look on the floor at this place for a cable, a joint or a threshold."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["Bump", ...]:
+        """Return none: where a cable may lie has to be found first."""
+        return ()
+
+    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+        """Return the robot as it is; raises InputError where its wheels cannot climb the cable."""
+        smallest = min(wheel.radius for wheel in robot.wheels)
+        if self.value >= smallest:
+            raise InputError(
+                f"effect {self.name}: a cable of {self.value} m is too thick for robot {robot.name!r}, whose smallest "
+                f"wheel has a radius of {smallest} m"
+            )
+        return robot
+
+    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+        """Return the floor with the cable on it."""
+        if self.value == 0.0:
+            return floor
+        cable = Cable(center=(self.x, self.y), direction=self.direction, length=self.length, diameter=self.value)
+        return dataclasses.replace(floor, cables=(*floor.cables, cable))
+
+    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+        """Return how much less far contacts move in plan than wheels roll on their way over the cable.
+
+        What the climb pulls at the contacts is left out: it is paid back on the way down.
+        """
+        path = contact_paths(robot, motion)[:, : len(robot.wheels)]
+        places, longer = contact_places(robot, motion), np.zeros_like(path)
+        for part in (np.arange(PARTS) + 0.5) / PARTS:
+            climb = self._climb(robot, motion, (1 - part) * places[:-1] + part * places[1:])
+            longer += (np.sqrt(1.0 + climb**2) - 1.0) / PARTS
+        return Slip(-path * longer, np.zeros_like(motion.half_way))
+
+    def _climb(self, robot: "RobotDescription", motion: Motion, places: Array) -> Array:
+        """Return how steeply wheels climb along their rolling directions (K - 1, w), m/m, at places in steps.
+
+        On the cable a wheel's centre follows an arc of the sum of both radii about the cable's axis.
+        """
+        along, across = _along_and_across(places, self.x, self.y, self.direction)
+        radius = np.array([wheel.radius for wheel in robot.wheels])
+        on = (across**2 < 2.0 * radius * self.value) & (np.abs(along) <= self.length / 2)
+        below = np.where(on, (radius + self.value / 2) ** 2 - across**2, 1.0)
+        heading = motion.heading[:, None] + motion.half_way[:, list(robot.wheel_castors)] - self.direction
+        return np.where(on, -across / np.sqrt(below) * np.sin(heading), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class FrictionPatch(Effect):
+    """In a rectangle of the floor the fraction `value` of the friction is missing.
+
+    x, y: its centre in N, m. length, width: its sides, m, turned by `angle` (rad).
+    """
+
+    name: Literal["friction_patch"] = "friction_patch"
+    x: float
+    y: float
+    length: Positive
+    width: Positive
+    angle: Angle = 0.0
+    value: Annotated[float, Field(ge=0.0, le=1.0)]
+    title = "slippery place on the floor"
+    unit = "1"
+    step = 0.5
+    check = "Look on the floor at this place for dust, water or another covering."
+
+    @classmethod
+    def variants(cls, robot: "RobotDescription") -> tuple["FrictionPatch", ...]:
+        """Return none: where the floor may be slippery has to be found first."""
+        return ()
+
+    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+        """Return the floor with the patch on it."""
+        if self.value == 0.0:
+            return floor
+        patch = Patch(
+            center=(self.x, self.y),
+            size=(self.length, self.width),
+            angle=self.angle,
+            friction=robot.contact.friction * (1.0 - self.value),
+        )
+        return dataclasses.replace(floor, patches=(*floor.patches, patch))
+
+    def inside(self, robot: "RobotDescription", motion: Motion) -> NDArray[np.bool_]:
+        """Return which contacts stand in the rectangle half-way through each step (K - 1, w)."""
+        places = contact_places(robot, motion)
+        middle = (places[1:] + places[:-1]) / 2
+        along, across = _along_and_across(middle, self.x, self.y, self.angle)
+        return (np.abs(along) <= self.length / 2) & (np.abs(across) <= self.width / 2)
+
+    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+        """Return where contacts may slide: the fraction `value` of each path inside, as of wheels that spin.
+
+        A shape only: how far they slide differs from pass to pass, in size and sign.
+        """
+        path = contact_paths(robot, motion)[:, : len(robot.wheels)]
+        lost = -self.value * np.where(self.inside(robot, motion), path, 0.0)
+        return Slip(lost, np.zeros_like(motion.half_way))
+
+
+def _along_and_across(places: Array, x: float, y: float, direction: float) -> tuple[Array, Array]:
+    """Return places (..., 2) in N as seen from (x, y) along `direction` and to its left."""
+    c, s = math.cos(direction), math.sin(direction)
+    right, up = places[..., 0] - x, places[..., 1] - y
+    return c * right + s * up, c * up - s * right

@@ -1,0 +1,1 @@
+"""Poses in the plane and the rolling constraints."""

@@ -1,0 +1,228 @@
+"""Rolling kinematics, stated once: estimators, controllers and diagnosis all use it. Arithmetic broadcasts.
+
+A wheel at (-offset, lateral) in the frame of a castor that pivots at p, angle theta against the body, on a
+body with twist (v_x, v_y, omega) in B: the pivot moves at u = v + omega x p, the castor turns at Omega =
+omega + theta_dot, and
+
+    rolled distance rate   r phi_dot = u . e - Omega lateral  (+ tan(roller angle) * side velocity, omni
+    wheels)
+    no side slip                   0 = u . n - Omega offset   (standard wheels)
+
+with e = (cos theta, sin theta) the rolling direction and n = (-sin theta, cos theta) its left. Doebbler II.D uses both
+without writing them out.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.errors import InputError
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The numbers of one robot, or of many of one layout, as arrays with any leading axes.
+
+    n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
+    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal for all
+    robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there
+    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering.
+    """
+
+    pivot: Array
+    offset: Array
+    pivot_zero: Array
+    angle: Array
+    lateral: Array
+    radius: Array
+    roller: Array
+    wheel_castor: NDArray[np.intp]
+    counts_per_rev: Array
+    pivot_counts_per_rev: Array
+    standard: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
+    driven: NDArray[np.bool_]
+    sample_period: float
+
+    @classmethod
+    def of(cls, robot: "RobotDescription | Sequence[RobotDescription] | Geometry") -> "Geometry":
+        """Return the geometry of a robot, of a sequence of robots (one leading axis), or the geometry itself.
+
+        Raises ValueError if robots of a sequence differ in layout, encoders or sample period, InputError for a train.
+        """
+        if isinstance(robot, Geometry):
+            return robot
+        if isinstance(robot, RobotDescription):
+            return _of_one(robot)
+        if isinstance(robot, TrainDescription):
+            raise InputError(f"serves a single robot, and {robot.name!r} is a train")
+        members = [_of_one(member) for member in robot]
+        first = members[0]
+        layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
+        for member in members[1:]:
+            for name in layout:
+                if not np.array_equal(getattr(member, name), getattr(first, name), equal_nan=name.endswith("per_rev")):
+                    raise ValueError(f"robots of one batch must agree in {name}")
+            if member.sample_period != first.sample_period:
+                raise ValueError("robots of one batch must agree in sample_period")
+        numbers = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
+        stacked = {name: np.stack([getattr(member, name) for member in members]) for name in numbers}
+        return cls(
+            **stacked,
+            **{name: getattr(first, name) for name in layout},
+            sample_period=first.sample_period,
+        )
+
+    @property
+    def n_castors(self) -> int:
+        """How many castors each robot has."""
+        return self.pivot.shape[-2]
+
+    @cached_property
+    def trailing(self) -> NDArray[np.bool_]:
+        """Which castors (..., n) the floor turns: behind their pivot, on at least one wheel without rollers."""
+        held = np.bincount(self.wheel_castor, weights=self.standard, minlength=self.n_castors) > 0
+        return (self.offset > 0) & held
+
+    def side_slip_of_fixed(self, twist: ArrayLike) -> Array:
+        """Return how fast (m/s) each fixed castor (..., n) slips sideways at a twist (..., 3); 0 where it may."""
+        slip = inverse(self, self.angle, np.zeros_like(self.angle), twist).side_slip
+        first = np.searchsorted(self.wheel_castor, np.arange(self.n_castors))
+        return np.where(self.fixed & self.standard[first], slip[..., first], 0.0)
+
+    def expand(self, axes: int) -> "Geometry":
+        """Return the geometry with `axes` new axes of length 1 behind its leading ones, to broadcast over runs."""
+        parameters = {
+            "pivot": 2,
+            "offset": 1,
+            "pivot_zero": 1,
+            "angle": 1,
+            "lateral": 1,
+            "radius": 1,
+            "roller": 1,
+        }
+        changed = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        for name, own in parameters.items():
+            array = changed[name]
+            split = array.ndim - own
+            changed[name] = array.reshape(array.shape[:split] + (1,) * axes + array.shape[split:])
+        return Geometry(**changed)
+
+
+def _of_one(robot: RobotDescription) -> Geometry:
+    castors, wheels = robot.castors, robot.wheels
+
+    def numbers(values: list[float | None]) -> Array:
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+    return Geometry(
+        pivot=np.array([castor.pivot for castor in castors], dtype=float),
+        offset=np.array([castor.offset for castor in castors]),
+        pivot_zero=np.array([castor.pivot_zero for castor in castors]),
+        angle=np.array([castor.angle for castor in castors]),
+        lateral=np.array([wheel.lateral for wheel in wheels]),
+        radius=np.array([wheel.radius for wheel in wheels]),
+        roller=np.array([np.tan(wheel.roller_angle) for wheel in wheels]),
+        wheel_castor=np.array(robot.wheel_castors),
+        counts_per_rev=numbers([wheel.counts_per_rev for wheel in wheels]),
+        pivot_counts_per_rev=numbers([castor.pivot_counts_per_rev for castor in castors]),
+        standard=np.array([wheel.grip == "standard" for wheel in wheels]),
+        fixed=np.array([castor.steering == "fixed" for castor in castors]),
+        driven=np.array([castor.steering == "driven" for castor in castors]),
+        sample_period=robot.sample_period,
+    )
+
+
+def unit(angle: ArrayLike) -> Array:
+    """Return (cos, sin) of an angle along a new last axis."""
+    angle = np.asarray(angle, dtype=float)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def left_of(vector: Array) -> Array:
+    """Return plane vectors (..., 2) turned by +90 degrees."""
+    return np.stack([-vector[..., 1], vector[..., 0]], axis=-1)
+
+
+def pivot_velocity(geometry: Geometry, twist: ArrayLike) -> Array:
+    """Return the pivots' velocities in B, (..., n, 2), for body twists (..., 3) = (v_x, v_y, omega) in B."""
+    twist = np.asarray(twist, dtype=float)
+    return twist[..., None, :2] + twist[..., None, 2:] * left_of(geometry.pivot)
+
+
+def castor_rates(geometry: Geometry, castor_angle: ArrayLike, twist: ArrayLike) -> Array:
+    """Return theta_dot (..., n) that keeps every wheel from slipping sideways; 0 where fixed, NaN where offset is 0.
+
+    A castor on omni wheels alone is not turned by the floor: NaN unless fixed.
+    """
+    castor_angle, twist = np.asarray(castor_angle, dtype=float), np.asarray(twist, dtype=float)
+    u = pivot_velocity(geometry, twist)
+    sideways = np.sum(u * left_of(unit(castor_angle)), axis=-1)
+    trailing = geometry.trailing
+    turning = np.where(trailing, sideways / np.where(trailing, geometry.offset, 1.0), np.nan) - twist[..., 2:]
+    return np.where(geometry.fixed, 0.0, turning)
+
+
+class WheelMotion(NamedTuple):
+    """What the rolling constraints say: wheel rates (..., w), rad/s, and sideways contact velocity (..., w), m/s."""
+
+    rate: Array
+    side_slip: Array
+
+
+def inverse(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, twist: ArrayLike) -> WheelMotion:
+    """Return the wheel motion for body twists (..., 3), castor angles and castor rates (..., n).
+
+    `side_slip` is 0 for standard wheels wherever the motion satisfies their constraint.
+    """
+    castor_angle, castor_rate = np.asarray(castor_angle, dtype=float), np.asarray(castor_rate, dtype=float)
+    twist = np.asarray(twist, dtype=float)
+    u = pivot_velocity(geometry, twist)
+    e = unit(castor_angle)
+    turning = twist[..., 2:] + castor_rate
+    of_wheel = geometry.wheel_castor
+    along = np.sum(u * e, axis=-1)[..., of_wheel] - turning[..., of_wheel] * geometry.lateral
+    across = (np.sum(u * left_of(e), axis=-1) - turning * geometry.offset)[..., of_wheel]
+    return WheelMotion((along + across * geometry.roller) / geometry.radius, across)
+
+
+def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Array, Array]:
+    """Return the constraints as matrices: rows first the rolling of each wheel, then the side slip of each wheel.
+
+    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side slip). The
+    rows are those of `inverse`, which is linear in twist and castor rate.
+    """
+    castor_angle = np.asarray(castor_angle, dtype=float)
+    shape = np.broadcast_shapes(castor_angle.shape, geometry.offset.shape)
+    each = (4, *(1,) * (len(shape) - 1))  # the three parts of the twist, then the castors' rates
+    twist, rate = np.eye(4, 3).reshape(*each, 3), np.eye(4)[3].reshape(*each, 1) * np.ones(shape[-1])
+    motion = inverse(geometry, castor_angle, rate, twist)
+    rows = np.concatenate([motion.rate * geometry.radius, motion.side_slip], axis=-1)
+    rows = np.broadcast_to(rows, (4, *shape[:-1], rows.shape[-1]))
+    return np.moveaxis(rows[:3], 0, -1), rows[3]
+
+
+def forward(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, wheel_rate: ArrayLike) -> Array:
+    """Return the twist (..., 3) that fits wheel rates (..., w) and castor rates (..., n) best, by least squares.
+
+    Rows: rolling of each wheel with an encoder, no side slip of each standard wheel, all in m/s and equally weighted.
+    The rates of idle wheels are ignored. What the wheels cannot see (one free castor: the body's turning about its
+    pivot) is set to the smallest twist that fits.
+    """
+    castor_rate, wheel_rate = np.asarray(castor_rate, dtype=float), np.asarray(wheel_rate, dtype=float)
+    a, b = constraint_matrix(geometry, castor_angle)
+    rolled = wheel_rate * geometry.radius
+    measured = np.concatenate([rolled, np.zeros_like(rolled)], axis=-1)
+    of_wheel = np.concatenate([geometry.wheel_castor, geometry.wheel_castor])
+    used = np.concatenate([~np.isnan(geometry.counts_per_rev), geometry.standard])
+    right = (measured - b * castor_rate[..., of_wheel])[..., used]
+    return np.einsum("...ij,...j->...i", np.linalg.pinv(a[..., used, :], rcond=1e-10), right)

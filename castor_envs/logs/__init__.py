@@ -1,0 +1,1 @@
+"""Logs: recorded, written, read, imported."""

@@ -1,0 +1,115 @@
+"""The columns of a robot's or a train's logs: their names, and whether a header has them."""
+
+import difflib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from castor_envs.logs.csv import complaint
+from castor_envs.vehicles.load import Vehicle
+from castor_envs.vehicles.train import TrainDescription
+
+
+class LogColumns(NamedTuple):
+    """The names of a vehicle's log columns, part by part, each in the order of the same part of a `Log`."""
+
+    t: tuple[str, ...]
+    wheel: tuple[str, ...]
+    pivot: tuple[str, ...]
+    command: tuple[str, ...]
+    steering_command: tuple[str, ...]
+    reference: tuple[str, ...]
+    gyro: tuple[str, ...]
+    rps: tuple[str, ...]
+    rps_age: tuple[str, ...]
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> "LogColumns":
+        """Return the column names of a robot's or a train's logs."""
+        if isinstance(vehicle, TrainDescription):
+            return cls._of_train(vehicle)
+        robot = vehicle
+        driven = [robot.wheel_names[k] for k in robot.driven_wheels]
+        return cls(
+            t=("t",),
+            wheel=tuple(f"wheel_{name}" for name in driven),
+            pivot=tuple(f"pivot_{i + 1}" for i in robot.pivot_encoders),
+            command=tuple(f"cmd_{name}" for name in driven),
+            steering_command=tuple(f"cmd_pivot_{i + 1}" for i in robot.driven_castors),
+            reference=("ref_x", "ref_y", "ref_psi"),
+            gyro=("gyro_z",),
+            rps=(),
+            rps_age=(),
+        )
+
+    @classmethod
+    def _of_train(cls, train: TrainDescription) -> "LogColumns":
+        return cls(
+            t=("t",),
+            wheel=tuple(f"wheel_{name}" for name in train.wheel_names),
+            pivot=(),
+            command=tuple(f"cmd_{name}" for name in train.wheel_names),
+            steering_command=(),
+            reference=tuple(f"ref_{i + 1}_{part}" for i in range(train.n_axles) for part in ("x", "y", "psi")),
+            gyro=(),
+            rps=tuple(f"rps_{frame}_{part}" for frame in train.frame_names for part in ("x", "y", "phi")),
+            rps_age=tuple(f"rps_age_{frame}" for frame in train.frame_names),
+        )
+
+    @property
+    def known(self) -> set[str]:
+        """All names."""
+        return {name for part in self for name in part}
+
+    def check_header(self, path: Path, line: int, names: Sequence[str]) -> None:
+        """Raise InputError for nameless, doubled or missing columns.
+
+        t, wheels and pivots are required; of the other parts all columns or none.
+        """
+        for k, name in enumerate(names):
+            if not name.strip():
+                message = f"the column at place {k + 1} has no name; name or remove it"
+                raise complaint(path, line, None, message)
+            first = names.index(name)
+            if first < k:
+                message = f"appears twice, at places {first + 1} and {k + 1}; rename or remove one"
+                raise complaint(path, line, name, message)
+        if len(names) == 1:
+            raise complaint(path, line, None, "the header has a single column; separate columns by commas")
+        for name in filter(self._foreign, names):
+            message = "belongs to a train of other axles than given; give the robot or train that made the log"
+            raise complaint(path, line, name, message)
+        ages = [name for name in self.rps_age if name in names]
+        if ages and not any(name in names for name in self.rps):
+            raise complaint(path, line, ages[0], f"is the age of {self.rps[0]!r} and the others, which are missing")
+        for part, own in self._asdict().items():
+            required = part in ("t", "wheel", "pivot") or any(name in names for name in own)
+            for name in own if required else ():
+                if name not in names:
+                    raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
+
+    def _foreign(self, name: str) -> bool:
+        """Return whether a column is one that this vehicle would have if it were, or were longer, a train."""
+        if name in self.known:
+            return False
+        train = re.fullmatch(r"rps_(age_)?[A-J](_x|_y|_phi)?|ref_\d+_(x|y|psi)", name) is not None
+        return train or (bool(self.rps) and re.fullmatch(r"wheel_\d+[lr]", name) is not None)
+
+    @staticmethod
+    def check_castors(path: Path, line: int, names: Sequence[str], vehicle: Vehicle) -> None:
+        """Raise InputError for encoders of castors that a robot does not have."""
+        if isinstance(vehicle, TrainDescription):
+            return
+        for name in names:
+            own = re.fullmatch(r"(?:wheel|pivot)_(\d+)(?:[lr]|_\d+)?", name)
+            if own is not None and int(own[1]) > len(vehicle.castors):
+                message = f"{vehicle.name!r} has no castor {int(own[1])}; give the robot that made the log"
+                raise complaint(path, line, name, message)
+
+    def _hint(self, missing: str, names: Sequence[str]) -> str:
+        unknown = {name.lower(): name for name in names if name not in self.known}
+        near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
+        if near:
+            return f"did you mean {unknown[near[0]]!r}? rename it"
+        return f"the header has {', '.join(names)}; add the column, or give the robot or train that made the log"

@@ -1,0 +1,1 @@
+"""What is driven: trajectories, paths, controllers, perfect rolling, steps between samples."""

@@ -1,0 +1,105 @@
+"""How far contacts creep in a motion, by the forces that it takes and by wheels that are driven against each other.
+
+A rolling contact slips at a speed in proportion to its force (`castor_envs.physics.tyre`, in steady rolling)
+
+    s = -(V / C + yielding) F        V rolling speed, C = slip stiffness * load
+
+With A the rows of `castor_envs.geometry.kinematics.constraint_matrix`, any deviation delta of the robot's speeds
+changes slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that lose the least
+power. How far wheels disagree does not change with delta, so it is known from what they roll (smoothed), however well the body's
+motion is.
+Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
+
+Left out are friction limits, and bristles that have yet to build up their force (a relaxation length of rolling, as
+after reversals).
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.motion.steps import Motion, Slip, contact_paths, smoothed, turned_by
+
+if TYPE_CHECKING:
+    from castor_envs.floor import Floor
+    from castor_envs.vehicles.robot import RobotDescription
+
+Array = NDArray[np.float64]
+
+LEAST = 0.02
+"""Of the fastest wheel's speed: no contact is taken to roll slower, as bristles average over a relaxation length."""
+
+STANDING = 1e-6
+"""m/s: rolling speed of a robot at rest, to divide by."""
+
+
+def creep(robot: "RobotDescription", motion: Motion, floor: "Floor", yielding: float = 0.0) -> Slip:
+    """Return by how much a robot's contacts creep in a motion on a floor, of which the slope counts.
+
+    yielding: m/s for each N, at which contacts slip beside their creep in rolling.
+    """
+    from castor_envs.geometry.kinematics import Geometry, constraint_matrix  # built on robots, which have effects
+    from castor_envs.physics.statics import wheel_loads
+
+    geometry, w = Geometry.of(robot), len(robot.wheels)
+    by_body, by_castor = constraint_matrix(geometry, motion.half_way)
+    of_wheel = np.tile(geometry.wheel_castor, 2)
+    path = contact_paths(robot, motion)
+
+    free = np.flatnonzero(~geometry.fixed & ~geometry.driven)
+    rows = np.concatenate([by_body, by_castor[..., None] * (of_wheel[:, None] == free)], axis=-1)
+    carrying = np.flatnonzero(np.concatenate([~np.isnan(geometry.counts_per_rev), geometry.standard]))
+    rows = rows[:, carrying]
+
+    speed = smoothed(np.abs(path[:, :w]) / motion.period[:, None])
+    speed = np.maximum(speed, LEAST * speed.max(axis=1, keepdims=True)) + STANDING
+    contact, loads = robot.contact, wheel_loads(robot, floor.normal_gravity)
+    stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
+    yields = (np.tile(speed, 2) / stiffness + yielding)[:, carrying]
+    scale = yields.min(axis=1)[:, None]
+    held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
+    needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
+    path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
+    seen = smoothed(path[:, carrying] / motion.period[:, None]) * (not motion.agreeing)
+    pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
+    deviation = np.linalg.pinv(held, rcond=1e-10, hermitian=True) @ -pull[..., None]
+
+    slip = np.zeros_like(path)
+    slip[:, carrying] = (seen + (rows @ deviation)[..., 0]) * motion.period[:, None]
+    side = np.zeros_like(motion.half_way)
+    side[:, geometry.wheel_castor[geometry.standard]] = slip[:, w:][:, geometry.standard]
+    return Slip(slip[:, :w], side)
+
+
+def _needed(robot: "RobotDescription", motion: Motion, floor: "Floor") -> Array:
+    """Return what the contacts have to give in each step (K - 1, 3 + n).
+
+    Force (2, N) and moment about B's origin on all, in B, and the moment about each castor's pivot (N m).
+    """
+    from castor_envs.physics.statics import castor_center, chassis
+
+    n = len(robot.castors)
+    needed = np.zeros((len(motion.period), 3 + n))
+    mass, inertia, center = chassis(robot)
+    parts: list[tuple[float, float, Array, int | None]] = [(mass, inertia, np.tile(center, (len(motion.t), 1)), None)]
+    for i, castor in enumerate(robot.castors):
+        if castor.steering != "fixed":
+            trailing = turned_by(castor_center(robot, i), motion.castor_angle[:, i])
+            parts.append((castor.mass, castor.inertia, np.array(castor.pivot) + trailing, i))
+    for mass, inertia, place, castor in parts:
+        course = motion.pose[:, :2] + turned_by(place, motion.pose[:, 2])
+        acceleration = motion.acceleration_of(course) - np.array(floor.downhill_gravity)
+        force = mass * motion.in_body(acceleration)
+        angle = motion.pose[:, 2] if castor is None else motion.pose[:, 2] + motion.castor_angle[:, castor]
+        moment = inertia * motion.acceleration_of(angle)
+        needed[:, :2] += force
+        needed[:, 2] += moment + _cross((place[1:] + place[:-1]) / 2, force)
+        if castor is not None:
+            arm = (place[1:] + place[:-1]) / 2 - np.array(robot.castors[castor].pivot)
+            needed[:, 3 + castor] = moment + _cross(arm, force)
+    return needed
+
+
+def _cross(arm: Array, force: Array) -> Array:
+    return arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]

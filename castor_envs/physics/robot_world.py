@@ -1,0 +1,168 @@
+"""The world: a robot as pymunk bodies on wheels, stepped one sample period at a time."""
+
+import numpy as np
+import pymunk
+from numpy.typing import ArrayLike, NDArray
+from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
+
+from castor_envs.effects import floor_of, radii_of, yielding_of
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse
+from castor_envs.physics.statics import castor_center, chassis, place, pose_of, turned, twist_of
+from castor_envs.physics.stepper import Drive, Simulation, Stepper
+from castor_envs.physics.wheel_state import enough_substeps, wheel_records
+from castor_envs.vehicles.robot import RobotDescription
+
+Array = NDArray[np.float64]
+
+SOLVER_ITERATIONS = 10  # 4 do for the presets; a chassis lighter than its castors needs more
+
+
+class World:
+    """A robot on a floor.
+
+    Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels are not
+    bodies: each has a spin, a motor and a contact force (`castor_envs.physics.tyre`). Loads are constant, from the
+    static balance of the chassis on its pivots; radii that change as castors turn are those of mid-sample.
+
+    robot: effects are folded in. floor: as described; the robot's effects on it are added. pose: of B in N.
+    castor_angles (n,): theta at the start, those of fixed castors ignored. twist: (v_x, v_y, omega) in B at the start;
+    castors and wheels start in rolling motion with it. stepper: "compiled" or "reference" (plain Python). substeps: a
+    sample period; None takes as many as the robot's stiffest contact needs. held: the castor (from 1) whose driven
+    wheels are blocked, whatever they are commanded.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        floor: Floor | None = None,
+        *,
+        pose: ArrayLike = (0.0, 0.0, 0.0),
+        castor_angles: ArrayLike | None = None,
+        twist: ArrayLike = (0.0, 0.0, 0.0),
+        stepper: Stepper = "compiled",
+        substeps: int | None = None,
+        held: int | None = None,
+    ) -> None:
+        self.robot = robot.as_built()
+        self.floor = floor_of(robot, floor or Floor())
+        self.geometry = Geometry.of(self.robot)
+        self.wheels = wheel_records(self.robot, self.floor)
+        self.wheels["yielding"] = yielding_of(robot)
+        self._radii = radii_of(robot)
+        self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
+        own = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
+        self._held_wheels = self._driven_wheels[own == held]
+        if held is not None and not self._held_wheels.size:
+            raise InputError(f"robot {self.robot.name!r} has no castor {held} with driven wheels to hold")
+        self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
+
+        angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
+        theta = np.where(self.geometry.fixed, self.geometry.angle, angles)
+        bodies, joints = self._build(np.asarray(pose, dtype=float), theta, np.asarray(twist, dtype=float))
+        self._motors = [joint for joint in joints if isinstance(joint, SimpleMotor)]
+        self._simulation = Simulation(
+            f"robot {self.robot.name!r}",
+            bodies,
+            joints,
+            self.wheels,
+            self.floor,
+            sample_period=self.robot.sample_period,
+            substeps=substeps or enough_substeps(self.robot, self.wheels),
+            iterations=SOLVER_ITERATIONS,
+            stepper=stepper,
+        )
+
+    def _build(self, pose: Array, theta: Array, twist: Array) -> tuple[list[pymunk.Body], list[Constraint]]:
+        rates = np.nan_to_num(castor_rates(self.geometry, theta, twist))
+        spin = inverse(self.geometry, theta, rates, twist).rate
+        self.wheels["speed"] = spin
+
+        mass, inertia, center = chassis(self.robot)
+        self._center = center
+        base = pymunk.Body(mass, inertia)
+        place(base, pose[:2], pose[2], twist, center)
+        bodies: list[pymunk.Body] = [base]
+        joints: list[Constraint] = []
+        for i, castor in enumerate(self.robot.castors):
+            if castor.steering == "fixed":
+                continue
+            body = pymunk.Body(castor.mass, castor.inertia)
+            pivot = np.array(castor.pivot)
+            at = pose[:2] + turned(pivot, pose[2])
+            u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
+            own = np.array([*turned(u, -theta[i]), twist[2] + rates[i]])
+            place(body, at, pose[2] + theta[i], own, castor_center(self.robot, i))
+            joint = PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
+            joint.error_bias = 0.0  # all of a joint's drift is put right in the next step
+            joints.append(joint)
+            if castor.steering == "driven":
+                joints.append(SimpleMotor(base, body, 0.0))
+            bodies.append(body)
+        return bodies, joints
+
+    def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = 0.0, drive: Drive = "servo") -> None:
+        """Run one sample period with constant commands.
+
+        wheel_command (driven wheels,): rad/s; with drive "voltage" a fraction of the full voltage, in [-1, 1]. Beyond
+        the robot's limits it is clipped. steering_command (driven castors,): rad/s. drive "off" leaves all motors
+        dead.
+        """
+        robot = self.robot
+        limit = robot.max_wheel_speed if drive == "servo" else 1.0
+        self._simulation.command(self._driven_wheels, wheel_command, limit, drive)
+        self._simulation.command(self._held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
+        rates = np.broadcast_to(np.asarray(steering_command, dtype=float), len(self._motors))
+        for motor, rate in zip(self._motors, rates, strict=True):
+            motor.rate = -float(np.clip(rate, -robot.max_steering_speed, robot.max_steering_speed))
+            motor.max_force = 0.0 if drive == "off" else robot.max_steering_torque
+        if self._radii is not None:
+            self.wheels["radius"] = self._radii(self._half_on()[None])[0]
+        self._simulation.advance()
+
+    @property
+    def time(self) -> float:
+        """Since the start, s."""
+        return self._simulation.time
+
+    @property
+    def substeps(self) -> int:
+        """Substeps a sample period."""
+        return self._simulation.substeps
+
+    @property
+    def dt(self) -> float:
+        """Length of a substep, s."""
+        return self._simulation.dt
+
+    @property
+    def pose(self) -> Array:
+        """Pose of B in N: x, y (m), psi (rad, unwrapped)."""
+        return pose_of(self._simulation.motion[0], self._center)
+
+    @property
+    def twist(self) -> Array:
+        """Velocity of B's origin in B and turning rate: v_x, v_y (m/s), omega (rad/s)."""
+        return twist_of(self._simulation.motion[0], self._center)
+
+    @property
+    def castor_angles(self) -> Array:
+        """Theta of each castor (n,), rad, unwrapped."""
+        angles = self._simulation.motion[:, 2]
+        return np.where(self.geometry.fixed, self.geometry.angle, angles[self._castor_bodies] - angles[0])
+
+    def _half_on(self) -> Array:
+        """Return where castors (n,) will be half a sample period on, rad, as they turn now."""
+        rate = self._simulation.motion[:, 5]
+        turning = np.where(self.geometry.fixed, 0.0, rate[self._castor_bodies] - rate[0])
+        return self.castor_angles + turning * self.robot.sample_period / 2
+
+    @property
+    def wheel_angles(self) -> Array:
+        """How far each wheel has turned since the start (w,), rad."""
+        return np.array(self.wheels["angle"])
+
+    def energy(self) -> float:
+        """Return all mechanical energy, J."""
+        return self._simulation.energy()

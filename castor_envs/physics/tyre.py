@@ -1,0 +1,268 @@
+"""The wheel force law, and the loop that applies it. The one home of contact physics.
+
+Everything here is plain Python that numba also compiles: `castor_envs.physics.robot_world` runs `wheel_forces` as
+it stands (reference) or inside `advance` (compiled; that one calls Chipmunk's own step through its address).
+
+A wheel touches the floor through bristles (a single-point brush tyre with relaxation length; Pacejka, *Tire
+and Vehicle Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r
+omega| and bristle deflection z,
+
+    dz/dt = s - (V / sigma + k y) z          F = -k z - c dz/dt          |F| <= friction * load
+
+so at rest the contact is a spring (no creep), in steady rolling F = -k sigma s / V (slip in proportion to
+force, with slip stiffness k sigma), and beyond the friction circle the bristles slide. A contact that yields
+by y (m/s for each N) lets its bristles go at y k z more, so that at rest s = -y F. Each substep is implicit
+in z and in the wheel's spin.
+
+On a cable the centre of the wheel rises by h(p), p the distance in plan from the cable's axis: the wheel
+rolls sqrt(1 + h'^2) times its plan path and, by virtual work, pays the climbing force -load * grad h.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from castor_envs.physics.chipmunk import for_each_body, step_space
+
+OFF, SERVO, VOLTAGE = 0, 1, 2
+STANDARD, OMNI = 0, 1
+
+WHEEL = np.dtype(
+    [
+        # where: body index, contact point in the body's frame (from its centre of mass), rolling direction there
+        ("body", np.int64),
+        ("x", float),
+        ("y", float),
+        ("cos", float),
+        ("sin", float),
+        # what: radius, spin inertia, load, grip, bristles (stiffness k and damping c along and across), sigma, y
+        ("radius", float),
+        ("inertia", float),
+        ("load", float),
+        ("grip", np.int64),
+        ("roller", float),
+        ("friction", float),
+        ("stiffness_long", float),
+        ("stiffness_lat", float),
+        ("damping_long", float),
+        ("damping_lat", float),
+        ("relaxation", float),
+        ("yielding", float),
+        # motor: mode, gains, limits, command (rad/s; as voltage, a fraction of the full one)
+        ("drive", np.int64),
+        ("proportional", float),
+        ("integral_gain", float),
+        ("max_torque", float),
+        ("max_speed", float),
+        ("command", float),
+        # state: angle, spin, servo integral, bristle deflections
+        ("angle", float),
+        ("speed", float),
+        ("integral", float),
+        ("stretch_long", float),
+        ("stretch_lat", float),
+        # of the last substep: force on the wheel (along, across), friction limit, motor torque, rise on a
+        # cable
+        ("force_long", float),
+        ("force_lat", float),
+        ("limit", float),
+        ("torque", float),
+        ("rise", float),
+    ],
+    align=True,
+)
+
+
+@register_jitable
+def friction_at(x, y, otherwise, patches):
+    """Return the friction coefficient at a place: of the last patch that covers it, else `otherwise`."""
+    friction = otherwise
+    for i in range(len(patches)):
+        right, up = x - patches[i, 0], y - patches[i, 1]
+        along = patches[i, 2] * right + patches[i, 3] * up
+        across = patches[i, 2] * up - patches[i, 3] * right
+        if abs(along) <= patches[i, 4] and abs(across) <= patches[i, 5]:
+            friction = patches[i, 6]
+    return friction
+
+
+@register_jitable
+def rise_between(start_x, start_y, end_x, end_y, radius, cables):
+    """Return how a wheel's centre rises on a short way over the highest cable there, else zeros.
+
+    That is its rise h halfway, the share of the way that lies on the cable, and in the middle of that share the
+    gradient of h: the edges of a cable are sharp, so half a substep more or less on it would be felt.
+    """
+    rise, share, gradient_x, gradient_y, highest = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(cables)):
+        right, up = 0.5 * (start_x + end_x) - cables[i, 0], 0.5 * (start_y + end_y) - cables[i, 1]
+        along, middle = cables[i, 2] * right + cables[i, 3] * up, cables[i, 2] * up - cables[i, 3] * right
+        if abs(along) > cables[i, 4]:
+            continue
+        half = 0.5 * abs(cables[i, 2] * (end_y - start_y) - cables[i, 3] * (end_x - start_x))
+        clear = abs(middle) - half
+        if clear > 0.0 and clear * clear >= 4.0 * radius * cables[i, 5]:
+            continue
+        flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
+        across, part = middle, 1.0
+        if half > 0.0 and abs(middle) + half > edge:
+            low, high = max(middle - half, -edge), min(middle + half, edge)
+            across, part = 0.5 * (low + high), max(high - low, 0.0) / (2.0 * half)
+        root = math.sqrt(reach * reach - across * across)
+        if root - flat > highest:
+            highest, share = root - flat, part
+            gradient_x, gradient_y = across * cables[i, 3] / root, -across * cables[i, 2] / root
+            rise = math.sqrt(reach * reach - middle * middle) - flat if abs(middle) < edge else 0.0
+    return rise, share, gradient_x, gradient_y
+
+
+@register_jitable
+def slack_on_circle(pull, turning, yielding, lateral, limit):
+    """Return the least slack >= 1 with hypot(pull / (turning * slack + yielding), lateral / slack) <= limit.
+
+    Newton's method on 1 / hypot, which is concave and nearly linear in slack: it closes in from below.
+    """
+    slack = 1.0
+    for _ in range(30):
+        along, across = pull / (turning * slack + yielding), lateral / slack
+        size = math.sqrt(along * along + across * across)
+        if size <= limit:
+            break
+        if limit == 0.0:
+            return math.inf
+        along, across = along / size, across / size
+        step = (size / limit - 1.0) / (along * along * turning / (turning * slack + yielding) + across * across / slack)
+        slack += step
+        if step < 1e-9 * slack:
+            break
+    return slack
+
+
+@register_jitable
+def turn_wheel(wheel, v_long, v_lat, limit, dt):
+    """Advance one wheel's spin and bristles by dt; leaves `force_long` and `force_lat` in the wheel's record.
+
+    v_long: how fast the contact runs along the path of the rolling wheel; v_lat: across; m/s. limit:
+    friction * load, N.
+    """
+    if wheel.grip == OMNI:
+        v_long = v_long + wheel.roller * v_lat
+    radius, inertia, spin = wheel.radius, wheel.inertia, wheel.speed
+    relaxing = 1.0 + dt * abs(radius * spin) / wheel.relaxation
+    relaxing_lat = relaxing + dt * wheel.stiffness_lat * wheel.yielding
+    relaxing += dt * wheel.stiffness_long * wheel.yielding
+
+    # Motor: torque = a - b * spin at the end of the substep, within +-max_torque.
+    a, b = 0.0, 0.0
+    if wheel.drive == SERVO:
+        a = wheel.proportional * wheel.command + wheel.integral_gain * (wheel.integral + dt * wheel.command)
+        b = wheel.proportional + wheel.integral_gain * dt
+    elif wheel.drive == VOLTAGE:
+        a = wheel.max_torque * wheel.command
+        b = wheel.max_torque / wheel.max_speed
+
+    # Contact: force along = (f0 + f1 * spin at the end of the substep) / slack. Slack is 1 while the bristles stick;
+    # a sliding contact has as much as brings the force back to the friction circle, at the spin that this force leaves.
+    stiff, stiff_lat = wheel.stiffness_long + wheel.damping_long / dt, wheel.stiffness_lat + wheel.damping_lat / dt
+    held, held_lat = wheel.damping_long / dt * wheel.stretch_long, wheel.damping_lat / dt * wheel.stretch_lat
+    f0 = held - stiff * (wheel.stretch_long + dt * v_long) / relaxing
+    f1 = stiff * dt * radius / relaxing
+    lateral, share = 0.0, 1.0
+    if wheel.grip == STANDARD:
+        lateral = held_lat - stiff_lat * (wheel.stretch_lat + dt * v_lat) / relaxing_lat
+    else:
+        share = math.sqrt(1.0 + wheel.roller * wheel.roller)
+    speed, torque, force_long, force_lat = spin, 0.0, 0.0, 0.0
+    for _ in range(2):
+        turning, pushed, yielding = inertia + dt * b, inertia * spin + dt * a, dt * radius * f1
+        pull = f0 * turning + f1 * pushed
+        slack = slack_on_circle(share * pull, turning, yielding, lateral, limit)
+        force_long, force_lat = pull / (turning * slack + yielding), lateral / slack
+        speed = (pushed - dt * radius * force_long) / turning
+        torque = a - b * speed
+        if abs(torque) <= wheel.max_torque:
+            break
+        a, b = math.copysign(wheel.max_torque, torque), 0.0
+    stretch_long = (held - force_long) / stiff
+    stretch_lat = 0.0
+    if wheel.grip == STANDARD:
+        stretch_lat = (held_lat - force_lat) / stiff_lat
+
+    if wheel.drive == SERVO and abs(torque) < wheel.max_torque:
+        wheel.integral += dt * (wheel.command - speed)
+    wheel.angle += dt * speed
+    wheel.speed = speed
+    wheel.stretch_long, wheel.stretch_lat = stretch_long, stretch_lat
+    wheel.force_long, wheel.force_lat = force_long, force_lat
+    wheel.limit, wheel.torque = limit, torque
+
+
+@register_jitable
+def contact_at(wheel, body, ahead):
+    """Return the body's place, the arm to the contact, and the rolling direction, in N, `ahead` seconds on."""
+    angle = body[2] + ahead * body[5]
+    c, s = math.cos(angle), math.sin(angle)
+    return (
+        body[0] + ahead * body[3],
+        body[1] + ahead * body[4],
+        c * wheel.x - s * wheel.y,
+        s * wheel.x + c * wheel.y,
+        c * wheel.cos - s * wheel.sin,
+        s * wheel.cos + c * wheel.sin,
+    )
+
+
+@register_jitable
+def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
+    """Advance all wheels by dt and add up what they do to the bodies.
+
+    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. loads (b, 3), overwritten: force x, y in N,
+    torque.
+    """
+    loads[:] = 0.0
+    for k in range(len(wheels)):
+        wheel = wheels[k]
+        body = bodies[wheel.body]
+        x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, 0.5 * dt)
+        u_x, u_y = body[3] - body[5] * arm_y, body[4] + body[5] * arm_x
+        v_long, v_lat = u_x * e_x + u_y * e_y, u_y * e_x - u_x * e_y
+        limit = wheel.load * friction_at(x + arm_x, y + arm_y, wheel.friction, patches)
+
+        # Forces act at the end of the substep: a cable's is the mean over half a substep before and after.
+        x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, dt)
+        place_x, place_y, way_x, way_y = x + arm_x, y + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
+        wheel.rise, share, gradient_x, gradient_y = rise_between(
+            place_x - way_x, place_y - way_y, place_x + way_x, place_y + way_y, wheel.radius, cables
+        )
+        climb = gradient_x * e_x + gradient_y * e_y
+        longer = 1.0 + share * (math.sqrt(1.0 + climb * climb) - 1.0)
+        turn_wheel(wheel, longer * v_long, v_lat, limit, dt)
+        along, across = longer * wheel.force_long, wheel.force_lat
+        if wheel.grip == OMNI:
+            across = wheel.roller * wheel.force_long
+        force_x, force_y = along * e_x - across * e_y, along * e_y + across * e_x
+        if climbing:
+            force_x -= share * wheel.load * gradient_x
+            force_y -= share * wheel.load * gradient_y
+        loads[wheel.body, 0] += force_x
+        loads[wheel.body, 1] += force_y
+        loads[wheel.body, 2] += arm_x * force_y - arm_y * force_x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(addresses, bodies, got, loads, given, wheels, patches, cables, climbing, dt, substeps):
+    """Step space and wheels `substeps` times without returning to Python.
+
+    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their data.
+    bodies and loads are the batch buffers; got and given hold their fill counts.
+    """
+    space, step, each, getter, getter_data, setter, setter_data = addresses
+    for _ in range(substeps):
+        got[0] = 0
+        for_each_body(each, space, getter, getter_data)  # pyright: ignore[reportCallIssue]
+        wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads)
+        given[0] = 0
+        for_each_body(each, space, setter, setter_data)  # pyright: ignore[reportCallIssue]
+        step_space(step, space, dt)  # pyright: ignore[reportCallIssue]

@@ -1,0 +1,1 @@
+"""What sensors report of the true state."""

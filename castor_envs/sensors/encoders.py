@@ -1,0 +1,52 @@
+"""Encoders: cumulative counts, rounded from the true angle. Arithmetic broadcasts over leading axes."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.geometry.kinematics import Geometry
+
+Array = NDArray[np.float64]
+
+
+class Encoders:
+    """The encoders of one robot, as it is built.
+
+    geometry: of the real robot. phase (..., driven wheels): where between two counts each wheel encoder stood at the
+    start, in counts, [0, 1).
+    """
+
+    def __init__(self, geometry: Geometry, phase: ArrayLike) -> None:
+        self._geometry = geometry
+        self._driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
+        self._sensed = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
+        self._phase = np.asarray(phase, dtype=float)
+
+    @staticmethod
+    def random_phase(geometry: Geometry, random: np.random.Generator, *axes: int) -> Array:
+        """Draw phases (*axes, driven wheels) uniformly."""
+        return random.uniform(size=(*axes, int(np.sum(~np.isnan(geometry.counts_per_rev)))))
+
+    def wheel(self, wheel_angle: Array) -> Array:
+        """Return cumulative counts (..., driven wheels) for wheel angles (..., w); no remainder is ever lost."""
+        steps = self._geometry.counts_per_rev[self._driven] / (2 * np.pi)
+        return np.round(wheel_angle[..., self._driven] * steps + self._phase)
+
+    def pivot(self, castor_angle: Array) -> Array:
+        """Return absolute counts (..., pivot encoders) in [0, counts per turn) for castor angles (..., n)."""
+        turn = self._geometry.pivot_counts_per_rev[self._sensed]
+        measured = (castor_angle + self._geometry.pivot_zero)[..., self._sensed]
+        return np.mod(np.round(measured * turn / (2 * np.pi)), turn)
+
+
+def castor_angles(geometry: Geometry, pivot_counts: ArrayLike) -> Array:
+    """Return theta (..., n) as pivot counts (..., pivot encoders) tell it; fixed castors stand at their angle.
+
+    Wrapped as the counts are. Castors without an encoder and not fixed are NaN.
+    """
+    sensed = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
+    counts = np.asarray(pivot_counts, dtype=float)
+    shape = np.broadcast_shapes(counts.shape[:-1], geometry.pivot_zero.shape[:-1])
+    theta = np.broadcast_to(np.where(geometry.fixed, geometry.angle, np.nan), (*shape, geometry.n_castors)).copy()
+    turn = geometry.pivot_counts_per_rev[sensed]
+    theta[..., sensed] = counts * (2 * np.pi / turn) - geometry.pivot_zero[..., sensed]
+    return theta

@@ -1,0 +1,1 @@
+"""Robots and trains: descriptions, files, presets."""

@@ -1,0 +1,210 @@
+"""One robot description: it serves physics, estimators, calibration and diagnosis.
+
+Frames: body B has x forward and y left. Castor i pivots at `pivot` in B; its angle theta is measured from
+the body's x axis to the castor's rolling direction, and its axle trails the pivot by `offset`. SI units and
+radians throughout.
+"""
+
+import dataclasses
+import math
+import os
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, TypeAdapter, model_validator
+from pydantic.dataclasses import dataclass
+
+from castor_envs.effects import Effect, apply_effects
+from castor_envs.vehicles import description
+from castor_envs.vehicles.description import CONFIG, NotNegative, Positive, Vector
+
+FORMAT = "castor-robot/1"
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Wheel:
+    """One wheel of a castor.
+
+    lateral: distance to the left of the castor's centre line, m. radius: m. inertia: about the axle, kg m2.
+    counts_per_rev: encoder counts a turn of the wheel; None is an idle wheel without motor or encoder.
+    grip: "omni" lets the wheel slip freely along its rollers; their axes stand `roller_angle` (rad) from the
+    rolling direction (0: ordinary omni wheel, pi/4: Mecanum).
+    """
+
+    radius: Positive
+    lateral: float = 0.0
+    inertia: Positive = 1e-4
+    counts_per_rev: Positive | None = 1200.0
+    grip: Literal["standard", "omni"] = "standard"
+    roller_angle: Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)] = 0.0
+
+    @property
+    def driven(self) -> bool:
+        """Whether the wheel has a motor and an encoder."""
+        return self.counts_per_rev is not None
+
+    @model_validator(mode="after")
+    def _rollers_only_on_omni_wheels(self) -> Self:
+        if self.grip == "standard" and self.roller_angle != 0.0:
+            raise ValueError("roller_angle is for wheels with grip 'omni'; this one has grip 'standard'")
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Castor:
+    """A castor: a fork on a vertical pivot, carrying wheels on one axle.
+
+    pivot: position in B, m. steering: "free", "driven" (a motor turns it) or "fixed" (at `angle`, rad). offset: how
+    far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of mass, which is taken to
+    lie on the axle behind the pivot, kg and kg m2. pivot_counts_per_rev: of the absolute pivot encoder, None where
+    there is none; a castor that turns needs one to be driven in an environment. pivot_zero: the model's
+    beta in measured angle = theta + beta (Doebbler eq. 2), rad.
+    """
+
+    pivot: Vector
+    wheels: Annotated[tuple[Wheel, ...], Field(min_length=1)]
+    steering: Literal["free", "driven", "fixed"] = "free"
+    angle: float = 0.0
+    offset: NotNegative = 0.0
+    mass: Positive = 1.0
+    inertia: Positive = 0.005
+    pivot_counts_per_rev: Annotated[int, Field(gt=2)] | None = None
+    pivot_zero: float = 0.0
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.steering == "free" and self.offset == 0.0:
+            raise ValueError("a castor with free steering needs an offset above 0, or nothing turns it")
+        if self.steering == "fixed" and self.pivot_counts_per_rev is not None:
+            raise ValueError("a fixed castor has no pivot encoder: leave pivot_counts_per_rev out")
+        if self.steering != "fixed" and self.angle != 0.0:
+            raise ValueError("angle is for castors with steering 'fixed'")
+        if len({wheel.lateral for wheel in self.wheels}) < len(self.wheels):
+            raise ValueError("two wheels of one castor have the same lateral position")
+        if list(self.wheels) != sorted(self.wheels, key=lambda wheel: -wheel.lateral):
+            raise ValueError("wheels go from left (largest lateral) to right")
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Contact:
+    """How wheels and floor touch: a brush tyre with relaxation length.
+
+    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long, slip_stiffness_lat:
+    force a unit of slip, divided by the wheel's load. relaxation_length: rolled distance in which the force builds
+    up, m. damping: of the bristles, as a time (damping coefficient / bristle stiffness), s.
+    """
+
+    friction: Positive = 0.8
+    slip_stiffness_long: Positive = 80.0
+    slip_stiffness_lat: Positive = 80.0
+    relaxation_length: Positive = 0.01
+    damping: NotNegative = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Gyro:
+    """A yaw-rate gyro: white noise (rad/s, one standard deviation a sample) and constant bias (rad/s)."""
+
+    noise: NotNegative = 0.0
+    bias: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class RobotDescription:
+    """A robot on castors: frozen, validated, and the same to physics, estimators, calibration and diagnosis.
+
+    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg,
+    kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
+    max_steering_speed, max_steering_torque: of each driven castor. effects: what the real robot does beyond this
+    description; `as_built` folds them in.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    castors: Annotated[tuple[Castor, ...], Field(min_length=1)]
+    sample_period: Positive = 0.05
+    mass: Positive = 10.0
+    inertia: Positive = 0.5
+    center_of_mass: Vector = (0.0, 0.0)
+    max_wheel_speed: Positive = 20.0
+    max_wheel_torque: Positive = 1.0
+    max_steering_speed: Positive = 10.0
+    max_steering_torque: Positive = 5.0
+    contact: Contact = Contact()
+    gyro: Gyro | None = None
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def wheels(self) -> tuple[Wheel, ...]:
+        """All wheels, castor by castor in file order."""
+        return tuple(wheel for castor in self.castors for wheel in castor.wheels)
+
+    @property
+    def wheel_castors(self) -> tuple[int, ...]:
+        """For each wheel, the index (from 0) of its castor."""
+        return tuple(i for i, castor in enumerate(self.castors) for _ in castor.wheels)
+
+    @property
+    def wheel_names(self) -> tuple[str, ...]:
+        """Log names of all wheels: ``1l``, ``1r`` on castors with two wheels, ``1`` on castors with one."""
+        names = []
+        for i, castor in enumerate(self.castors, start=1):
+            match len(castor.wheels):
+                case 1:
+                    names.append(f"{i}")
+                case 2:
+                    names += [f"{i}l", f"{i}r"]
+                case n:
+                    names += [f"{i}_{k}" for k in range(1, n + 1)]
+        return tuple(names)
+
+    @property
+    def driven_wheels(self) -> tuple[int, ...]:
+        """Indices (from 0) of the wheels with motor and encoder."""
+        return tuple(k for k, wheel in enumerate(self.wheels) if wheel.driven)
+
+    @property
+    def driven_castors(self) -> tuple[int, ...]:
+        """Indices (from 0) of the castors with a steering motor."""
+        return tuple(i for i, castor in enumerate(self.castors) if castor.steering == "driven")
+
+    @property
+    def pivot_encoders(self) -> tuple[int, ...]:
+        """Indices (from 0) of the castors with a pivot encoder."""
+        return tuple(i for i, castor in enumerate(self.castors) if castor.pivot_counts_per_rev is not None)
+
+    def with_effects(self, *effects: Effect) -> "RobotDescription":
+        """Return this robot with `effects` added to those it has."""
+        return dataclasses.replace(self, effects=(*self.effects, *effects))
+
+    def as_built(self) -> "RobotDescription":
+        """Return the robot as it really is: every effect applied to the parameter it disturbs, none left over."""
+        return apply_effects(self.as_described(), self.effects)
+
+    def as_described(self) -> "RobotDescription":
+        """Return the robot as its user believes it to be: without effects. Controllers and estimators get this one."""
+        return dataclasses.replace(self, effects=())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the description as plain data, ``format`` first."""
+        return description.to_data(_ADAPTER, self, FORMAT)
+
+    def hash(self) -> str:
+        """Return a hash of all parameters (the name does not count), to know a robot again."""
+        return description.fingerprint(self.to_dict())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the description as JSON; the file is complete or not there."""
+        description.save(path, self.to_dict())
+
+    @classmethod
+    def from_dict(cls, data: Any, source: str = "robot") -> "RobotDescription":
+        """Read a description from plain data; raises InputError that names `source` and the offending keys."""
+        return description.with_possible_effects(description.from_data(_ADAPTER, data, FORMAT, source), source)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "RobotDescription":
+        """Read a description from a JSON file; raises InputError that names file and key."""
+        return description.with_possible_effects(description.load(_ADAPTER, path, FORMAT), str(path))
+
+
+_ADAPTER = TypeAdapter(RobotDescription)

@@ -1,0 +1,1 @@
+"""What may be missing in a description."""

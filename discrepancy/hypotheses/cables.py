@@ -1,0 +1,235 @@
+"""Cables and thresholds on the floor, as lines that make every wheel roll more where it crosses them.
+
+The squarer it crosses, the more: a scan over directions and offsets (as Hough's transform), then a refinement. One
+event may lie anywhere, and any two lie on a line: what counts is what is left without the largest ones.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize
+
+from castor_envs.effects import Bump, Effect, Motion
+from castor_envs.geometry.kinematics import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate, described
+from discrepancy.inference.wheel_tracks import Steps, placed, steps_of
+from estimators.calibration.maximum_likelihood import State
+
+DIRECTIONS, BIN = 180, 0.01
+"""Of the scan for lines: directions in half a turn, and offsets, m."""
+
+BANDS = 3, 5, 9
+"""Bins that a line is taken to be wide in the scan."""
+
+PEAKS, MOST = 6, 2
+"""Lines of the scan that are refined, and that are proposed."""
+
+THIN, THICK = 5e-4, 0.03
+"""m: the diameters that are looked for."""
+
+APART, TURNED = 0.1, 0.1
+"""m and rad: lines that lie and point alike to this much, where they are crossed, are one."""
+
+BUMP_GAIN, PASSES, LARGEST = 20.0, 6, 2
+"""Deviance that a line must take away from the slips without its `LARGEST` passes, and how many it must have."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight cable through (x, y) along `direction` (rad, in N, 0 to pi) of some diameter, m.
+
+    gain: deviance that it takes away from the slips; lasting: the same without the `LARGEST` passes; passes: over it.
+    """
+
+    x: float
+    y: float
+    direction: float
+    diameter: float
+    gain: float
+    lasting: float
+    passes: int
+
+
+def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> list[Candidate]:
+    """Return the cables or thresholds that logs speak for, the best first; none where nothing stands out.
+
+    motions: with poses in the reference's frame. slips (K - 1, w) of each: of wheels beyond what is expected, m; NaN
+    where they are not known.
+    """
+    lines = lines_of(steps_of(robot, motions, slips))
+    return [candidate_of(one) for one in lines if one.lasting >= BUMP_GAIN and one.passes >= PASSES][:MOST]
+
+
+def with_cables(
+    known: Sequence[Candidate], robot: RobotDescription, logs: Sequence[Log], at: State, slips: Sequence[Array]
+) -> list[Candidate]:
+    """Return the cables known and those that logs speak for beside them, at their most likely state.
+
+    slips: as `slips_of` of each log. Logs without reference poses tell no places.
+    """
+    motions, slips = placed(robot, logs, at, slips)
+    if not motions:
+        return list(known)
+    own = _lines_in([*robot.effects, *(kind for one in known for kind in one.kinds)])
+    new = [
+        one
+        for one in bumps_of(robot, motions, slips)
+        if not any(same_line(line, other) for line in _lines_in(one.kinds) for other in own)
+    ]
+    return [*known, *new]
+
+
+def _lines_in(effects: Sequence[Effect]) -> list[Bump]:
+    return [one for one in effects if isinstance(one, Bump)]
+
+
+def candidate_of(line: Line) -> Candidate:
+    """Return a line as a candidate that tells its place."""
+    x, y, direction = round(line.x, 3), round(line.y, 3), round(line.direction, 3)
+    effect = Bump(x=x, y=y, direction=direction, value=line.diameter)
+    return Candidate(described(effect), (effect,))
+
+
+def lines_of(steps: Steps) -> list[Line]:
+    """Return up to `MOST` lines, the best one first; each is looked for in what those before it leave."""
+    found: list[Line] = []
+    while len(steps.slip) and len(found) < MOST:
+        refined = [_refined(steps, *one) for one in _scan(steps)]
+        if not refined:
+            break
+        best = max(refined, key=lambda one: one.lasting)
+        found.append(best)
+        shape = _rolls_more(steps, best.x, best.y, best.direction, best.diameter)
+        power = float(np.sum(steps.weight * shape**2))
+        part = -float(np.sum(steps.weight * shape * steps.slip)) / power if power > 0 else 0.0
+        steps = dataclasses.replace(steps, slip=steps.slip + part * shape)
+    return found
+
+
+def same_line(one: Line | Bump, other: Line | Bump) -> bool:
+    """Whether two lines can hardly be told apart: at the points by which they are given, and in direction."""
+    turn = (one.direction - other.direction + math.pi / 2) % math.pi - math.pi / 2
+    way = other.x - one.x, other.y - one.y
+    off = max(abs(way[1] * math.cos(a) - way[0] * math.sin(a)) for a in (one.direction, other.direction))
+    return abs(turn) < TURNED and off < APART
+
+
+def _scan(steps: Steps) -> list[tuple[float, float]]:
+    """Return the directions (rad) and offsets to the left of the origin (m) of the lines that stand out."""
+    angles = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
+    middle = (steps.start + steps.end) / 2
+    low = -float(np.max(np.hypot(*middle.T))) - BIN * max(BANDS)
+    bins = int(-2 * low / BIN) + 2
+    pull, power = np.zeros((DIRECTIONS, bins)), np.zeros((DIRECTIONS, bins))
+    for k, angle in enumerate(angles):
+        across = middle[:, 1] * math.cos(angle) - middle[:, 0] * math.sin(angle)
+        shape = -steps.path * np.sin(steps.heading - angle) ** 2
+        at = ((across - low) / BIN).astype(np.intp)
+        pull[k] = np.bincount(at, steps.weight * shape * steps.slip, bins)
+        power[k] = np.bincount(at, steps.weight * shape**2, bins)
+    if not power.any():  # nothing moves
+        return []
+    least = np.median(power[power > 0])  # a line that is hardly crossed tells nothing
+    gains = []
+    for band in BANDS:
+        both = (uniform_filter1d(one, band, axis=1, mode="constant") * band for one in (pull, power))
+        some_pull, some_power = both
+        gains.append(np.maximum(some_pull, 0.0) ** 2 / np.maximum(some_power, least))
+    gain = np.max(gains, axis=0)
+    found = []
+    offsets = low + (np.arange(bins) + 0.5) * BIN
+    for _ in range(PEAKS):
+        k, b = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        if gain[k, b] <= 0:
+            break
+        found.append((float(angles[k]), float(offsets[b])))
+        turn = (angles - angles[k] + np.pi / 2) % np.pi - np.pi / 2
+        flipped = np.where(np.abs(angles - angles[k]) > np.pi / 2, -1.0, 1.0)  # half a turn on, left is right
+        near = np.abs(flipped[:, None] * offsets - offsets[b]) < 2 * APART
+        gain[(np.abs(turn) < TURNED)[:, None] & near] = 0.0
+    return found
+
+
+def _refined(steps: Steps, direction: float, offset: float) -> Line:
+    """Return the line that takes away most near one of the scan, with its own shape."""
+    middle = (steps.start + steps.end) / 2
+    across = middle[:, 1] * math.cos(direction) - middle[:, 0] * math.sin(direction)
+    near = np.abs(across - offset) < 0.25
+    here = steps.only(near)
+    crossing = np.abs(across - offset) < 0.03
+    shape = (steps.weight * steps.path**2 * np.sin(steps.heading - direction) ** 4)[crossing]
+    center = np.average(middle[crossing], axis=0, weights=shape) if shape.sum() > 0 else middle.mean(axis=0)
+    left = np.array([-math.sin(direction), math.cos(direction)])
+    center = center + (offset - center @ left) * left
+    along = middle[crossing] @ [math.cos(direction), math.sin(direction)]
+    size = max(float(np.std(along)), 0.1) if len(along) else 0.1
+
+    def told(at: Array) -> tuple[float, float, float, float]:
+        x, y = (center + at[1] * left).tolist()
+        return x, y, direction + at[0] / size, float(np.clip(math.exp(at[2]), THIN, THICK))
+
+    def missed(at: Array) -> float:
+        shape = _rolls_more(here, *told(at))
+        pull, power = np.sum(here.weight * shape * -here.slip), np.sum(here.weight * shape**2)
+        return -float(max(pull, 0.0) ** 2 / (power + 1e-12))
+
+    begin = np.array([0.0, 0.0, math.log(4e-3)])
+    simplex = begin + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.015, 0], [0, 0, 0.5]])
+    options = {"initial_simplex": simplex, "xatol": 2e-4, "fatol": 0.05, "maxfev": 150}
+    best = minimize(missed, begin, method="Nelder-Mead", options=options)
+    x, y, direction, diameter = told(best.x)
+    gain, lasting, passes = _gain(here, _rolls_more(here, x, y, direction, diameter), len(steps.slip))
+    return Line(x, y, direction % math.pi, diameter, gain, lasting, passes)
+
+
+def _gain(here: Steps, shape: Array, every: int) -> tuple[float, float, int]:
+    """Return the deviance that what wheels roll more, `shape` (M,) in some of `every` steps, takes away, the same
+    without the `LARGEST` passes, and how many passes there are."""
+    there = shape != 0.0
+    number = here.passes(there)
+    passes = int(number[-1]) + 1 if len(number) else 0
+    pull = np.bincount(number, -(here.weight * shape * here.slip)[there], passes)
+    power = np.bincount(number, (here.weight * shape**2)[there], passes)
+    kept = np.argsort(pull)[: max(passes - LARGEST, 0)]
+    gains = [max(pull[own].sum(), 0.0) ** 2 / (power[own].sum() + 1e-12) for own in (np.arange(passes), kept)]
+    strong = power > 0.1 * power.max(initial=0.0)
+    return gains[0], gains[1], int(strong.sum())
+
+
+def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: float) -> Array:
+    """Return how much more wheels roll in every step (M,) than their contacts move, with the sign of their path, m.
+
+    As `Bump.slip`, in closed form: of sqrt(1 + climb^2) - 1 the first two terms, along a straight step.
+    """
+    c, s = math.cos(direction), math.sin(direction)
+    a, b = ((place[:, 1] - y) * c - (place[:, 0] - x) * s for place in (steps.start, steps.end))
+    edge = np.sqrt(2 * steps.radius * diameter)
+    away = b - a
+    inside = np.clip(b, -edge, edge), np.clip(a, -edge, edge)
+    more = np.zeros_like(away)
+    on = np.flatnonzero((inside[0] != inside[1]) | ((np.abs(a) < edge) & (np.abs(away) < 1e-9)))
+    if not len(on):
+        return more
+    reach = (steps.radius + diameter / 2)[on]
+    sine = np.sin(steps.heading[on] - direction)
+    flat = np.abs(away[on]) < 1e-9
+    ends = [_climbed(one[on], reach) for one in inside]
+    length = np.where(flat, 1.0, away[on])
+    squares, fourths = ((one - other) / length for one, other in zip(*ends, strict=True))
+    middle = a[on] ** 2 / (reach**2 - np.where(flat, a[on], 0.0) ** 2)
+    squares, fourths = np.where(flat, middle, squares), np.where(flat, middle**2, fourths)
+    more[on] = steps.path[on] * (sine**2 * squares / 2 - sine**4 * fourths / 8)
+    return more
+
+
+def _climbed(d: Array, reach: Array) -> tuple[Array, Array]:
+    """Return the integrals from 0 to d of t^2 / (reach^2 - t^2) and of its square."""
+    turn = reach * np.arctanh(d / reach)
+    first = turn - d
+    return first, d - 1.5 * turn + reach**2 * d / (2 * (reach**2 - d**2))

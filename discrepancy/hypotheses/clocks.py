@@ -1,0 +1,202 @@
+"""What is wrong with time in logs: encoders that are read a little early or late at random, clocks that run apart.
+
+Neither shows as an effect on angles: the mean of jitter is nothing, and the reference's clock is fitted in any case.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from castor_envs.effects import ClockSkew, Effect, SampleJitter
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate, described
+from discrepancy.inference.evidence import Evidence, evidence_of
+from discrepancy.inference.findings import BORNE_OUT, Finding, Rank, without
+
+ORDER = 6
+"""Of the differences in which a robot's motion, that is smooth, is nothing beside jitter."""
+
+ALIKE = -0.8
+"""The correlation of neighbouring differences from which on they are of white noise (-6/7), not of a jerky motion."""
+
+BESIDE = 0.5
+"""What each encoder does for itself, as a part of what all do together: more is a jerky motion."""
+
+LEAST_JITTER = 3e-4
+"""s: above what motion alone leaves of simulated robots in good order."""
+
+MOVING = 0.3
+"""Of the median squared speed: slower samples do not tell of time."""
+
+STEADY, MEDIAN = 0.2, 0.455
+"""Jitter is always there: what its median square says of the mean one is no less than such a part of it. The median of
+a squared normal number."""
+
+
+LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 18.0
+"""s/s, and deviance, from which on clocks are said to run apart."""
+
+
+class Amount(NamedTuple):
+    """A size, its standard error, and the deviance that it takes away.
+
+    seldom: where it is but at some times, when it is largest, in words.
+    """
+
+    value: float
+    error: float
+    gain: float
+    seldom: str = ""
+
+
+def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
+    """Return the standard deviation (s) by which all encoders together are read early or late; None where none shows.
+
+    Of differences of high order of all counts only what goes with the counts' own speeds is taken: what rounding leaves
+    in it is known.
+    """
+    delays = [_delays(robot, log) for log in logs]
+    every, expected, beside = (np.concatenate([one[k] for one in delays]) for k in range(3))
+    neighbours = sum(float(one.late[1:] @ one.late[:-1]) for one in delays)
+    if len(every) < 10 * ORDER or neighbours > ALIKE * float(every @ every):
+        return None
+    if np.mean(beside - expected) > BESIDE * np.mean(every**2 - expected):
+        return None
+    size = float(np.sum(_binomial() ** 2))
+    variance = float(np.mean(every**2) - np.mean(expected)) / size
+    value = np.sqrt(max(variance, 0.0))
+    ratio = variance * size / expected
+    gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
+    if value < LEAST_JITTER:
+        return None
+    steadily = float(np.median(every**2)) / MEDIAN - float(np.mean(expected))
+    seldom = "" if steadily > STEADY * variance * size else _when(delays)
+    return Amount(float(value), float(value * np.sqrt(ORDER / (2 * len(every)))), gain, seldom)
+
+
+def _when(delays: Sequence["_Delays"]) -> str:
+    """Return in words when encoders are read most early or late."""
+    worst = [float(np.abs(one.late).max(initial=0.0)) for one in delays]
+    k = int(np.argmax(worst))
+    return f"at {delays[k].t[np.argmax(np.abs(delays[k].late))]:.1f} s" + (
+        f" of log {k + 1}" if len(delays) > 1 else ""
+    )
+
+
+def skew_of(clocks: Array, errors: Array) -> Amount:
+    """Return the mean rate (s/s) at which the reference's clock gains in several logs (L, 2), errors (L, 2)."""
+    weights = errors[:, 1] ** -2.0
+    value = float(np.average(clocks[:, 1], weights=weights))
+    scatter = float(np.sum(weights * (clocks[:, 1] - value) ** 2)) / max(len(clocks) - 1, 1)
+    error = float(np.sqrt(max(scatter, 1.0) / np.sum(weights)))
+    return Amount(value, error, (value / error) ** 2)
+
+
+class _Delays(NamedTuple):
+    """Of samples in which the robot moves: late, differences of the delay of all encoders together, s; what rounding
+    alone leaves of their squares; the mean square of what is in the counts beside, in the same unit; and when, s."""
+
+    late: Array
+    rounding: Array
+    beside: Array
+    t: Array
+
+
+def _delays(robot: RobotDescription, log: Log) -> _Delays:
+    turn = Geometry.of(robot).pivot_counts_per_rev[list(robot.pivot_encoders)]
+    pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
+    counts = np.column_stack([*pivot, log.wheel])
+    if len(log) <= 2 * ORDER:
+        return _Delays(*np.zeros((4, 0)))
+    weights = _weights(log.t)
+    rows = len(weights)
+    jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
+    across = counts[ORDER:] - counts[:-ORDER]
+    speed = across / (log.t[ORDER:] - log.t[:-ORDER])[:, None]
+    squared = np.sum(speed**2, axis=1)
+    moving = (squared > MOVING * np.median(squared)) & (squared > 0)
+    jumps, speed, squared = jumps[moving], speed[moving], squared[moving]
+    late = np.sum(speed * jumps, axis=1) / squared
+    beside = (np.sum(jumps**2, axis=1) / squared - late**2) / max(counts.shape[1] - 1, 1)
+    return _Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside, log.t[ORDER // 2 :][:rows][moving])
+
+
+def _weights(t: Array) -> Array:
+    """Return the weights (rows, ORDER + 1) of differences at uneven times, as even times would have them."""
+    rows = len(t) - ORDER
+    times = np.stack([t[k : k + rows] for k in range(ORDER + 1)], axis=1)
+    apart = times[:, :, None] - times[:, None, :] + np.eye(ORDER + 1)
+    weights = 1 / np.prod(apart, axis=2)
+    return weights * (np.linalg.norm(_binomial()) / np.linalg.norm(weights, axis=1))[:, None]
+
+
+def _binomial() -> Array:
+    weights = np.ones(1)
+    for _ in range(ORDER):
+        weights = np.convolve(weights, [1.0, -1.0])
+    return weights
+
+
+def of_time(
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    seen: Evidence,
+    held_out: Sequence[Log],
+    good: Evidence | None,
+    clean: Sequence[Log],
+) -> list[Finding]:
+    """Return what is wrong with time, beyond the robot's effects and clean logs."""
+    findings = []
+    jitter = jitter_of(robot, logs)
+    known = max((one.value for one in robot.effects if isinstance(one, SampleJitter)), default=0.0)
+    usual = jitter_of(robot, clean) if clean else None
+    known = max(known, 0.0 if usual is None else usual.value)
+    if jitter is not None and jitter.value > (1 + BORNE_OUT) * known:
+        again = jitter_of(robot, held_out) if held_out else jitter
+        if jitter.seldom:
+            findings.append(_seldom(jitter))
+        else:
+            findings += _in_time(SampleJitter, robot, jitter, 0.0 if again is None else again.value)
+    if seen.left is not None:
+        skew = skew_of(seen.state.clocks, seen.clock_errors)
+        known, unsure = sum(one.value for one in robot.effects if isinstance(one, ClockSkew)), 0.0
+        if good is not None and good.left is not None:
+            usually = skew_of(good.state.clocks, good.clock_errors)
+            known, unsure = usually.value, usually.error
+        value, error = skew.value - known, float(np.hypot(skew.error, unsure))
+        beyond = Amount(value, error, (value / error) ** 2)
+        if abs(value) >= LEAST_SKEW and beyond.gain >= LEAST_SKEW_GAIN:
+            again = evidence_of(without(robot, SampleJitter), held_out, among=()) if held_out else None
+            if again is None or again.left is None:
+                shown = value
+            else:
+                shown = skew_of(again.state.clocks, again.clock_errors).value - known
+            findings += _in_time(ClockSkew, robot, beyond, shown)
+    return findings
+
+
+def _seldom(late: Amount) -> Finding:
+    """Return the finding that encoders are read early or late together, but at some times only."""
+    what = f"all encoders are read early or late together at some times, most {late.seldom}"
+    rank = Rank(Candidate(what), late.gain, late.gain, 0.0, (late.value,), (late.error,))
+    return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {what}", (rank,), ())
+
+
+def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again: float) -> list[Finding]:
+    """Return the finding of an effect on time; again: its size in held-out logs."""
+    findings = []
+    for variant in kind.variants(robot):
+        candidate = Candidate(described(variant), (variant,))
+        rank = Rank(candidate, amount.gain, amount.gain, 0.0, (amount.value,), (amount.error,))
+        finding = Finding(
+            "named", candidate.what, (rank,), (), dataclasses.replace(variant, value=amount.value), amount.error
+        )
+        if abs(again - amount.value) > BORNE_OUT * abs(amount.value):
+            reason = f"the held-out logs do not bear out {candidate.what}"
+            finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
+        findings.append(finding)
+    return findings

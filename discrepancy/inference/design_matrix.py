@@ -1,0 +1,168 @@
+"""What numbers do to logs, around what truly happened: candidates of a size, what wheels hide of them, creep."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate, signatures_of, stacked
+from discrepancy.inference.creep_prediction import Slipping
+from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
+from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
+
+QUIETER_ROUNDS, SAME = 6, 0.02
+"""Rounds in which noise beside some candidates is found, and a change that ends them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The columns of one log's linear problem around a state: of C amplitudes, the first G of `geometries` changed by
+    `steps` (G,), the other R of readings (K, s + d, R) and slips (K - 1, rows, R); fought (K - 1, rows, C): of what
+    wheels hide of each; own (K - 1, rows, e): of slips that are known in part."""
+
+    model: LogLikelihood
+    geometry: Geometry
+    state: Array
+    clock: Array
+    candidates: tuple[Candidate, ...]
+    geometries: tuple[Geometry, ...]
+    steps: Array
+    readings: Array
+    slips: Array
+    fought: Array
+    own: Array
+
+    @classmethod
+    def of(
+        cls,
+        robot: RobotDescription,
+        model: LogLikelihood,
+        log: Log,
+        state: Array,
+        clock: Array,
+        slipping: Slipping,
+        own: Array,
+        parts: Array,
+        among: Sequence[Candidate] | None,
+        places: Sequence[Candidate],
+        of: str,
+    ) -> "Columns":
+        """Return those of candidates, as `signatures_of` has them. own: `slipping.known()`, in these parts."""
+        geometry = Geometry.of(robot.as_built())
+        found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
+        changed = stacked(geometry, found.geometries)
+        fought = model.fought(geometry, changed, found.steps, state, found.readings, slipping.yields)
+        slips = np.zeros((*own.shape[:2], len(found.slips)))
+        for k, one in enumerate(found.slips):
+            slips[..., k] = model.rows_of(one.rolling, one.side)
+        for k in found.places:  # what wheels disagree by is taken for creep as long as no cable is known
+            slips[..., k] -= parts[0] * slipping.seen_as_creep(found.slips[k])
+        return cls(
+            model=model,
+            geometry=geometry,
+            state=state,
+            clock=clock,
+            candidates=found.candidates,
+            geometries=found.geometries,
+            steps=found.steps,
+            readings=found.readings,
+            slips=slips,
+            fought=fought,
+            own=own,
+        )
+
+    def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
+        """Return what the log says of amplitudes, of what wheels hide of each, of parts, and of what every wheel and
+        castor may always creep; of `only` some candidates: but for the last."""
+        chosen = [only is None or one in only for one in self.candidates for _ in range(one.columns)]
+        columns, always = np.flatnonzero(chosen), self.own[..., :0]
+        if only is None:
+            always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
+        built, other = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
+        changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
+        slips = np.concatenate([self.slips[..., other], self.fought[..., columns], self.own, always], axis=-1)
+        readings = np.zeros((*self.readings.shape[:2], slips.shape[-1]))
+        readings[..., : len(other)] = self.readings[..., other]
+        more = More(readings, slips)
+        return self.model.reduce(
+            self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, more
+        )
+
+
+def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
+    """Return the columns of each of some candidates that follow each other."""
+    ends = np.cumsum([one.columns for one in candidates])
+    return tuple(np.arange(end - one.columns, end) for one, end in zip(candidates, ends, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """Numbers that all logs share, and what was believed of them.
+
+    parts (e,): of slips that are known in part; their expected values and standard deviations (e,). mount (3,): where
+    the tracked point is.
+    """
+
+    parts: Array
+    expected: Array
+    doubt: Array
+    mount: Array
+
+    def believed(self, information: Array, gradient: Array, first: int) -> None:
+        """Add what was believed, of parts from number `first` on and of the tracked point, the last."""
+        parts, mount = slice(first, first + len(self.parts)), slice(-len(self.mount), None)
+        information[parts, parts] += np.diag(self.doubt**-2.0)
+        information[mount, mount] += np.eye(len(self.mount)) / MOUNT**2
+        gradient[parts, 0] += (self.parts - self.expected) / self.doubt**2
+        gradient[mount, 0] += self.mount / MOUNT**2
+
+
+def together(
+    each: Sequence[tuple[Sequence[Candidate], Reduced]],
+) -> tuple[tuple[Candidate, ...], Array, Array, list[NDArray[np.intp]]]:
+    """Return all candidates of several logs, and what these say together of their amplitudes, then of what wheels hide
+    of each, and then of the numbers that all logs share: information, gradient, and which numbers are of which log."""
+    candidates = tuple(dict.fromkeys(one for some, _ in each for one in some))
+    columns = dict(zip(candidates, columns_of(candidates), strict=True))
+    half = sum(one.columns for one in candidates)
+    shared = len(each[0][1].information) - 2 * sum(one.columns for one in each[0][0])
+    size = 2 * half + shared
+    information, gradient = np.zeros((size, size)), np.zeros((size, each[0][1].gradient.shape[1]))
+    numbers = []
+    for some, reduced in each:
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[one] for one in some)])
+        at = np.concatenate([own, own + half, np.arange(2 * half, size)])
+        information[np.ix_(at, at)] += reduced.information
+        gradient[at] += reduced.gradient
+        numbers.append(at)
+    return candidates, information, gradient, numbers
+
+
+def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
+    """Return information (n, n) and pull (n,) of the first n numbers, the others eliminated."""
+    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
+    told = information[:n, :n] - information[:n, n:] @ both[:, :n]
+    return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ both[:, n])
+
+
+def quieter(logs: Sequence[Columns], some: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
+    """Return the sizes of noise that some candidates leave, each as large as the logs want; none larger than before."""
+    found = noise
+    for _ in range(QUIETER_ROUNDS):
+        told = [one.reduce(shared.mount, found, some, PROBES) for one in logs]
+        each = [[one for one in log.candidates if one in some] for log in logs]
+        candidates, information, gradient, numbers = together(list(zip(each, told, strict=True)))
+        shared.believed(information, gradient, 2 * sum(one.columns for one in candidates))
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
+        best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
+        moved: Array = (-best / scale[:, None]).astype(np.float64)
+        left = [reduced.finish(moved[at])[2] for reduced, at in zip(told, numbers, strict=True)]
+        last, found = found, resized(found, left)
+        changes = [new / old - 1 for new, old in zip(astuple(found), astuple(last), strict=True)]
+        if max(abs(change) for change in changes) < SAME:
+            break
+    return Noise(**{name: min(size, getattr(noise, name)) for name, size in asdict(found).items()})

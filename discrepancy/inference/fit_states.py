@@ -1,0 +1,137 @@
+"""What truly happened in logs, and how contacts crept, which tell of each other: found by turns.
+
+How far contacts creep is predicted (`slipping`); what part of the prediction is true is found.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
+from discrepancy.inference.creep_prediction import CREEPS, FORCED, Slipping
+from discrepancy.inference.design_matrix import Shared, together, without
+from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
+from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
+
+if TYPE_CHECKING:
+    from discrepancy.inference.evidence import Evidence
+
+DOUBT = 0.5
+"""Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
+
+MOST_CREEP = 4.0
+"""Times what is predicted that contacts may creep."""
+
+AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
+"""Standard deviations of the part of creep under forces, and of all where clean logs tell it. Contacts that creep by
+less than such a part of what their description says are taken for rigid ones."""
+
+SETTLED, SETTLED_AGAIN, SOME = 2, 1, 3
+"""Rounds, of some steps each and then one of as many as it takes, in which these parts, what truly happened and the
+noise that is left settle; and where a state to begin with is known."""
+
+
+class Slips(NamedTuple):
+    """How one log's contacts slip, as a state of it tells: for certain, and what is known in part."""
+
+    slipping: Slipping
+    certain: Array
+    known: Array
+
+
+def settled(
+    robot: RobotDescription,
+    models: list[LogLikelihood],
+    logs: Sequence[Log],
+    noise: Noise | None,
+    start: "Evidence | None",
+    usual: "Evidence | None",
+) -> tuple[State, Noise, Shared, list[Slips]]:
+    """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
+
+    what truly happened tells how wheels disagree, and how they creep for that tells what truly happened.
+    """
+    geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
+    if start is None:
+        at, sizes, _ = fitted(models, geometry, (), none, noise)
+    else:
+        at, sizes = start.state, noise or start.noise
+    if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
+        channels = Channels(robot)
+        for model, log, state in zip(models, logs, at.states, strict=True):
+            counts = state[:, 3:]
+            model.correct(channels.read(robot, log, counts) - counts)
+        if start is None:
+            at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
+    parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
+    while True:
+        slips = []
+        for model, log, state in zip(models, logs, at.states, strict=True):
+            slipping = Slipping(robot, model, log, state)
+            slips.append(Slips(slipping, slipping.sure(), slipping.known()))
+        _expect(models, slips, parts)
+        shared = _shared(models, geometry, at, sizes, [one.known for one in slips], parts, usual)
+        parts = shared.parts
+        _expect(models, slips, parts)
+        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS)
+        if not k:
+            return at, sizes, replace(shared, mount=at.mount), slips
+        k -= 1
+
+
+def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> None:
+    for model, one in zip(models, slips, strict=True):
+        model.expect(one.certain + one.known @ parts)
+
+
+def _limits(e: int) -> tuple[Array, Array]:
+    """Return the least and the most (e,) that these parts can be."""
+    most = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
+    return np.where(np.arange(e) < CREEPS, 0.0, -1.0), most
+
+
+def _foreseen(e: int, usual: "Evidence | None", rigid: bool) -> tuple[Array, Array]:
+    """Return the parts (e,) of creep that there are, and of effects that wheels hide, before any log speaks; and their
+    standard deviations. rigid: whether contacts hardly creep at all under forces."""
+    expected, doubt = np.zeros(e), np.full(e, DOUBT)
+    if usual is None:
+        expected[:CREEPS], doubt[FORCED] = 1.0, AS_DESCRIBED
+        expected[FORCED] = 0.0 if rigid else 1.0
+    else:
+        expected[:CREEPS], doubt[:CREEPS] = usual.parts[:CREEPS], AS_USUAL
+    return expected, doubt
+
+
+def _shared(
+    models: Sequence[LogLikelihood],
+    geometry: Geometry,
+    at: State,
+    noise: Noise,
+    known: Sequence[Array],
+    parts: Array,
+    usual: "Evidence | None",
+) -> Shared:
+    """Return what parts (e,) of the creep predicted there are, and what more wheels hide of each of the robot's
+    effects, as far as the logs tell."""
+    none, e = stacked(geometry, []), known[0].shape[-1]
+    told: list[tuple[tuple[Candidate, ...], Reduced]] = []
+    for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
+        more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
+        told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
+    _, information, gradient, _ = together(told)
+    freely = Shared(parts, np.where(np.arange(e) < CREEPS, 1.0, 0.0), np.full(e, DOUBT), at.mount)
+    rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
+    shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
+    return replace(shared, parts=np.clip(_best(information, gradient, shared), *_limits(e)))
+
+
+def _best(information: Array, gradient: Array, shared: Shared) -> Array:
+    """Return the parts (e,) that logs and what was believed ask for together."""
+    information, gradient = information.copy(), gradient.copy()
+    shared.believed(information, gradient, 0)
+    return shared.parts + np.linalg.solve(*without(information, gradient[:, 0], len(shared.parts)))

@@ -1,0 +1,97 @@
+"""What wheels did in every step of logs: where on the floor, how far, and how much they slipped unexpectedly.
+
+Reference poses tell where wheels touch the floor (`contact_places`), and the smoother by how much each wheel slips.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.effects import Motion
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.logs.log import Log
+from castor_envs.motion.steps import contact_paths, contact_places
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Channels
+from estimators.calibration.log_likelihood import GAP, LogLikelihood
+from estimators.calibration.maximum_likelihood import State
+
+FLOOR = 1e-4
+"""m that is added to a step's length for the variance of its slip."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """What all wheels did in all steps of logs, M in all: those in which a slip is known.
+
+    start, end (M, 2): where in N a wheel touched the floor, m. path: how far it went along its rolling direction, m.
+    heading: of that direction in N, rad. slip: m. weight: over the variance, 1/m2. radius: m. track: a number for every
+    wheel of every log. time: the step's number in its log.
+    """
+
+    start: Array
+    end: Array
+    path: Array
+    heading: Array
+    slip: Array
+    weight: Array
+    radius: Array
+    track: NDArray[np.intp]
+    time: NDArray[np.intp]
+
+    def passes(self, there: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Return for the steps `there` (M,) the number of their pass: one wheel's steps without a break."""
+        track, time = self.track[there], self.time[there]
+        new = (np.diff(track, prepend=-1) != 0) | (np.diff(time, prepend=-9) > 2)
+        return np.cumsum(new) - 1
+
+    def only(self, there: NDArray[np.bool_]) -> "Steps":
+        """Return the steps `there` (M,)."""
+        return Steps(*(getattr(self, name)[there] for name in Steps.__dataclass_fields__))
+
+
+def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> Steps:
+    """Return the steps of logs; slips (K - 1, w) of each, m, beyond what is expected, NaN where they are not known."""
+    parts: list[tuple[NDArray[Any], ...]] = []
+    w = len(robot.wheels)
+    radius = np.array([wheel.radius for wheel in robot.wheels])
+    for k, (motion, slip) in enumerate(zip(motions, slips, strict=True)):
+        places, path = contact_places(robot, motion), contact_paths(robot, motion)[:, :w]
+        heading = motion.heading[:, None] + motion.half_way[:, list(robot.wheel_castors)]
+        longest = np.abs(path).max(axis=1, keepdims=True) + FLOOR
+        wheel, step = np.nonzero(np.isfinite(slip).T)
+        weight = 1 / np.broadcast_to(longest, path.shape)
+        own = (one[step, wheel] for one in (places[:-1], places[1:], path, heading, slip, weight))
+        parts.append((*own, radius[wheel], k * w + wheel, step))
+    steps = Steps(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    squares = float(np.sum(steps.weight * steps.slip**2))
+    return dataclasses.replace(steps, weight=steps.weight * len(steps.slip) / max(squares, 1e-30))
+
+
+def slips_of(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array, expected: Array) -> Array:
+    """Return by how much wheels slip in a log at a state (K, m) beyond what is expected (K - 1, rows), m (K - 1, w).
+
+    NaN of wheels that nothing is known of, and beside gaps.
+    """
+    slips = np.full((len(log) - 1, len(robot.wheels)), np.nan)
+    along = np.flatnonzero(model.rows < len(robot.wheels))
+    slips[:, model.rows[along]] = (model.missed(Geometry.of(robot.as_built()), state) - expected)[:, along]
+    step = np.diff(log.t)
+    gap = np.pad(step > GAP * np.median(step), 1)
+    slips[gap[:-2] | gap[1:-1] | gap[2:]] = np.nan
+    return slips
+
+
+def placed(
+    robot: RobotDescription, logs: Sequence[Log], at: State, slips: Sequence[Array]
+) -> tuple[list[Motion], list[Array]]:
+    """Return motions and slips of the logs that have reference poses."""
+    posed = [
+        k for k, log in enumerate(logs) if log.reference is not None and bool(np.isfinite(log.reference[:, 0]).any())
+    ]
+    motions = [Channels(robot).motion(logs[k], at.states[k], agreeing=True) for k in posed]
+    return motions, [slips[k] for k in posed]

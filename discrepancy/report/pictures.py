@@ -1,0 +1,309 @@
+"""Pictures for the report: traces and replays as SVG that stands in a page by itself.
+
+The same input gives the same bytes. Grey is the description as given, the accent colour the one with what was found.
+"""
+
+import io
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+
+from castor_envs.geometry.kinematics import Array
+from castor_envs.rendering.drawing.palette import AXES, ESTIMATE, FADED, GRID, INK, TRUTH, WHITE, Color
+from discrepancy.report.traces import Traces
+from discrepancy.validation.replay import Replay
+
+Shown = TypeVar("Shown", Traces, Replay)
+
+WIDTH = 5.6
+"""Inches; text of 9 points can then be read on a phone."""
+
+SHOWN = 8
+"""Candidates, the best ones."""
+
+
+def _hex(color: Color) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*color)
+
+
+BEFORE, AFTER, MEASURED = "#9b978c", _hex(TRUTH), _hex(INK)
+SIGNED = LinearSegmentedColormap.from_list("signed", [_hex(color) for color in (ESTIMATE, WHITE, TRUTH)])
+PLAIN = LinearSegmentedColormap.from_list("plain", ["#e9e7e0", _hex(TRUTH)])
+
+STYLE: Any = {
+    "font.size": 9.0,
+    "font.family": "DejaVu Sans",
+    "svg.fonttype": "path",
+    "axes.edgecolor": _hex(AXES),
+    "axes.labelcolor": _hex(INK),
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "grid.color": _hex(GRID),
+    "grid.linewidth": 0.4,
+    "xtick.color": _hex(FADED),
+    "ytick.color": _hex(FADED),
+    "text.color": _hex(INK),
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.2,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """name: which section of the report it belongs to. svg: an <svg> element. alt: what it shows, for who cannot see
+    it. caption: what to read from it."""
+
+    name: str
+    svg: str
+    alt: str
+    caption: str
+
+
+def paths(before: Traces, after: Traces | None = None) -> Picture:
+    """Return dead reckoning beside the reference, seen from above."""
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = _figure(3.6, 1)
+        for traces, color, label in _both(before, after, "dead reckoning as described", "with what was found"):
+            axes.plot(traces.path[:, 0], traces.path[:, 1], color=color, label=label)
+        if len(before.reference):
+            x, y, _ = before.reference.T
+            axes.plot(x, y, ".", color=MEASURED, markersize=3, label="reference")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        _legend_above(axes)
+        svg = _svg(figure, "paths")
+    return Picture(
+        "paths",
+        svg,
+        f"The path seen from above: dead reckoning{_also(after)}, {_count(before.reference, 'reference pose')}.",
+        "Dead reckoning from the counts alone, from the first reference pose on.",
+    )
+
+
+def errors(before: Traces, after: Traces | None = None) -> Picture:
+    """Return by how much dead reckoning is off the reference, along time."""
+    with mpl.rc_context(STYLE):
+        figure, (position, heading) = _figure(3.2, 2)
+        for traces, color, label in _both(before, after, "as described", "with what was found"):
+            position.plot(traces.times, 1e3 * np.hypot(traces.off[:, 0], traces.off[:, 1]), color=color, label=label)
+            heading.plot(traces.times, 1e3 * traces.off[:, 2], color=color)
+        position.set_ylabel("position, mm")
+        position.set_ylim(bottom=0)
+        heading.set_ylabel("heading, mrad")
+        heading.set_xlabel("time, s")
+        _legend_above(position)
+        svg = _svg(figure, "errors")
+    return Picture(
+        "errors",
+        svg,
+        f"How far dead reckoning is off the reference along time{_also(after)}: {_ends(before, after)}.",
+        "By how much dead reckoning is off the reference.",
+    )
+
+
+def slip(before: Traces, after: Traces | None = None) -> Picture:
+    """Return which channel slips when, as a map of channels and time."""
+    shown = list(_both(before, after, "as described", "with what was found"))
+    rows = len(before.channels)
+    top = float(max(np.percentile(np.abs(before.slip), 99), 1e-6))
+    with mpl.rc_context({**STYLE, "axes.grid": False}):
+        figure, every = _figure(0.5 + (0.35 + 0.19 * rows) * len(shown), len(shown))
+        scale = ScalarMappable(Normalize(-1e3 * top, 1e3 * top), SIGNED)
+        for axes, (traces, _, label) in zip(every, shown, strict=True):
+            colors = scale.to_rgba(1e3 * traces.slip.T)
+            axes.pcolorfast(_edges(traces.middle), np.arange(rows + 1.0), colors)
+            axes.set_yticks(np.arange(rows) + 0.5, traces.channels, fontsize=7.5)
+            axes.invert_yaxis()
+            axes.tick_params(length=0)
+            axes.set_title(label)
+        every[-1].set_xlabel("time, s")
+        bar = figure.colorbar(scale, ax=every, shrink=0.8, pad=0.02, aspect=30)
+        bar.set_label("mm of slip in a second")
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        svg = _svg(figure, "slip")
+    where = before.worst()
+    return Picture(
+        "slip",
+        svg,
+        f"A map of slip by channel and time{_also(after)}; most of it in {where['channel']}, and at its largest, "
+        f"{1e3 * where['most_slip_m']:.2g} mm, at {where['at_s']:.0f} s.",
+        "By how much each wheel's rolling and each castor's side motion miss perfect rolling. One row that stands "
+        "out is a wheel or castor; one column, an event.",
+    )
+
+
+def floor(before: Traces) -> Picture:
+    """Return where on the floor wheels slip."""
+    size = 1e3 * np.sqrt(np.mean(before.slip**2, axis=1))
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = _figure(3.4, 1)
+        axes.plot(before.path[:, 0], before.path[:, 1], color=_hex(GRID), linewidth=0.8, zorder=1)
+        order = np.argsort(size)
+        x, y = before.place[order].T
+        points = axes.scatter(x, y, c=size[order], s=18, cmap=PLAIN, linewidths=0, vmin=0, zorder=2)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        bar = figure.colorbar(points, ax=axes, shrink=0.8, pad=0.02, aspect=30)
+        bar.set_label("mm of slip in a second (rms)")
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        svg = _svg(figure, "floor")
+    where = before.worst()
+    return Picture(
+        "floor",
+        svg,
+        f"Slip on a map of the floor; most near x {where['x_m']:.2f}, y {where['y_m']:.2f} m.",
+        "Slip where it happened. Dark points close together are a place on the floor; evenly spread ones, the robot.",
+    )
+
+
+def candidates(ranks: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) -> Picture:
+    """Return what each candidate alone explains.
+
+    ranks: with "what" and "deviance". named: the "what" of those that were named.
+    """
+    best = sorted(ranks, key=lambda one: -float(one["deviance"]))[:SHOWN]
+    with mpl.rc_context({**STYLE, "axes.grid": False}):
+        names = [_plain(str(one["what"])) for one in best]
+        figure, (axes,) = _figure(0.55 + 0.2 * len(best) + 0.11 * sum(name.count("\n") for name in names), 1)
+        gains = [max(float(one["deviance"]), 0.0) for one in best]
+        colors = [AFTER if one["what"] in named else "#c9c6bd" for one in best]
+        axes.barh(np.arange(len(best)), gains, color=colors, height=0.62)
+        axes.set_yticks(np.arange(len(best)), names, fontsize=7.5)
+        for row, gain in enumerate(gains):
+            axes.annotate(f"{gain:.0f}", (gain, row), (3, 0), textcoords="offset points", va="center", fontsize=7.5)
+        axes.invert_yaxis()
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlabel("deviance that it takes away alone")
+        axes.margins(x=0.1)
+        svg = _svg(figure, "candidates")
+    first = f"{best[0]['what']} first, with {gains[0]:.0f}" if best else "none"
+    return Picture(
+        "candidates",
+        svg,
+        f"Bars of the deviance that each candidate takes away: {first}.",
+        "Twice the log-likelihood that each candidate adds by itself; 6 less than the best cannot be told from it.",
+    )
+
+
+def replays(before: Replay, after: Replay | None = None) -> Picture:
+    """Return by how much the simulation misses the measurement in every window: motion and encoders."""
+    shown = list(_both(before, after, "as described", "with what was found"))
+    posed = bool(np.isfinite(before.body).any())
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 3.4 if posed else 2.0), layout="constrained")
+        kinds = {
+            "wheels": ("wheel counts, mm", before.wheel_names),
+            "pivots": ("pivot counts, mrad", before.pivot_names),
+        }
+        kinds = {kind: told for kind, told in kinds.items() if told[1]}
+        rows = figure.add_gridspec(2 if posed else 1, 1)
+        lower = rows[-1].subgridspec(1, len(kinds), width_ratios=[1 + len(names) for _, names in kinds.values()])
+        every = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
+        top = figure.add_subplot(rows[0]) if posed else every[0]
+        if posed:
+            for one, color, label in shown:
+                position = 1e3 * np.hypot(one.body[:, 0], one.body[:, 1])
+                top.plot(np.arange(1, len(position) + 1), position, "o-", color=color, markersize=3, label=label)
+            top.set_ylabel("position, mm")
+            top.set_xlabel("window")
+            top.set_ylim(bottom=0)
+        for axes, (kind, (label, names)) in zip(every, kinds.items(), strict=True):
+            width = 0.8 / len(shown)
+            for k, (one, color, which) in enumerate(shown):
+                gaps = 1e3 * np.sqrt(np.mean(getattr(one, kind) ** 2, axis=0))
+                axes.bar(np.arange(len(names)) - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=which)
+            axes.set_xticks(np.arange(len(names)), [name.partition("_")[2] for name in names])
+            axes.grid(visible=False, axis="x")
+            axes.set_ylabel(label)
+        _legend_above(top)
+        svg = _svg(figure, "replay")
+    return Picture(
+        "replay",
+        svg,
+        f"The gap between simulation and measurement in {len(before.start)} windows{_also(after)}, and by encoder.",
+        "How far the simulated robot ends up from the measured one after each window, and what its encoders count "
+        "beyond the measured ones (rms).",
+    )
+
+
+def _both(before: Shown, after: Shown | None, first: str, second: str) -> list[tuple[Shown, str, str]]:
+    return [(before, BEFORE, first)] + ([] if after is None else [(after, AFTER, second)])
+
+
+def _also(after: object) -> str:
+    return " as described" if after is None else " as described and with what was found"
+
+
+def _ends(before: Traces, after: Traces | None) -> str:
+    sizes = [
+        f"{1e3 * np.sqrt(np.mean(np.sum(one.off[:, :2] ** 2, axis=1))):.1f} mm"
+        for one in (before, after)
+        if one is not None and len(one.off)
+    ]
+    return (" and ".join(sizes) + " rms") if sizes else "there is no reference"
+
+
+def _count(rows: Array, what: str) -> str:
+    return f"{len(rows)} {what}" + ("" if len(rows) == 1 else "s")
+
+
+def _plain(text: str) -> str:
+    """Return text that matplotlib does not take for mathematics, in short lines."""
+    lines = textwrap.wrap(text, 34, max_lines=2, placeholder=" \N{HORIZONTAL ELLIPSIS}")
+    return "\n".join(lines).replace("$", r"\$")
+
+
+def _edges(middle: Array) -> Array:
+    if len(middle) < 2:
+        return np.array([middle[0] - 0.5, middle[0] + 0.5])
+    half_way = (middle[1:] + middle[:-1]) / 2
+    return np.concatenate([[2 * middle[0] - half_way[0]], half_way, [2 * middle[-1] - half_way[-1]]])
+
+
+def _figure(height: float, rows: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    axes = figure.subplots(rows, 1, squeeze=False)
+    return figure, list(axes[:, 0])
+
+
+def _legend_above(axes: Axes) -> None:
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.4)
+
+
+def _svg(figure: Figure, name: str) -> str:
+    """Return a figure as an element to stand in a page: its ids begin with a name of their own, no address in it."""
+    out = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(out, format="svg", metadata={"Date": None}, transparent=True)
+    svg = out.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg)
+    svg = svg.replace("xlink:href", "href")
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'href="#', f'href="#{name}-', svg)
+    svg = svg.replace("url(#", f"url(#{name}-")
+    # The page sets the width; the view box keeps the proportions.
+    svg = re.sub(r'^<svg([^>]*?) width="[^"]*"', r"<svg\1", svg)
+    svg = re.sub(r'^<svg([^>]*?) height="[^"]*"', r"<svg\1", svg)
+    return svg.strip()

@@ -1,0 +1,1 @@
+"""Hidden-effect trials of trains."""

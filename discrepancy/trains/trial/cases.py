@@ -1,0 +1,78 @@
+"""Cases of a train's trial: what is hidden in which, how large, and how the wheels are driven.
+
+A case follows from its number, the trial's seed and the train. Cases come in pairs, in which wheels yield to each other
+(odd numbers) and are held at speed (even ones). Sizes are log-uniform between `BOUNDS`.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from castor_envs.vehicles.train import TrainDescription
+from discrepancy.trains.candidates import Placed, dead_gauges, named_candidates
+
+Stratum = Literal["clean", "one", "two"]
+Drive = Literal["yielding", "held"]
+
+MIX: tuple[Stratum, ...] = ("one", "clean", "one", "two", "one", "one", "clean", "one", "two", "one")
+"""Of every ten pairs, in order: 6 one effect, 2 two, 2 clean."""
+
+BOUNDS = {
+    "gauge_gain": (0.05, 0.4),
+    "gauge_drift": (0.003, 0.05),
+    "foreshortening_left_out": (0.1, 1.0),
+    "track": (0.005, 0.05),
+    "wheel_radius": (0.002, 0.02),
+    "all_wheel_radius": (0.002, 0.02),
+    "axle_slip": (2.0, 50.0),
+}
+"""The smallest and the largest size of each effect, in its own unit; a dead gauge has none."""
+
+ONE_WAY = ("foreshortening_left_out", "axle_slip")
+"""Effects whose sizes are positive; those of others have either sign."""
+
+THIRDS = ("small", "middle", "large")
+
+
+@dataclass(frozen=True)
+class Case:
+    """seeds: of the log and the held-out one. thirds: where each hidden effect is in its bounds, in `THIRDS`; "none" of
+    effects without a size."""
+
+    number: int
+    stratum: Stratum
+    drive: Drive
+    hidden: tuple[Placed, ...]
+    thirds: tuple[str, ...]
+    seeds: tuple[int, int]
+
+
+def draw(number: int, seed: int, train: TrainDescription) -> Case:
+    """Return a case (number from 1) of a trial. Every kind of effect is as likely as any other, then every place."""
+    random = np.random.default_rng([seed, number])
+    stratum = MIX[(number - 1) // 2 % len(MIX)]
+    every = [one.placed for one in (*named_candidates(train), *dead_gauges(train)) if one.placed is not None]
+    kinds = sorted({one.effect.name for one in every})
+    chosen = random.choice(kinds, size=("clean", "one", "two").index(stratum), replace=False)
+    hidden, thirds = [], []
+    for kind in chosen.tolist():
+        places = [one for one in every if one.effect.name == kind]
+        own = places[int(random.integers(len(places)))]
+        part, sign = float(random.uniform()), float(random.choice([-1.0, 1.0]))
+        if kind in BOUNDS:
+            low, high = (math.log(bound) for bound in BOUNDS[kind])
+            size = math.exp(low + part * (high - low))
+            own = own.sized(size if kind in ONE_WAY else sign * size)
+        hidden.append(own)
+        thirds.append(THIRDS[min(int(3 * part), 2)] if kind in BOUNDS else "none")
+    first, second = (int(one) for one in random.integers(10**9, size=2))
+    drive: Drive = "yielding" if number % 2 else "held"
+    return Case(number, stratum, drive, tuple(hidden), tuple(thirds), (first, second))
+
+
+def plain(placed: Placed, train: TrainDescription) -> dict[str, object]:
+    """Return a hidden, or found, effect as plain data; `what`: its name and place, in words."""
+    return {"what": placed.what(train), "axle": placed.axle, **dataclasses.asdict(placed.effect)}

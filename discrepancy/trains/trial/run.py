@@ -1,0 +1,120 @@
+"""Runs a train's trial: makes cases in processes of their own, then hands the finder files and nothing else.
+
+trial.json                      what was asked for: train, cases, seed, duration
+cases/case-0001/                log.csv, holdout.csv and train.json (nominal): all that the finder gets
+labels/case-0001.json           what was hidden
+outcomes/case-0001.json         what the finder said
+"""
+
+import dataclasses
+import os
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from castor_envs.errors import InputError
+from castor_envs.files import write_json
+from castor_envs.logs.log import read_log, write_log
+from castor_envs.motion.paths import SPEED
+from castor_envs.vehicles.load import load_train
+from castor_envs.vehicles.train import TrainDescription
+from discrepancy.trains.diagnosis import TrainDiagnosis, diagnose_train
+from discrepancy.trains.trial.cases import Case, draw, plain
+from discrepancy.trains.trial.simulate import log_at_random
+from discrepancy.trials.folder import asked_of, begin, each, name_of
+
+FORMAT = "castor-train-trial-case/1"
+STANDING = 0.5
+"""m by which a path is shorter than its time would let it be at full speed: for starting, stopping and whole legs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a trial is asked for."""
+
+    cases: int
+    seed: int
+    train: str
+    duration: float
+
+
+def make(
+    cases: int, seed: int, train: str, folder: str | os.PathLike[str], *, duration: float, jobs: int | None = None
+) -> None:
+    """Make the cases that are not there yet. train: a preset's name. duration: of a log, s, roughly.
+
+    Raises InputError for a folder that holds another trial.
+    """
+    folder, plan = Path(folder), Plan(cases, seed, train, duration)
+    load_train(train)
+    begin(folder, dataclasses.asdict(plan), ("cases", "labels", "outcomes"))
+    missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"{name_of(k)}.json").exists()]
+    each([(_make_case, (plan, k, folder)) for k in missing], jobs)
+
+
+def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Let the finder say what is in every case that it has not seen yet."""
+    folder = Path(folder)
+    names = [name_of(k) for k in range(1, plan_of(folder).cases + 1)]
+    missing = [name for name in names if not (folder / "outcomes" / f"{name}.json").exists()]
+    each([(_judge_case, (folder / "cases" / name, folder / "outcomes" / f"{name}.json")) for name in missing], jobs)
+
+
+def plan_of(folder: str | os.PathLike[str]) -> Plan:
+    """Return what a trial in a folder was asked for."""
+    return Plan(**asked_of(Path(folder)))
+
+
+def said_by(found: TrainDiagnosis) -> dict[str, Any]:
+    """Return what a diagnosis says, by names and places in words: those it is sure of, and all that it may be."""
+    named = [one.what(found.train) for one in found.effects]
+    sure = [one for one in found.findings if one.verdict == "named" and one.placed is not None]
+    return {
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "named": named,
+        "possible": list(dict.fromkeys([*named, *found.families])),
+        "found": [plain(one.placed, found.train) | {"error": one.error} for one in sure if one.placed is not None],
+    }
+
+
+def _make_case(plan: Plan, number: int, folder: Path) -> None:
+    train, name = load_train(plan.train), name_of(number)
+    case, own = draw(number, plan.seed, train), folder / "cases" / name
+    own.mkdir(exist_ok=True)
+    real = train
+    for effect in case.hidden:
+        real = effect.added(real)
+    for file, seed in zip(("log.csv", "holdout.csv"), case.seeds, strict=True):
+        drive = "servo" if case.drive == "held" else "voltage"
+        write_log(own / file, log_at_random(real, seed, SPEED * plan.duration - STANDING, drive), train)
+    train.save(own / "train.json")
+    write_json(folder / "labels" / f"{name}.json", _label(case, train))
+
+
+def _label(case: Case, train: TrainDescription) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "case": case.number,
+        "stratum": case.stratum,
+        "drive": case.drive,
+        "seeds": case.seeds,
+        "hidden": [plain(one, train) | {"third": third} for one, third in zip(case.hidden, case.thirds, strict=True)],
+    }
+
+
+def _judge_case(case: Path, outcome: Path) -> None:
+    """Write what the finder says of one case; it sees the case's files."""
+    started = time.perf_counter()
+    result: dict[str, Any] = {"format": FORMAT, "case": int(case.name[-4:])}
+    nothing = {"named": [], "possible": [], "found": []}
+    try:
+        train = TrainDescription.load(case / "train.json")
+        log, held_out = (read_log(case / name, train) for name in ("log.csv", "holdout.csv"))
+        result |= said_by(diagnose_train(train, [log], [held_out]))
+    except InputError as error:
+        result |= nothing | {"verdict": "refused", "reason": str(error)}
+    except Exception:  # a finder that breaks fails its own case, no other
+        result |= nothing | {"verdict": "broken", "reason": traceback.format_exc()}
+    write_json(outcome, result | {"seconds": time.perf_counter() - started})

@@ -1,0 +1,159 @@
+"""How good the train finder is: what it said of cases (`discrepancy.trains.trial.run`) and what was hidden in them.
+
+Counts of cases with 95 % Wilson intervals, for wheels that yield to each other and wheels held at speed apart. All
+sizes count, however small; a name is wrong where nothing that was hidden is among what the finder calls possible.
+"""
+
+import dataclasses
+import os
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.files import read_json
+from discrepancy.trains.trial.cases import THIRDS, Drive
+from discrepancy.trains.trial.run import plan_of
+from discrepancy.trials.scores import NORMAL, Rate, wilson
+
+FORMAT = "castor-train-trial/1"
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """A case after the labels are open: what was hidden in it, and what was said of it."""
+
+    label: dict[str, Any]
+    outcome: dict[str, Any]
+
+    @property
+    def truth(self) -> set[str]:
+        """Names and places of what was hidden."""
+        return {one["what"] for one in self.label["hidden"]}
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is what the finder is sure of, no less and no more."""
+        return set(self.outcome["named"]) == self.truth and self.outcome["verdict"] in ("named", "no discrepancy")
+
+    @property
+    def in_the_set(self) -> bool:
+        """Whether it is all among what the finder says it may be."""
+        return self.truth <= set(self.outcome["possible"])
+
+    @property
+    def wrong(self) -> bool:
+        """Whether names are given, and nothing that was hidden is among them."""
+        return bool(self.outcome["possible"]) and not self.truth & set(self.outcome["possible"])
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the finder says that something is not as described."""
+        return self.outcome["verdict"] != "no discrepancy"
+
+    @property
+    def extra(self) -> bool:
+        """Whether the finder is sure of something that was not hidden."""
+        return bool(set(self.outcome["named"]) - self.truth)
+
+
+def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
+    """Return all cases of a trial of which the finder has spoken; raises InputError if there are none."""
+    folder = Path(folder)
+    paths = sorted((folder / "outcomes").glob("case-*.json"))
+    if not paths:
+        raise InputError(f"{folder}: nothing was found yet; judge the cases first")
+    return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
+
+
+def rates(trials: Sequence[Trial]) -> list[Rate]:
+    """Return the rates of some cases."""
+
+    def rate(what: str, some: Sequence[Trial], so: Callable[[Trial], bool]) -> Rate:
+        count = sum(map(so, some))
+        return Rate(what, count, len(some), *wilson(count, len(some)))
+
+    clean, one, two = ([own for own in trials if own.label["stratum"] == kind] for kind in ("clean", "one", "two"))
+    thirds = {third: [own for own in one if own.label["hidden"][0]["third"] == third] for third in THIRDS}
+    return [
+        rate("clean: a name that nothing bears", clean, lambda own: own.wrong),
+        rate("clean: any alarm", clean, lambda own: own.alarm),
+        rate("one effect: named exactly", one, lambda own: own.exact),
+        *(rate(f"  of {third} size", some, lambda own: own.exact) for third, some in thirds.items()),
+        rate("one effect: the truth among the names", one, lambda own: own.in_the_set),
+        rate("one effect: sure of something that is not there", one, lambda own: own.extra),
+        rate("one effect: a wrong name, the truth not among them", one, lambda own: own.wrong),
+        rate("two effects: both named exactly", two, lambda own: own.exact),
+        rate("two effects: sure of something that is not there", two, lambda own: own.extra),
+        rate("the finder broke down", list(trials), lambda own: own.outcome["verdict"] == "broken"),
+    ]
+
+
+def by_effect(trials: Sequence[Trial]) -> list[Rate]:
+    """Return for each kind of effect how often it was named exactly where it was hidden alone."""
+    counts: dict[str, list[bool]] = {}
+    for own in trials:
+        if own.label["stratum"] == "one":
+            counts.setdefault(own.label["hidden"][0]["name"], []).append(own.exact)
+    return [Rate(name, sum(some), len(some), *wilson(sum(some), len(some))) for name, some in sorted(counts.items())]
+
+
+def coverage(trials: Sequence[Trial]) -> Rate:
+    """Return how often the true size of what is named rightly lies in the 95 % interval."""
+    inside = [
+        abs(found["value"] - hidden["value"]) <= NORMAL * found["error"]
+        for own in trials
+        for hidden in own.label["hidden"]
+        for found in own.outcome["found"]
+        if found["what"] == hidden["what"] and found.get("value") is not None and found["error"]
+    ]
+    return Rate("true size within the 95 % interval", sum(inside), len(inside), *wilson(sum(inside), len(inside)))
+
+
+def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return all scores of a trial as plain data."""
+    trials = trials_of(folder)
+    drives: dict[str, Any] = {}
+    for drive in get_args(Drive):
+        own = [one for one in trials if one.label["drive"] == drive]
+        drives[drive] = {
+            "rates": [_plain(one) for one in (*rates(own), coverage(own))],
+            "by_effect": [_plain(one) for one in by_effect(own)],
+        }
+    verdicts = Counter(f"{one.label['stratum']}, {one.outcome['verdict']}" for one in trials)
+    return {
+        "format": FORMAT,
+        "plan": dataclasses.asdict(plan_of(folder)),
+        "judged": len(trials),
+        "drives": drives,
+        "verdicts": dict(sorted(verdicts.items())),
+        "seconds": float(np.mean([one.outcome["seconds"] for one in trials])),
+    }
+
+
+def lines(scores: dict[str, Any]) -> list[str]:
+    """Return the scores of `report` as text."""
+    plan = scores["plan"]
+    text = [
+        f"{scores['judged']} of {plan['cases']} cases, {plan['train']}, seed {plan['seed']}, {plan['duration']:g} s"
+    ]
+    for drive, own in scores["drives"].items():
+        text += ["", "Wheels that yield to each other:" if drive == "yielding" else "Wheels held at speed:"]
+        text += [_counted(one) for one in own["rates"]]
+        text += ["named exactly, of one effect alone:", *(_counted(one) for one in own["by_effect"])]
+    text += ["", *(f"{count:4d}  {what}" for what, count in scores["verdicts"].items())]
+    return [*text, "", f"A case takes {scores['seconds']:.1f} s to judge."]
+
+
+def _plain(one: Rate) -> dict[str, Any]:
+    kept = {name: value for name, value in dataclasses.asdict(one).items() if name not in ("least", "most")}
+    return kept | {"share": one.share if one.total else None}
+
+
+def _counted(one: dict[str, Any]) -> str:
+    share = "   -  " if one["share"] is None else f"{100 * one['share']:5.1f} %"
+    count = f"{one['count']:3d}/{one['total']:3d}, {100 * one['low']:.0f} to {100 * one['high']:.0f}"
+    return f"{share} ({count})  {one['what']}"

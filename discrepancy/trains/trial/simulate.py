@@ -1,0 +1,61 @@
+"""Logs of simulated trains that drive at random, to try the finder on: effects are in them, hidden from who reads."""
+
+from typing import Literal
+
+import numpy as np
+
+from castor_envs.envs.sensed_train import SensedTrain
+from castor_envs.floor import Floor
+from castor_envs.logs.log import Log
+from castor_envs.motion.paths import TrainPath
+from castor_envs.motion.train_driver import TrainDriver
+from castor_envs.vehicles.train import TrainDescription
+
+REFERENCE_EVERY, REFERENCE_NOISE = 20, 1e-3
+"""Samples between reference poses of the axles, and their standard deviation, m and rad."""
+
+
+def path_at_random(random: np.random.Generator, length: float = 6.0, sharpest: float = 1.2) -> TrainPath:
+    """Return a path of arcs of 0.4 to 1 m, at least `length` (m) long, with curvatures up to `sharpest` (1/m)."""
+    legs: list[tuple[float, float]] = []
+    while sum(leg[0] for leg in legs) < length:
+        legs.append((float(random.uniform(0.4, 1.0)), float(random.uniform(-sharpest, sharpest))))
+    return TrainPath("random arcs", tuple(legs))
+
+
+def log_at_random(
+    train: TrainDescription,
+    seed: int,
+    length: float = 6.0,
+    drive: Literal["servo", "voltage"] = "voltage",
+    reference: bool = True,
+) -> Log:
+    """Return the log of a train that drives a random path of `length` (m) in physics; its effects are in it.
+
+    drive: "voltage" lets wheels yield to each other; "servo" holds their speeds.
+    """
+    path, sensed = path_at_random(np.random.default_rng([seed, 1]), length), SensedTrain(train, Floor())
+    sensed.reset(np.random.default_rng([seed, 2]))
+    driver, period = TrainDriver(sensed.described, path), train.sample_period
+    fastest = np.repeat([module.max_wheel_speed for module in train.modules], 2)
+    seen = sensed.observation
+    rows, poses, commands = [seen], [sensed.world.poses.ravel()], []
+    for _ in range(int(np.ceil(path.duration / period))):
+        command = driver.commands(sensed.world.time, seen["rps"], seen["rps_age"])
+        sensed.advance(command if drive == "servo" else command / fastest, drive)
+        seen = sensed.observation
+        commands.append(command)
+        rows.append(seen)
+        poses.append(sensed.world.poses.ravel())
+    truth = np.array(poses)
+    truth += REFERENCE_NOISE * np.random.default_rng([seed, 3]).standard_normal(truth.shape)
+    truth[np.arange(len(truth)) % REFERENCE_EVERY > 0] = np.nan
+    return Log(
+        t=np.array([row["time"][0] for row in rows]),
+        wheel=np.cumsum([row["wheel"] for row in rows], axis=0),
+        pivot=np.zeros((len(rows), 0)),
+        command=np.array([*commands, np.zeros_like(fastest)]),
+        reference=truth if reference else None,
+        rps=np.array([row["rps"] for row in rows]),
+        rps_age=np.array([row["rps_age"] for row in rows]),
+    )

@@ -1,0 +1,173 @@
+"""Effects that nobody's catalogue has, for the foreign simulator: what a finder must not put a wrong name to.
+
+Castors and wheels are numbered from 1.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.errors import InputError
+from discrepancy.trials.mujoco.build import Build
+from discrepancy.trials.mujoco.model import THINNESS, Parts, Rig, text
+
+Array = NDArray[np.float64]
+
+
+class Outside:
+    """One such effect. acts: whether `act` is to be called before each physics step."""
+
+    acts: ClassVar[bool] = False
+
+    def build(self, parts: Parts) -> None:
+        """Change the model that is to be built."""
+
+    def act(self, rig: Rig, t: float) -> None:
+        """Change the model while it runs, t s since the start."""
+
+    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
+        """Return wheel counts (K, driven wheels) at times t (K,) as they come into the log."""
+        return wheel
+
+
+@dataclass(frozen=True)
+class WobblingWheel(Outside):
+    """A wheel sits askew on its axle: its contact goes to and fro along the axle by `size` (m), once a turn."""
+
+    castor: int
+    wheel: int
+    size: float
+
+    def build(self, parts: Parts) -> None:
+        """Tilt the ellipsoid: its lowest point then shifts by (r - b^2 / r) times the tilt."""
+        k = parts.build.wheel(self.castor, self.wheel)
+        tilt = self.size / (parts.build.radius[k] * (1 - THINNESS**2))
+        _geom(parts, k).set("euler", text(tilt, 0, 0))
+
+
+@dataclass(frozen=True)
+class FlatSpot(Outside):
+    """A wheel has worn down by `depth` (m) in one place, `width` (rad) of its tread, with smooth ends."""
+
+    castor: int
+    wheel: int
+    depth: float
+    width: float = 0.6
+    phase: float = 1.0
+    acts = True
+
+    def act(self, rig: Rig, t: float) -> None:
+        """Set the radius at the contact."""
+        k = rig.build.wheel(self.castor, self.wheel)
+        away = math.remainder(float(rig.data.qpos[rig.roll[k]]) - self.phase, 2 * math.pi)
+        inside = abs(away) < self.width / 2
+        worn = self.depth * math.cos(math.pi * away / self.width) ** 2 if inside else 0.0
+        rig.set_radius(k, rig.radius[k] - worn)
+
+
+@dataclass(frozen=True)
+class WarmingWheel(Outside):
+    """A wheel grows by the fraction `growth` as it warms up, with the time constant `time` (s)."""
+
+    castor: int
+    wheel: int
+    growth: float
+    time: float = 30.0
+    acts = True
+
+    def act(self, rig: Rig, t: float) -> None:
+        """Set the radius."""
+        k = rig.build.wheel(self.castor, self.wheel)
+        rig.set_radius(k, rig.radius[k] * (1 + self.growth * (1 - math.exp(-max(t, 0.0) / self.time))))
+
+
+@dataclass(frozen=True)
+class PivotPlay(Outside):
+    """A castor's pivot has play in its seat: `size` (m) from end to end, forward and sideways."""
+
+    castor: int
+    size: float
+
+    def build(self, parts: Parts) -> None:
+        """Put two short slides between body and pivot."""
+        castor = parts.castors[parts.build.place(self.castor)]
+        half = text(-self.size / 2, self.size / 2)
+        for place, axis in enumerate(("1 0 0", "0 1 0")):
+            slide = ET.Element("joint", type="slide", axis=axis, range=half, damping="5", frictionloss="0.1")
+            slide.set("solreflimit", "0.004 1")
+            castor.insert(place, slide)
+
+
+@dataclass(frozen=True)
+class StickyPivot(Outside):
+    """A free castor's pivot sticks: it starts at the torque `stick` (N m) and slides at `slide` of that."""
+
+    castor: int
+    stick: float
+    slide: float = 0.3
+    speed: float = 0.1
+    acts = True
+
+    def build(self, parts: Parts) -> None:
+        """Give the pivot friction, as stiff as contacts are."""
+        castor = parts.castors[parts.build.place(self.castor)]
+        pivot = next((joint for joint in castor.findall("joint") if joint.get("type") == "hinge"), None)
+        if pivot is None:
+            raise InputError(f"castor {self.castor} does not turn; give one that does")
+        pivot.set("frictionloss", text(self.stick))
+        pivot.set("solreffriction", text(parts.step, 1))
+        pivot.set("solimpfriction", text(0.99, 0.99, 0.001, 0.5, 2))
+
+    def act(self, rig: Rig, t: float) -> None:
+        """Set the friction for the rate at which the pivot turns (Stribeck's curve, `speed` in rad/s)."""
+        place = int(rig.pivot[rig.build.place(self.castor)])
+        dof = int(rig.model.jnt_dofadr[np.flatnonzero(rig.model.jnt_qposadr == place)[0]])
+        sticking = math.exp(-((float(rig.data.qvel[dof]) / self.speed) ** 2))
+        rig.model.dof_frictionloss[dof] = self.stick * (self.slide + (1 - self.slide) * sticking)
+
+
+@dataclass(frozen=True)
+class LooseMast(Outside):
+    """The tracked point sits on a mast that swings: `frequency` (Hz), damping ratio `damping`."""
+
+    frequency: float
+    damping: float = 0.05
+    mass: ClassVar[float] = 0.2
+
+    def build(self, parts: Parts) -> None:
+        """Put a small mass on two springs above the body's origin."""
+        mast = ET.SubElement(parts.chassis, "body", name="mast", pos="0 0 0.1")
+        rate = 2 * math.pi * self.frequency
+        for name, axis in (("mast_x", "1 0 0"), ("mast_y", "0 1 0")):
+            spring = {"stiffness": text(self.mass * rate**2), "damping": text(2 * self.damping * self.mass * rate)}
+            ET.SubElement(mast, "joint", {"name": name, "type": "slide", "axis": axis} | spring)
+        ET.SubElement(mast, "inertial", pos="0 0 0", mass=text(self.mass), diaginertia="1e-5 1e-5 1e-5")
+
+
+@dataclass(frozen=True)
+class CountGlitches(Outside):
+    """A wheel's counter jumps by up to `counts`, up or down, `rate` times a second on average, and stays there."""
+
+    castor: int
+    wheel: int
+    counts: int
+    rate: float = 0.2
+
+    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
+        """Add the jumps."""
+        own = int(np.flatnonzero(build.driven == build.wheel(self.castor, self.wheel))[0])
+        hit = random.uniform(size=len(t)) < self.rate * np.diff(t, prepend=t[0])
+        jump = np.where(hit, np.ceil(self.counts * random.uniform(size=len(t))) * random.choice([-1, 1], len(t)), 0)
+        wheel = wheel.copy()
+        wheel[:, own] += np.cumsum(jump)
+        return wheel
+
+
+def _geom(parts: Parts, wheel: int) -> ET.Element:
+    geom = parts.wheels[wheel].find("geom")
+    assert geom is not None  # every wheel is built with one
+    return geom

@@ -1,0 +1,306 @@
+"""How the foreign simulator's encoders are read: effects on sensors and time, in fine time.
+
+Written anew from what the classes of `castor_envs.effects` say of themselves; none of their readers is called. A stage
+is called with one sample period after the other, as the simulator has computed it: times (m,) and angles (m, w + n) of
+wheels and castors, rad, the sample in the last row. The first call has the start alone.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.effects import (
+    AllLatency,
+    CastorOrder,
+    ClockOffset,
+    ClockSkew,
+    EncoderLatency,
+    EncoderReversed,
+    EncodersSwapped,
+    LostRemainders,
+    PivotBacklash,
+    PivotEccentricity,
+    PivotGain,
+    ReferenceLeverX,
+    ReferenceLeverY,
+    ReferenceYaw,
+    SampleJitter,
+    TickLoss,
+    TickLossBursts,
+    WheelEccentricity,
+)
+from castor_envs.effects.base import Effect
+from castor_envs.errors import InputError
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.mujoco.build import Build
+
+Array = NDArray[np.float64]
+Stage = Callable[[Array, Array], Array]
+NOT_SENSED = (
+    *("wheel_radius", "all_wheel_radius", "counts_per_rev", "track", "pivot_offset", "pivot_position_x"),
+    *("pivot_position_y", "pivot_bias", "load_radius", "slip_stiffness", "slip_stiffness_lateral", "contact_creep"),
+    *("floor_slope", "bump", "friction_patch", "sample_jitter", "clock_skew", "clock_offset"),
+    *("reference_yaw", "reference_lever_x", "reference_lever_y"),
+)
+"""Effects of this simulator that are no stage on the way to the encoders."""
+
+
+class Sensors:
+    """The encoders of a robot with its effects, read sample by sample through all stages."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.build = Build.of(robot)
+        self._stages = [stage for effect in robot.effects if (stage := stage_of(effect, self.build)) is not None]
+
+    def push(self, t: Array, angle: Array) -> Array:
+        """Return the angles (m, w + n) that encoders see in the period that ends with the next sample."""
+        for stage in self._stages:
+            angle = stage(t, angle)
+        return angle
+
+    def pivots(self, angle: Array, *, rounded: bool = True) -> Array:
+        """Return the counts (..., pivot encoders), within a turn, of angles (..., w + n)."""
+        own = np.isfinite(self.build.pivot_counts)
+        turn = self.build.pivot_counts[own]
+        counts = (angle[..., len(self.build.radius) :] + self.build.zero)[..., own] * turn / (2 * math.pi)
+        return np.mod(np.round(counts) if rounded else counts, turn)
+
+    def wheels(self, angle: Array, phase: Array, *, rounded: bool = True) -> Array:
+        """Return cumulative counts (..., driven wheels) of angles (..., w + n); phase (driven wheels,) in counts."""
+        own = self.build.driven
+        counts = angle[..., own] * self.build.counts[own] / (2 * math.pi) + phase
+        return np.round(counts) if rounded else counts
+
+
+def believed(build: Build, counts: Array) -> Array:
+    """Return the castor angles (n,) that a robot makes of its pivot counts (pivot encoders,)."""
+    theta, own = build.angle.copy(), np.isfinite(build.pivot_counts)
+    theta[own] = counts * 2 * math.pi / build.pivot_counts[own] - build.zero[own]
+    return theta
+
+
+def reading_times(robot: RobotDescription, t: Array) -> Array:
+    """Return when (K,) the encoders are read for the rows of times t (K,): uneven with jitter."""
+    when = np.array(t, dtype=float)
+    for effect in robot.effects:
+        if isinstance(effect, SampleJitter):
+            half = np.diff(t, prepend=t[0]) / 2
+            shift = effect.value * np.random.default_rng(effect.seed).standard_normal(len(t))
+            when += np.clip(shift, -half, half)
+    return when
+
+
+def reference_times(robot: RobotDescription, t: Array) -> Array:
+    """Return when (K,) the reference in the rows of times t (K,) was taken."""
+    for effect in robot.effects:
+        match effect:
+            case ClockSkew():
+                t = t + effect.value * t
+            case ClockOffset():
+                t = t + effect.value
+    return t
+
+
+def reference_poses(robot: RobotDescription, pose: Array) -> Array:
+    """Return the poses (K, 3) that the reference shows of true ones: of another point, on turned axes."""
+    x, y, heading = pose.T
+    for effect in robot.effects:
+        match effect:
+            case ReferenceYaw():
+                heading = heading + effect.value
+            case ReferenceLeverX():
+                x, y = x + effect.value * np.cos(heading), y + effect.value * np.sin(heading)
+            case ReferenceLeverY():
+                x, y = x - effect.value * np.sin(heading), y + effect.value * np.cos(heading)
+    return np.column_stack([x, y, heading])
+
+
+def stage_of(effect: Effect, build: Build) -> Stage | None:
+    """Return what an effect does to the angles that encoders see, anew for each run; None: nothing.
+
+    Raises InputError for an effect that this simulator has not.
+    """
+    w = len(build.radius)
+    match effect:
+        case PivotGain():
+            return _one(w + build.place(effect.castor), lambda angle: (1 + effect.value) * angle)
+        case PivotEccentricity():
+            own = w + build.place(effect.castor)
+            return _one(own, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
+        case WheelEccentricity():
+            own = build.wheel(effect.castor, effect.wheel)
+            return _one(own, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
+        case EncoderReversed():
+            return _one(_channel(build, effect.castor, effect.wheel), np.negative)
+        case EncodersSwapped():
+            return _exchanged(build, [build.wheel(effect.castor, 1)], [build.wheel(effect.castor, 2)])
+        case CastorOrder():
+            ours, others = (_of_castor(build, castor) for castor in (effect.castor, effect.other))
+            return _exchanged(build, ours, others)
+        case EncoderLatency():
+            return Late([_channel(build, effect.castor, effect.wheel)], effect.value)
+        case AllLatency():
+            return Late(list(range(w + len(build.offset))), effect.value)
+        case PivotBacklash():
+            return Play(w + build.place(effect.castor), effect.value / 2)
+        case TickLoss():
+            sign = 1.0 if effect.direction == "forward" else -1.0
+            return LostTicks(build.wheel(effect.castor, effect.wheel), effect.value, sign, effect.above)
+        case LostRemainders():
+            own = build.wheel(effect.castor, effect.wheel)
+            return Truncated(own, 2 * math.pi / build.counts[own])
+        case TickLossBursts():
+            own = build.wheel(effect.castor, effect.wheel)
+            return Bursts(own, effect.value, effect.start, effect.period, effect.width, effect.seed)
+    if effect.name not in NOT_SENSED:
+        raise InputError(f"effect {effect.name!r}: the MuJoCo generator has no such effect; leave it out")
+    return None
+
+
+class Late:
+    """Some channels as they were `latency` s before; early ones (below 0) go on as from the last sample to this."""
+
+    def __init__(self, channels: list[int], latency: float) -> None:
+        self._own, self._latency = channels, latency
+        self._t, self._angle = np.empty(0), np.empty((0, len(channels)))
+
+    def __call__(self, t: Array, angle: Array) -> Array:
+        """Return the angles of a period."""
+        angle = angle.copy()
+        last = (self._t[-1], self._angle[-1]) if len(self._t) else (t[0], angle[0, self._own])
+        self._t, self._angle = np.append(self._t, t), np.vstack([self._angle, angle[:, self._own]])
+        newest, rate = self._t[-1], np.zeros(len(self._own))
+        if newest > last[0]:
+            rate = (self._angle[-1] - last[1]) / (newest - last[0])
+        wanted = t - self._latency
+        for j, own in enumerate(self._own):
+            beyond = rate[j] * np.maximum(wanted - newest, 0.0)
+            angle[:, own] = np.interp(wanted, self._t, self._angle[:, j]) + beyond
+        kept = max(0, int(np.searchsorted(self._t, newest - self._latency)) - 1)
+        self._t, self._angle = self._t[kept:], self._angle[kept:]
+        return angle
+
+
+class Play:
+    """A channel behind a gear with play: it follows at `half` of it, rad, and starts in the middle."""
+
+    def __init__(self, channel: int, half: float) -> None:
+        self._own, self._half = channel, half
+        self._stands: float | None = None
+
+    def __call__(self, t: Array, angle: Array) -> Array:
+        """Return the angles of a period."""
+        angle = angle.copy()
+        stands = float(angle[0, self._own]) if self._stands is None else self._stands
+        for k, true in enumerate(angle[:, self._own].tolist()):
+            stands = min(max(stands, true - self._half), true + self._half)
+            angle[k, self._own] = stands
+        self._stands = stands
+        return angle
+
+
+class LostTicks:
+    """A wheel whose encoder loses a share of the turn in periods faster than `above`, rad/s, one way round."""
+
+    def __init__(self, channel: int, share: float, sign: float, above: float) -> None:
+        self._own, self._share, self._sign, self._above = channel, share, sign, above
+        self._before: tuple[float, float] | None = None
+        self._lost = 0.0
+
+    def __call__(self, t: Array, angle: Array) -> Array:
+        """Return the angles of a period."""
+        angle, true = angle.copy(), angle[:, self._own]
+        share, start = 0.0, true[0]
+        if self._before is not None:
+            start = self._before[1]
+            fast = self._sign * (true[-1] - start) > self._above * (t[-1] - self._before[0])
+            share = self._share if fast else 0.0
+        lost = self._lost + share * (true - start)
+        angle[:, self._own] = true - lost
+        self._lost, self._before = float(lost[-1]), (float(t[-1]), float(true[-1]))
+        return angle
+
+
+class Truncated:
+    """A wheel whose turn a period is cut to whole counts of `count` rad, toward zero; what is left over is lost."""
+
+    def __init__(self, channel: int, count: float) -> None:
+        self._own, self._count = channel, count
+        self._before: float | None = None
+        self._lost = 0.0
+
+    def __call__(self, t: Array, angle: Array) -> Array:
+        """Return the angles of a period: what is lost in it is lost in its last row."""
+        angle, true = angle.copy(), angle[:, self._own]
+        angle[:, self._own] = true - self._lost
+        if self._before is not None:
+            turned = true[-1] - self._before
+            self._lost += float(turned - math.trunc(turned / self._count) * self._count)
+            angle[-1, self._own] = true[-1] - self._lost
+        self._before = float(true[-1])
+        return angle
+
+
+class Bursts:
+    """A wheel whose encoder loses a share of the turn in bursts of `width` s, the first at `start`.
+
+    They begin `period` s after one another or, with a seed, after even draws from 0 to twice that.
+    """
+
+    def __init__(self, channel: int, share: float, start: float, period: float, width: float, seed: int | None) -> None:
+        self._own, self._share, self._period, self._width = channel, share, period, width
+        self._random = None if seed is None else np.random.default_rng(seed)
+        self._begins = [start]
+        self._before: tuple[float, float] | None = None
+        self._lost = 0.0
+
+    def __call__(self, t: Array, angle: Array) -> Array:
+        """Return the angles of a period, each physics step lost or not by its middle."""
+        while self._begins[-1] <= t[-1]:
+            later = 1.0 if self._random is None else self._random.uniform(0.0, 2.0)
+            self._begins.append(self._begins[-1] + self._period * later)
+        angle, true = angle.copy(), angle[:, self._own]
+        since, start = (t[0], true[0]) if self._before is None else self._before
+        middle = t - np.diff(t, prepend=since) / 2
+        last = np.searchsorted(self._begins, middle, side="right") - 1
+        losing = (last >= 0) & (middle - np.array(self._begins)[last] < self._width)
+        lost = self._lost + np.cumsum(self._share * losing * np.diff(true, prepend=start))
+        angle[:, self._own] = true - lost
+        self._lost, self._before = float(lost[-1]), (float(t[-1]), float(true[-1]))
+        return angle
+
+
+def _one(channel: int, read: Callable[[Array], Array]) -> Stage:
+    def stage(t: Array, angle: Array) -> Array:
+        angle = angle.copy()
+        angle[:, channel] = read(angle[:, channel])
+        return angle
+
+    return stage
+
+
+def _exchanged(build: Build, ours: list[int], others: list[int]) -> Stage:
+    """Return a stage in which channels count what the others' encoders count, and the other way round."""
+    counts = np.concatenate([build.counts, build.pivot_counts])
+    zero = np.concatenate([np.zeros(len(build.radius)), build.zero])
+    to, source = ours + others, others + ours
+
+    def stage(t: Array, angle: Array) -> Array:
+        angle = angle.copy()
+        angle[:, to] = (angle[:, source] + zero[source]) * counts[source] / counts[to] - zero[to]
+        return angle
+
+    return stage
+
+
+def _channel(build: Build, castor: int, wheel: int | None) -> int:
+    return len(build.radius) + build.place(castor) if wheel is None else build.wheel(castor, wheel)
+
+
+def _of_castor(build: Build, castor: int) -> list[int]:
+    """Return all channels with encoders of a castor."""
+    place = build.place(castor)
+    wheels = np.flatnonzero((build.castor == place) & np.isfinite(build.counts)).tolist()
+    return [*wheels, *([len(build.radius) + place] if np.isfinite(build.pivot_counts[place]) else [])]

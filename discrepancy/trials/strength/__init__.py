@@ -1,0 +1,1 @@
+"""How strongly a hidden effect shows."""

@@ -1,0 +1,166 @@
+"""The residuals of a log that the strength of an effect is measured in, and what they depend on.
+
+    parity    of windows of 0.1 s, what of the rolling constraints no rigid motion of the body explains
+    steps     of 1 s, how the reference moved less how the counts say that the body moved, in the body's frame
+
+The constraints are stated here anew, so that trials do not judge the finder by its own equations. A wheel `lateral` to
+the left of a castor that pivots at p and trails by `offset`, with e along the castor, n to its left, body motion
+(v, omega) and castor turn dtheta,
+
+    rolled distance   e . (v + omega x p) - lateral (omega + dtheta)  (+ tan(roller angle) times the next line)
+    side slip         n . (v + omega x p) - offset (omega + dtheta)   = 0, one row a castor on wheels without rollers
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.effects import Slip
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+WINDOW, STEP = 0.1, 1.0
+"""s: lengths of parity windows and of reference steps."""
+
+
+class Layout:
+    """Which channels and rows a robot has, and how a log of it is cut.
+
+    sensed (s,), driven (d,): castors with pivot encoder and wheels with encoder; channels are these, in this order.
+    wheels, castors: those with a row. row_castor: of each row. q: samples a window. per_step: windows a step.
+    """
+
+    def __init__(self, geometry: Geometry, samples: int, period: float) -> None:
+        self.sensed: Index = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
+        self.driven: Index = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
+        known = (geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev))[geometry.wheel_castor]
+        self.wheels: Index = np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev))
+        self.castors: Index = np.unique(geometry.wheel_castor[known & geometry.standard])
+        self.row_castor: Index = np.concatenate([geometry.wheel_castor[self.wheels], self.castors])
+        self.q = max(round(WINDOW / period), 1)
+        self.per_step = max(round(STEP / period) // self.q, 1)
+        self.windows = (samples - 1) // self.q
+        self.steps = self.windows // self.per_step
+
+    @property
+    def ends(self) -> Index:
+        """The samples at which windows begin and end (windows + 1,)."""
+        return self.q * np.arange(self.windows + 1)
+
+    @property
+    def mean(self) -> Array:
+        """The weights (q + 1,) of a window's samples in its mean castor angles."""
+        weights = np.ones(self.q + 1)
+        weights[[0, -1]] = 0.5
+        return weights / self.q
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """What counts say of W windows, by least squares with equal weights.
+
+    rows (W, R, 3) times a body motion, plus by_turn (R, n) times castor turns, are the R measured distances. sideways
+    (W, R, 3): the derivative of rows by their castor's angle. inverse (W, 3, R): the pseudo-inverse of rows. moved
+    (W, 3): the body's motion, m and rad. left (W, R): what it does not explain, m. rolled (W, w): by each wheel, m.
+    """
+
+    rows: Array
+    by_turn: Array
+    sideways: Array
+    inverse: Array
+    moved: Array
+    left: Array
+    rolled: Array
+
+
+def rolling(geometry: Geometry, layout: Layout, theta: Array) -> tuple[Array, Array, Array]:
+    """Return rows (W, R, 3), by_turn (R, n) and sideways (W, R, 3), as in `Windows`, at castor angles (W, n)."""
+    castor = layout.row_castor
+    c, s = np.cos(theta[:, castor]), np.sin(theta[:, castor])
+    x, y = geometry.pivot[castor].T
+    along = np.stack([c, s, s * x - c * y], axis=-1)
+    across = np.stack([-s, c, s * y + c * x], axis=-1)
+    of_wheel = len(layout.wheels)
+    arm = np.concatenate([geometry.lateral[layout.wheels], geometry.offset[layout.castors]])
+    roller = np.concatenate([geometry.roller[layout.wheels], np.zeros(len(layout.castors))])
+    rolls = np.arange(len(castor)) < of_wheel
+    share = np.where(rolls, 1.0, 0.0)[:, None], np.where(rolls, roller, 1.0)[:, None]
+    lever = arm + np.where(rolls, roller * geometry.offset[castor], 0.0)
+    rows = share[0] * along + share[1] * across
+    rows[:, :, 2] -= lever
+    by_turn = np.zeros((len(castor), geometry.n_castors))
+    by_turn[np.arange(len(castor)), castor] = -lever
+    return rows, by_turn, share[0] * across - share[1] * along
+
+
+def windows_of(geometry: Geometry, layout: Layout, log: Log, slip: Slip | None = None) -> Windows:
+    """Return what a log's counts say of its windows, with a slip of contacts that is known (None: none)."""
+    sensed, driven, ends = layout.sensed, layout.driven, layout.ends
+    phi = np.zeros((len(log), len(geometry.radius)))
+    phi[:, driven] = log.wheel * 2 * np.pi / geometry.counts_per_rev[driven]
+    theta = np.tile(np.where(geometry.fixed, geometry.angle, 0.0), (len(log), 1))
+    turn = geometry.pivot_counts_per_rev[sensed]
+    theta[:, sensed] = np.unwrap(log.pivot * 2 * np.pi / turn, axis=0) - geometry.pivot_zero[sensed]
+    parts = [weight * theta[k : k + ends[-1] : layout.q] for k, weight in enumerate(layout.mean)]
+    rolled, turned = np.diff(phi[ends], axis=0) * geometry.radius, np.diff(theta[ends], axis=0)
+
+    rows, by_turn, sideways = rolling(geometry, layout, np.sum([part[: layout.windows] for part in parts], axis=0))
+    measured = np.pad(rolled[:, layout.wheels], ((0, 0), (0, len(layout.castors)))) - turned @ by_turn.T
+    if slip is not None:
+        slipped = np.concatenate([slip.rolling[:, layout.wheels], slip.side[:, layout.castors]], axis=1)
+        measured += slipped[: ends[-1]].reshape(layout.windows, layout.q, -1).sum(axis=1)
+    inverse = np.asarray(np.linalg.pinv(rows, rcond=1e-10), dtype=np.float64)
+    moved = np.einsum("wij,wj->wi", inverse, measured)
+    left = measured - np.einsum("wij,wj->wi", rows, moved)
+    return Windows(rows, by_turn, sideways, inverse, moved, left, rolled)
+
+
+def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
+    """Return how the body moves in each step (S, 3), in its frame at the step's start, of its windows' motions (W, 3).
+
+    And the derivative by each window's motion (S * per_step, 3, 3).
+    """
+    own = moved[: layout.steps * layout.per_step].reshape(layout.steps, layout.per_step, 3)
+    heading = np.cumsum(own[:, :, 2], axis=1) - own[:, :, 2] / 2
+    chord = np.sinc(own[:, :, 2] / (2 * np.pi))
+    c, s = np.cos(heading), np.sin(heading)
+    part = np.stack([c * own[..., 0] - s * own[..., 1], s * own[..., 0] + c * own[..., 1]], axis=-1) * chord[..., None]
+    total = part.sum(axis=1)
+    rest = total[:, None] - np.cumsum(part, axis=1) + part / 2
+    by = np.zeros((*heading.shape, 3, 3))
+    by[..., 0, 0], by[..., 0, 1], by[..., 0, 2] = c, -s, -rest[..., 1]
+    by[..., 1, 0], by[..., 1, 1], by[..., 1, 2] = s, c, rest[..., 0]
+    by[..., 2, 2] = 1.0
+    return np.column_stack([total, own[:, :, 2].sum(axis=1)]), by.reshape(-1, 3, 3)
+
+
+def between(pose: Array) -> tuple[Array, Array, Array]:
+    """Return how poses (S + 1, 3) move from one to the next, in the frame of the one (S, 3).
+
+    And the derivatives (S, 3, 3) by the pose before and by the pose after.
+    """
+    way, psi = np.diff(pose, axis=0), pose[:-1, 2]
+    c, s = np.cos(psi), np.sin(psi)
+    x, y = c * way[:, 0] + s * way[:, 1], c * way[:, 1] - s * way[:, 0]
+    after = np.zeros((len(way), 3, 3))
+    after[:, 0, 0], after[:, 0, 1], after[:, 1, 0], after[:, 1, 1], after[:, 2, 2] = c, s, -s, c, 1.0
+    before = -after
+    before[:, 0, 2], before[:, 1, 2] = y, -x
+    return np.column_stack([x, y, way[:, 2]]), before, after
+
+
+def poses_of(layout: Layout, log: Log) -> Array:
+    """Return the reference poses (S + 1, 3) between which steps go."""
+    assert log.reference is not None
+    return log.reference[layout.ends[:: layout.per_step]][: layout.steps + 1]
+
+
+def steps_left(layout: Layout, windows: Windows, log: Log) -> Array:
+    """Return the residuals of all steps (S, 3), m and rad; NaN where a pose is missing."""
+    apart = between(poses_of(layout, log))[0] - followed(layout, windows.moved)[0]
+    apart[:, 2] -= 2 * np.pi * np.round(apart[:, 2] / (2 * np.pi))
+    return apart

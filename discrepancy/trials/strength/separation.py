@@ -1,0 +1,243 @@
+"""z: how strongly an effect shows in a log, whoever looks; z_sep: how far it stands from every other effect.
+
+The residuals of the nominal robot (`residuals`) are whitened by declared numbers (`whitening`). The difference that an
+effect makes, with counts not rounded and without noise of the reference, is its signal; z is the signal's norm. Steps
+of the reference do not know the start pose; what every finder fits anyway, the reference's clock offset and the tracked
+point (x, y and yaw on the body), is projected out.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from castor_envs.effects import (
+    Effect,
+    Motion,
+    catalogue,
+    floor_of,
+    radii_of,
+    readings,
+    reference,
+    slip_of,
+    yielding_of,
+)
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.outside import Outside
+from discrepancy.trials.reading import angles_of, counts_of
+from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
+from discrepancy.trials.strength.whitening import Declared, Whitening
+
+Array = NDArray[np.float64]
+
+SMALL = 1e-4
+"""s, m and rad: changes of nuisances to take derivatives with."""
+
+FAINT = 1e-3
+"""Standard deviations for 1 s, m or rad: a nuisance that shows less does not show at all."""
+
+LEAST = 1e-6
+"""Standard deviations: an effect of its step's size that shows less leaves no trace."""
+
+WIRING = frozenset(("encoders_swapped", "encoder_reversed", "castor_order"))
+"""Effects that are there or not."""
+
+JITTER = "sample_jitter"
+
+FITTED_ANYWAY = frozenset(("all_latency", "clock_offset", "reference_yaw", "reference_lever_x", "reference_lever_y"))
+"""Effects that are nuisances: of an offset of all clocks some edges are left over, of the tracked point nothing."""
+
+
+class Yardstick:
+    """What effects on one run are measured with.
+
+    robot: nominal. exact: a log of its run, counts not rounded, the true pose in every row; castor angles and distances
+    of the whitening are its own.
+    """
+
+    def __init__(self, robot: RobotDescription, exact: Log, declared: Declared | None = None) -> None:
+        self.robot, self.exact = robot.as_described(), exact
+        self._geometry = Geometry.of(self.robot)
+        self._layout = Layout(self._geometry, len(exact), float(np.median(np.diff(exact.t))))
+        windows = windows_of(self._geometry, self._layout, exact)
+        self._whitening = Whitening(self._geometry, self._layout, windows, exact, declared or Declared())
+        self._own = self._residuals(windows, exact)
+        nuisances = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
+        self._nuisances = basis(nuisances[:, np.linalg.norm(nuisances, axis=0) > FAINT])
+
+    def signal(self, log: Log, against: Log | None = None) -> Array:
+        """Return the whitened residuals of a log less those of another one (None: the yardstick's), nuisances gone."""
+        before = self._own if against is None else self._of(against)
+        return self._cleared(np.nan_to_num(self._of(log) - before))
+
+    def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
+        """Return the yardstick's run as sensors with some effects report it, the physics unchanged."""
+        robot, exact = self.robot.with_effects(*effects), self.exact
+        assert exact.reference is not None
+        angle, pose, w = angles_of(self.robot, exact), exact.reference, len(robot.wheels)
+        if outside is not None:
+            angle, pose = outside.changed(robot, exact.t, angle, pose), outside.tracked(exact.t, pose)
+        angle = np.column_stack(readings(robot, exact.t, angle[:, :w], angle[:, w:]))
+        wheel, pivot = counts_of(robot, angle)
+        return dataclasses.replace(exact, wheel=wheel, pivot=pivot, reference=reference(robot, exact.t, pose))
+
+    def signature(self, effect: Effect) -> Array:
+        """Return the signal of an effect for a unit of it, to first order.
+
+        Of an effect on the robot's dimensions or contact: what the residuals of the same counts lose as the dimensions
+        change and as contacts slip by what is predicted.
+        """
+        real = self.robot.with_effects(effect)
+        if not is_physical(self.robot, effect):
+            return self.signal(self.read(effect)) / effect.value
+        slip = slip_of(real, self._motion)
+        windows = windows_of(Geometry.of(real.as_built()), self._layout, self.exact, slip)
+        return self._cleared(self._own - self._residuals(windows, self.exact)) / effect.value
+
+    @cached_property
+    def _motion(self) -> Motion:
+        angle, w = angles_of(self.robot, self.exact), len(self.robot.wheels)
+        angle[:, [k for k in range(w) if k not in self.robot.driven_wheels]] = np.nan
+        assert self.exact.reference is not None
+        return Motion(self.exact.t, self.exact.reference, angle[:, :w], angle[:, w:])
+
+    @cached_property
+    def signatures(self) -> dict[str, Array]:
+        """Signatures (size, k), of length 1, of each class of the catalogue that leaves a trace on this run."""
+        found: dict[str, list[Array]] = {}
+        for effect in catalogue(self.robot):
+            if effect.name in WIRING | FITTED_ANYWAY or effect.name == JITTER:
+                continue
+            try:
+                own = self.signature(effect)
+            except InputError:
+                continue
+            length = float(np.linalg.norm(own))
+            if length * abs(effect.value) > LEAST:
+                found.setdefault(class_of(effect), []).append(own / length)
+        return {name: np.stack(own, axis=-1) for name, own in found.items()}
+
+    def separation(self, signal: Array, own: str, *others: Array) -> tuple[float, str]:
+        """Return z_sep of a signal of the class `own`, and the class that comes nearest.
+
+        others: signals of effects that are there too; they are projected out.
+        """
+        left = {
+            name: float(np.linalg.norm(without(signal, rival, *others)))
+            for name, rival in self.signatures.items()
+            if name != own
+        }
+        nearest = min(left, key=left.__getitem__)
+        return left[nearest], nearest
+
+    def cosine(self, signal: Array) -> tuple[float, str]:
+        """Return the largest cosine between a signal and the span of a class of the catalogue, and that class."""
+        least, nearest = self.separation(signal, "")
+        return float(np.sqrt(max(1.0 - (least / np.linalg.norm(signal)) ** 2, 0.0))), nearest
+
+    @cached_property
+    def jitter(self) -> Array:
+        """The variances that jitter with a variance of 1 s^2 adds to whitened residuals, along its own axes."""
+        turn = self._geometry.pivot_counts_per_rev[self._layout.sensed]
+        counts = np.column_stack([np.unwrap(self.exact.pivot / turn, axis=0, period=1) * turn, self.exact.wheel])
+        before = np.diff(counts, axis=0) / np.diff(self.exact.t)[:, None]  # from it readings at other times go on
+        rate = np.concatenate([before[:1], before])
+        samples, channels = rate.shape
+        place = np.arange(samples * channels)
+        by_time = sparse.csr_array((rate.ravel(), (place, place // channels)), shape=(len(place), samples))
+        spread = self._cleared(sparse.csr_array(self._whitening.by_counts @ by_time).toarray())
+        return np.maximum(np.linalg.eigvalsh(spread.T @ spread), 0.0)
+
+    def jitter_strength(self, sigma: float) -> float:
+        """Return sqrt(2 KL) of the whitened residuals with jitter of `sigma` (s) from those without."""
+        return gaussian_strength(sigma**2 * self.jitter)
+
+    def _of(self, log: Log) -> Array:
+        return self._residuals(windows_of(self._geometry, self._layout, log), log)
+
+    def _residuals(self, windows: Windows, log: Log) -> Array:
+        """Return parity in the frame of the yardstick's run, window by window, then steps."""
+        parity = np.einsum("wij,wi->wj", self._whitening.null, windows.left)
+        return np.concatenate([parity.ravel(), steps_left(self._layout, windows, log).ravel()])  # NaN: no pose
+
+    def _cleared(self, residuals: Array) -> Array:
+        whitened = self._whitening.whitened(residuals)
+        return whitened - self._nuisances @ (self._nuisances.T @ whitened)
+
+    def _nuisance(self, k: int) -> Array:
+        """Return whitened derivatives by the clock's offset (0) and the tracked point's x, y, and yaw (1, 2, 3)."""
+        assert self.exact.reference is not None
+        t, pose = self.exact.t, self.exact.reference.copy()
+        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        if k == 0:
+            pose = 2 * pose - np.stack([np.interp(t - SMALL, t, own) for own in pose.T], axis=-1)
+        else:
+            by = [np.column_stack([c, s, 0 * c]), np.column_stack([-s, c, 0 * c]), np.array([0.0, 0.0, 1.0])]
+            pose += SMALL * by[k - 1]
+        moved = self._of(dataclasses.replace(self.exact, reference=pose))
+        return self._whitening.whitened(moved - self._own) / SMALL
+
+
+def gaussian_strength(more: Array) -> float:
+    """Return sqrt(2 KL) of N(0, diag(1 + more)) from N(0, 1)."""
+    return float(np.sqrt(np.sum(more - np.log1p(more))))
+
+
+def without(signal: Array, *spans: Array) -> Array:
+    """Return a signal (size,) less its projection on all of some spans, each (size,) or (size, k)."""
+    if not spans:
+        return signal
+    own = basis(np.column_stack(spans))
+    return signal - own @ (own.T @ signal)
+
+
+def basis(columns: Array) -> Array:
+    """Return an orthonormal basis (size, r) of columns (size, k); what is zero, or the same again, does not count."""
+    length = np.linalg.norm(columns, axis=0)
+    columns = columns[:, length > 0] / length[length > 0]
+    if not columns.shape[1]:
+        return columns
+    left, strength, _ = np.linalg.svd(columns, full_matrices=False)
+    return left[:, strength > 1e-6 * strength[0]]
+
+
+def class_of(effect: Effect) -> str:
+    """Return the same for all effects that no log tells apart: the name to report, and where on the robot.
+
+    Numbers that say more (phase, threshold, a place on the floor) do not count.
+    """
+    name = effect.same_as[0] if effect.same_as else effect.name
+    fields = [field.name for field in dataclasses.fields(effect) if field.name not in ("name", "value", "seed")]
+    place = [value for field in fields if not isinstance(value := getattr(effect, field), float)]
+    return " ".join([name, *map(str, place)])
+
+
+def is_physical(robot: RobotDescription, effect: Effect) -> bool:
+    """Whether an effect changes how the robot moves, not only what its sensors make of it."""
+    real = robot.with_effects(effect)
+    built = _moving_parts(real.as_built()) != _moving_parts(robot.as_described()) or radii_of(real) is not None
+    return built or floor_of(real, Floor()) != Floor() or yielding_of(real) != 0.0
+
+
+def _moving_parts(robot: RobotDescription) -> RobotDescription:
+    """Return a robot with encoders of one kind."""
+    castors = []
+    for castor in robot.castors:
+        wheels = tuple(dataclasses.replace(own, counts_per_rev=own.counts_per_rev and 1.0) for own in castor.wheels)
+        castors.append(dataclasses.replace(castor, wheels=wheels, pivot_zero=0.0))
+    return dataclasses.replace(robot, castors=tuple(castors))
+
+
+def apart(signals: Sequence[Array]) -> list[float]:
+    """Return z of each of several signals after projecting out the others."""
+    return [
+        float(np.linalg.norm(without(own, *(other for j, other in enumerate(signals) if j != k))))
+        for k, own in enumerate(signals)
+    ]

@@ -1,0 +1,137 @@
+"""The covariance of residuals, of declared numbers alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import cholesky_banded, get_lapack_funcs
+
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log
+from discrepancy.trials.noise import REFERENCE_NOISE
+from discrepancy.trials.strength.residuals import Layout, Windows, between, followed, poses_of
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Declared:
+    """The numbers that residuals are whitened by.
+
+    counts: variance of an absolute reading, counts^2. position, heading: of reference poses, m and rad, one standard
+    deviation. slip: of every rolling row, m after 1 m. least: slip of a window in which nothing moves, m.
+    """
+
+    counts: float = 1 / 12
+    position: float = REFERENCE_NOISE[0]
+    heading: float = REFERENCE_NOISE[2]
+    slip: float = 3e-5
+    least: float = 1e-7
+
+
+class Whitening:
+    """Divides the residuals of one run by what noise makes of them.
+
+    null (W, R, redundancies): an orthonormal basis, at every window, of what no motion explains: parity is taken in it.
+    by_counts: the derivative of the residuals by all counts (sparse; columns: samples, then channels). covariance:
+    sparse. Residuals: parity, window by window, then steps.
+    """
+
+    def __init__(self, geometry: Geometry, layout: Layout, windows: Windows, log: Log, declared: Declared) -> None:
+        rank = int(np.linalg.matrix_rank(windows.rows, tol=1e-9).max())
+        self.null = np.linalg.svd(windows.rows)[0][:, :, rank:]
+        redundant, per = self.null.shape[2], layout.per_step
+        parity = np.arange(layout.windows * redundant).reshape(layout.windows, redundant)
+        steps = parity.size + np.arange(layout.steps * 3).reshape(layout.steps, 3)
+        self._size = parity.size + steps.size
+        of_window, by_motion = np.repeat(steps, per, axis=0), -followed(layout, windows.moved)[1]
+
+        def spread(by_row: Array, column: Index, columns: int) -> sparse.csr_array:
+            """Return residuals by what changes the rows' measured distances (W, R, k), k being some columns (W, k)."""
+            here = len(by_motion)
+            shared = by_motion @ (windows.inverse @ by_row)[:here]
+            blocks = [(parity, column, np.swapaxes(self.null, 1, 2) @ by_row), (of_window, column[:here], shared)]
+            return _sparse(blocks, (self._size, columns))
+
+        channels = len(layout.sensed) + len(layout.driven)
+        samples = (layout.q * np.arange(layout.windows))[:, None] + np.arange(layout.q + 1)
+        column = (samples[:, :, None] * channels + np.arange(channels)).reshape(layout.windows, -1)
+        self.by_counts = spread(_by_counts(geometry, layout, windows), column, len(log) * channels)
+        own = np.arange(windows.left.size).reshape(windows.left.shape)
+        slip = np.sqrt(declared.slip**2 * _distance(geometry, layout, windows) + declared.least**2)
+        by_slip = spread(slip[:, :, None] * np.eye(slip.shape[1]), own, own.size)
+
+        sigma = np.array([declared.position, declared.position, declared.heading])
+        place = np.arange((layout.steps + 1) * 3).reshape(-1, 3)
+        _, before, after = between(poses_of(layout, log))
+        blocks = [(steps, place[:-1], before * sigma), (steps, place[1:], after * sigma)]
+        by_poses = _sparse(blocks, (self._size, place.size))
+
+        self.covariance = declared.counts * (self.by_counts @ self.by_counts.T)
+        self.covariance += by_slip @ by_slip.T + by_poses @ by_poses.T
+        middle = [
+            np.repeat(np.arange(layout.windows) + 0.5, redundant),
+            np.repeat(np.arange(layout.steps) + 0.5, 3) * per,
+        ]
+        self._order = np.argsort(np.concatenate(middle), kind="stable")
+        self._factor = cholesky_banded(_band(sparse.csr_array(self.covariance), self._order), lower=True)
+
+    def whitened(self, residuals: Array) -> Array:
+        """Return residuals (size, ...) in standard deviations, uncorrelated (and in another order)."""
+        (solve,) = get_lapack_funcs(("tbtrs",), (self._factor,))
+        solved, info = solve(self._factor, residuals[self._order].reshape(self._size, -1), uplo="L")
+        if info:
+            raise ArithmeticError(f"the covariance of residuals is singular at row {info}")
+        return solved.reshape(residuals.shape)
+
+
+def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
+    """Return what a count more makes of measured distances (W, R, (q + 1) * channels), m, each sample of a window."""
+    w, n_rows = windows.left.shape
+    s = len(layout.sensed)
+    still, turning = np.zeros((n_rows, s + len(layout.driven))), np.zeros((w, n_rows, s + len(layout.driven)))
+    pointing = np.einsum("wij,wj->wi", windows.sideways, windows.moved)
+    for k, castor in enumerate(layout.sensed):
+        radian = 2 * np.pi / geometry.pivot_counts_per_rev[castor]
+        still[:, k] = -windows.by_turn[:, castor] * radian
+        turning[:, :, k] = pointing * (layout.row_castor == castor) * radian
+    for row, wheel in enumerate(layout.wheels):
+        column = s + int(np.flatnonzero(layout.driven == wheel)[0])
+        still[row, column] = geometry.radius[wheel] * 2 * np.pi / geometry.counts_per_rev[wheel]
+    ends = np.zeros(layout.q + 1)
+    ends[0], ends[-1] = -1.0, 1.0
+    each = [end * still - share * turning for end, share in zip(ends, layout.mean, strict=True)]
+    return np.concatenate(each, axis=2)
+
+
+def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
+    """Return how far the wheels of each row roll in each window (W, R), m; of side slip the castor's mean wheel."""
+    rolled = np.abs(windows.rolled)
+    columns = [rolled[:, wheel] for wheel in layout.wheels]
+    for castor in layout.castors:
+        own = layout.driven[geometry.wheel_castor[layout.driven] == castor]
+        columns.append(rolled[:, own].mean(axis=1) if own.size else np.hypot(*windows.moved[:, :2].T))
+    return np.stack(columns, axis=-1)
+
+
+def _sparse(blocks: list[tuple[Index, Index, Array]], shape: tuple[int, int]) -> sparse.csr_array:
+    """Return a matrix of dense blocks: rows (B, r), columns (B, c) and values (B, r, c); what meets adds up."""
+    row = [np.broadcast_to(rows[:, :, None], values.shape).ravel() for rows, _, values in blocks]
+    column = [np.broadcast_to(columns[:, None, :], values.shape).ravel() for _, columns, values in blocks]
+    values = [values.ravel() for _, _, values in blocks]
+    entries = (np.concatenate(values), (np.concatenate(row), np.concatenate(column)))
+    return sparse.csr_array(sparse.coo_array(entries, shape=shape))
+
+
+def _band(matrix: sparse.csr_array, order: Index) -> Array:
+    """Return the lower band of a symmetric matrix, with rows and columns in another order."""
+    place = np.argsort(order)
+    entries = sparse.coo_array(matrix)
+    row, column = place[entries.coords[0]], place[entries.coords[1]]
+    below = row >= column
+    row, column = row[below], column[below]
+    band = np.zeros((int((row - column).max()) + 1, len(order)))
+    band[row - column, column] = entries.data[below]
+    return band

@@ -1,0 +1,1 @@
+"""Whether a diagnosis holds in simulation, on other logs and in use."""

@@ -1,0 +1,240 @@
+"""Parity residual: how far the encoders of one robot are from agreeing with any rigid motion of its body.
+
+Between two samples the body moves by (dx, dy, dpsi) in B, each castor turns by dtheta and each wheel rolls
+r dphi. The rolling constraints (castor_envs.geometry.kinematics) say, with castor angles half way,
+
+    A(theta) (dx, dy, dpsi) + B dtheta = (r dphi of each wheel with an encoder, 0 for each castor's side slip)
+
+A robot with more such rows than unknowns (an ASOC base of n castors has 3 n against 3) contradicts itself where
+its description is wrong, where a wheel slips, and, by a known amount, where counts are rounded. No reference pose is
+needed. The half-way angle makes the equations exact to second order: what is left of a smooth motion shrinks with the
+cube of the sample period.
+
+A wrong description adds up along the way, rounding does not: a count that is read too high now makes one step too
+long and the next too short. So half a percent of a radius, which drowns in the rounding of single samples, stands out
+ninefold in the sums of the residual over a second (`Parity.rolling_drift`).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.geometry.kinematics import Geometry, constraint_matrix
+from castor_envs.logs.log import Log
+from castor_envs.sensors.encoders import castor_angles
+from castor_envs.vehicles.robot import RobotDescription
+
+Array = NDArray[np.float64]
+
+#: Length, s, of the sums in which a wrong description adds up and rounding does not.
+WINDOW = 1.0
+#: The fewest sums that an rms is taken of.
+WINDOWS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Parity:
+    """The parity residual of one log. All lengths in m, a sample.
+
+    wheels (w,) and castors (c,): the indices (from 0) of the wheels whose rolling and of the castors whose side slip
+    could be used. redundancy: rows beyond what the motion takes; at 0 nothing can be seen. rolling (N - 1, w) and
+    side_slip (N - 1, c): what is left of each row, by least squares with equal weights. moving (N - 1,): whether any
+    count changed. rolling_rounding (w,) and side_slip_rounding (c,): the rms that rounded counts alone would leave
+    while moving. window: the samples in a sum of residuals, up to `WINDOW` s and a fifth of the log; 0 for a log of
+    fewer than `WINDOWS` steps. rolling_drift (w,) and side_slip_drift (c,): the rms of those sums, in units of what
+    rounding and curved motion between samples can leave of them; about 1 or less where nothing is wrong, 0 without
+    motion. explained (castors of the robot,): the part of those sums that errors of this castor's rows alone can leave.
+    """
+
+    wheels: NDArray[np.intp]
+    castors: NDArray[np.intp]
+    redundancy: int
+    rolling: Array
+    side_slip: Array
+    moving: NDArray[np.bool_]
+    rolling_rounding: Array
+    side_slip_rounding: Array
+    window: int
+    rolling_drift: Array
+    side_slip_drift: Array
+    explained: Array
+
+    @property
+    def rolling_rms(self) -> Array:
+        """The rms (w,) of each wheel's rolling while moving, m; 0 for a log without motion."""
+        return _rms(self.rolling[self.moving])
+
+    @property
+    def side_slip_rms(self) -> Array:
+        """The rms (c,) of each castor's side slip while moving, m; 0 for a log without motion."""
+        return _rms(self.side_slip[self.moving])
+
+
+def parity_residual(robot: RobotDescription, log: Log) -> Parity:
+    """Return the misfit of a log to the motion of a rigid body on the wheels of `robot`.
+
+    A castor's rows are used where its angle is known: it is fixed or has a pivot encoder. The side slip of a
+    castor's wheels is one row, as they stand on one axle, and is left out where all of them are omni wheels.
+    """
+    geometry = Geometry.of(robot)
+    rows = _usable_rows(geometry)
+    w = len(rows.wheels)
+    every = _steps(geometry, rows, robot.driven_wheels, log.wheel, log.pivot)
+    rounding = _rms(np.sqrt(np.sum(every.start**2 + every.end**2, axis=-1) / 12)[every.moving])
+    window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(every.residual) // WINDOWS)
+    drift, explained = np.zeros(len(rows.place)), np.zeros(geometry.n_castors)
+    if window:
+        second = _steps(geometry, rows, robot.driven_wheels, log.wheel[::2], log.pivot[::2])
+        drift = _drift(every, second, window)
+        explained = _explained(every, rows, window, geometry.n_castors)
+    return Parity(
+        wheels=rows.wheels,
+        castors=rows.castors,
+        redundancy=every.redundancy,
+        rolling=every.residual[:, :w],
+        side_slip=every.residual[:, w:],
+        moving=every.moving,
+        rolling_rounding=rounding[:w],
+        side_slip_rounding=rounding[w:],
+        window=window,
+        rolling_drift=drift[:w],
+        side_slip_drift=drift[w:],
+        explained=explained,
+    )
+
+
+class _Rows(NamedTuple):
+    """The rows in use: wheels and castors as in `Parity`, place in `constraint_matrix`, and each row's castor."""
+
+    wheels: NDArray[np.intp]
+    castors: NDArray[np.intp]
+    place: NDArray[np.intp]
+    castor: NDArray[np.intp]
+
+
+def _usable_rows(geometry: Geometry) -> _Rows:
+    known = (geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev))[geometry.wheel_castor]
+    wheels = np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev))
+    standard = np.flatnonzero(known & geometry.standard)
+    castors, first = np.unique(geometry.wheel_castor[standard], return_index=True)
+    return _Rows(
+        wheels=wheels,
+        castors=castors,
+        place=np.concatenate([wheels, len(geometry.radius) + standard[first]]),
+        castor=np.concatenate([geometry.wheel_castor[wheels], castors]),
+    )
+
+
+def _length_of_count(geometry: Geometry) -> Array:
+    """Return what each wheel (w,) rolls in a count, m; NaN without encoder."""
+    return 2 * np.pi * geometry.radius / geometry.counts_per_rev
+
+
+class _Steps(NamedTuple):
+    """The equations of all steps: residual (s, rows), moving (s,), and what rounded counts do to the residual.
+
+    start and end (s, rows, sources): change of the residual for a count read one too high, of each wheel and then of
+    each castor, at the start and at the end of the step. pointing (s, rows, castors): the part of both together that
+    comes of the half-way angle and so does not cancel between steps. left (s, rows, rows): the projection on what no
+    motion explains.
+    """
+
+    residual: Array
+    moving: NDArray[np.bool_]
+    redundancy: int
+    start: Array
+    end: Array
+    pointing: Array
+    left: Array
+
+
+def _steps(geometry: Geometry, rows: _Rows, driven: tuple[int, ...], wheel: Array, pivot: Array) -> _Steps:
+    """Return the steps between counts wheel (N, driven wheels) and pivot (N, pivot encoders)."""
+    w = len(rows.wheels)
+    angle = castor_angles(geometry, pivot)
+    turned = np.diff(angle, axis=0)
+    turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
+    half_way = angle[:-1] + turned / 2
+    counted = np.diff(wheel, axis=0)
+    rolled = np.zeros((len(counted), len(geometry.radius)))
+    rolled[:, driven] = counted
+    length = _length_of_count(geometry)[rows.wheels]
+
+    a, b = (matrix[:, rows.place] for matrix in constraint_matrix(geometry, half_way))
+    inverse = np.linalg.pinv(a, rcond=1e-10)
+    left = np.eye(len(rows.place)) - a @ inverse
+    measured = np.pad(rolled[:, rows.wheels] * length, ((0, 0), (0, len(rows.castors)))) - b * turned[:, rows.castor]
+
+    count = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev)
+    of_castor = (rows.castor[:, None] == np.arange(geometry.n_castors)) * count
+    rolling = left[:, :, :w] * length
+    turning = left @ (b[..., None] * of_castor)
+    # A(theta) is a part that turns with theta and one that stays; half a turn on, the first is reversed.
+    here, opposite, quarter = (constraint_matrix(geometry, half_way + by)[0] for by in (0.0, np.pi, np.pi / 2))
+    derivative = (quarter - (here + opposite) / 2)[:, rows.place]
+    motion = np.einsum("kij,kj->ki", inverse, measured)
+    pointing = left @ (np.einsum("kij,kj->ki", derivative, motion)[..., None] * of_castor)
+    return _Steps(
+        residual=np.einsum("kij,kj->ki", left, measured),
+        moving=(counted != 0).any(axis=1) | (turned[:, rows.castor] != 0).any(axis=1),
+        redundancy=len(rows.place) - int(np.linalg.matrix_rank(a, tol=1e-9).max(initial=0)),
+        start=np.concatenate([-rolling, turning - pointing / 2], axis=-1),
+        end=np.concatenate([rolling, -turning - pointing / 2], axis=-1),
+        pointing=pointing,
+        left=left,
+    )
+
+
+def _drift(every: _Steps, second: _Steps, window: int) -> Array:
+    """Return each row's (rows,) rms sum of residuals over `window` steps, in units of what may be left of it.
+
+    A count is off by an even spread of one count, variance 1/12. Taken to be off afresh at each sample, it leaves
+    of a sum what differs between the end of a step and the start of the next. A castor that stands still is off the
+    same way all along, so its pointing is counted as if it always were: too much for one that turns, never too
+    little. What a curved motion leaves grows fourfold in the sums over steps twice as long (`second`), while a wrong
+    description leaves the same: a third of the difference is what the motion left. All of it is allowed for, as a
+    castor that swings round within a few samples does not keep to the fourfold.
+    """
+    n, rows = len(every.residual) // window, every.residual.shape[1]
+    size = n * window
+    sums, coherent = (
+        part[:size].reshape(n, window, *part.shape[1:]).sum(axis=1) for part in (every.residual, abs(every.pointing))
+    )
+    blocks = [part[:size].reshape(n, window, rows, -1) for part in (every.start, every.end)]
+    met = np.concatenate([blocks[0][:, :1], blocks[1][:, :-1] + blocks[0][:, 1:], blocks[1][:, -1:]], axis=1)
+    variance = (np.sum(met**2, axis=(1, 3)) + np.sum(coherent**2, axis=-1)) / 12
+    curved = np.zeros((n, rows))
+    if window > 1:
+        pairs = window // 2
+        at = window * np.arange(n)[:, None] + np.arange(2 * pairs)
+        # A pair of steps begins at an even sample; a window that does not is compared from the next sample on.
+        at = np.minimum(at + at[:, :1] % 2, len(second.residual) * 2 - 1)
+        once = every.residual[np.minimum(at, len(every.residual) - 1)].sum(axis=1)
+        curved = second.residual[at[:, ::2] // 2].sum(axis=1) - once
+    moving = every.moving[:size].reshape(n, window).any(axis=1)
+    expected = np.sqrt(_rms(np.sqrt(variance)[moving]) ** 2 + _rms(curved[moving]) ** 2)
+    return np.divide(_rms(sums[moving]), expected, out=np.zeros(rows), where=expected > 0)
+
+
+def _explained(every: _Steps, rows: _Rows, window: int, castors: int) -> Array:
+    """Return for each castor how much of the sums over `window` steps errors of its rows alone can leave, 0 to 1.
+
+    An error of some rows shows as its projection, by `left` half way through the sum. On a robot with two castors
+    either one can explain all there is.
+    """
+    n = len(every.residual) // window
+    sums = every.residual[: n * window].reshape(n, window, -1).sum(axis=1)
+    left = every.left[window // 2 : n * window : window]
+    found = np.zeros(castors)
+    for i in np.unique(rows.castor):
+        own = left[:, :, rows.castor == i]
+        fitted = np.einsum("kij,kjl,kl->ki", own, np.linalg.pinv(own, rcond=1e-6), sums)
+        found[i] = np.sum(fitted**2)
+    total = np.sum(sums**2)
+    return found / total if total > 0 else found
+
+
+def _rms(values: Array) -> Array:
+    return np.sqrt(np.mean(values**2, axis=0)) if len(values) else np.zeros(values.shape[1])

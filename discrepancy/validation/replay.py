@@ -1,0 +1,467 @@
+"""Replays a log through the full simulation, in short windows from measured states, and shows where it ends up.
+
+Every window begins where the reference was taken: the robot stands at that pose, its castors as their pivots read
+(without what the robot's own effects on sensors add), and is driven as the log says until a later reference pose. The
+gap is what the simulated body moved beyond the reference, and what the simulated encoders counted beyond the log's.
+
+Two ways to drive. "commands": the logged commands, through the simulated motors, as on the robot; what differs is all
+that the description lacks, wheels that do not turn as simulated among it. "counts": wheels turn as their encoders
+counted, whatever torque it takes, and steering motors follow their pivots; what differs is how that becomes motion.
+
+No log tells what the motors' integrators had added up and how the contacts were stretched when a window began. Both are
+handed on from window to window, with the velocities, while body and castors are put back to where they were measured:
+wheels that work against each other remember it for some two metres. The first window, and one after a gap, is driven
+into from `WARM_UP` before.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
+
+from castor_envs.effects import CastorOrder, EncoderReversed, EncodersSwapped, readings
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.kinematics import Array, Geometry, forward
+from castor_envs.geometry.se2 import compose, inverse, relative_pose
+from castor_envs.logs.log import Log
+from castor_envs.physics.robot_world import World
+from castor_envs.sensors.encoders import castor_angles
+from castor_envs.vehicles.robot import RobotDescription
+
+Drive = Literal["commands", "counts"]
+
+WINDOW = 5.0
+"""s: of errors that grow with the way, longer windows show more beside the noise of two reference poses."""
+
+WARM_UP = 0.5
+"""s: ten times what a motor takes to settle."""
+
+REMEMBERED = 10.0
+"""s of a log before a window that effects on sensors see: latency and backlash need to know what was before."""
+
+LONGEST = 2.0
+"""Windows, of which a window may last up to so many to end at a reference pose."""
+
+GAP = 3.5
+"""Steps longer than so many median ones are gaps: no window goes over them."""
+
+HANDED_ON = ("speed", "integral", "stretch_long", "stretch_lat")
+"""Of wheels, from window to window."""
+
+HEAVY = 1e6
+"""kg m2: the spin inertia of a wheel that turns as it is told, whatever the floor does."""
+
+WIRING = (CastorOrder, EncoderReversed, EncodersSwapped)
+
+PARTS = 10
+"""Of a sample, in which such a wheel's speed is constant: were it to change at once, the wheel would slide."""
+
+SMOOTHED = 5
+"""Samples that speeds are taken over, by parabolas."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What N windows left. drive: how it was driven; notes: what people should know about that.
+
+    start, end (N,): s, on the log's clock. place (N, 2): where it began, m in the reference's frame, NaN without one.
+    driven (N,): m that the body's origin went by the simulation. body (N, 3): simulated less measured motion from start
+    to end, in the body's frame at the start: along (forward), across (to the left), m, turned, rad; NaN where the
+    reference does not tell. wheels (N, driven wheels): m of roll, by the radius described, and pivots
+    (N, pivot encoders): rad, that the simulated encoders read beyond the measured.
+    """
+
+    drive: Drive
+    notes: tuple[str, ...]
+    start: Array
+    end: Array
+    place: Array
+    driven: Array
+    body: Array
+    wheels: Array
+    pivots: Array
+    wheel_names: tuple[str, ...]
+    pivot_names: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain data for JSON: root mean squares over windows, mm and mrad; null where nothing was measured."""
+        names, gaps = (*self.wheel_names, *self.pivot_names), np.column_stack([self.wheels, self.pivots])
+        units = ["mm"] * len(self.wheel_names) + ["mrad"] * len(self.pivot_names)
+        return {
+            "drive": self.drive,
+            "notes": list(self.notes),
+            "window_s": float(np.mean(self.end - self.start)),
+            "windows": len(self.start),
+            "windows_with_reference": int(np.isfinite(self.body[:, 0]).sum()),
+            "driven_m": _finite(np.sum(self.driven)),
+            "position_rms_mm": _root(np.sum(self.body[:, :2] ** 2, axis=1)),
+            "along_rms_mm": _root(self.body[:, 0] ** 2),
+            "across_rms_mm": _root(self.body[:, 1] ** 2),
+            "heading_rms_mrad": _root(self.body[:, 2] ** 2),
+            "wheels_rms_mm": _root(self.wheels**2),
+            "pivots_rms_mrad": _root(self.pivots**2),
+            "channels": [
+                {"name": name, "unit": unit, "rms": _root(gap**2), "mean": _mean(gap)}
+                for name, unit, gap in zip(names, units, gaps.T, strict=True)
+            ],
+        }
+
+    def expected(self, position: float, heading: float) -> dict[str, float | None]:
+        """Return the gap that reference poses alone leave, off by `position` (m) along each axis and `heading` (rad).
+
+        Root mean squares as in the summary: of two poses, of which the first also says which way the motion went.
+        """
+        known = np.where(np.isfinite(self.body[:, 0]), self.driven, np.nan)
+        return {
+            "position_rms_mm": _root(4 * position**2 + (heading * known) ** 2),
+            "heading_rms_mrad": _root(2 * heading**2 + 0 * known),
+        }
+
+
+class Measured(NamedTuple):
+    """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as far as the encoders tell, rad,
+    unwrapped. read_wheel, read_castor: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering
+    (K, driven castors): rad/s, or None. whole (K - 1,): steps that are in no gap of the log."""
+
+    t: Array
+    wheel: Array
+    castor: Array
+    read_wheel: Array
+    read_castor: Array
+    twist: Array
+    command: Array | None
+    steering: Array | None
+    whole: NDArray[np.bool_]
+
+
+class _Window(NamedTuple):
+    """start, end: s. known: whether reference poses (3,), of the body, stand at both, else both are NaN."""
+
+    start: float
+    end: float
+    first: Array
+    last: Array
+
+
+def replay(
+    robot: RobotDescription,
+    log: Log,
+    window: float = WINDOW,
+    drive: Drive | None = None,
+    *,
+    clock: ArrayLike = (0.0, 0.0),
+    mount: ArrayLike = (0.0, 0.0, 0.0),
+    floor: Floor | None = None,
+) -> Replay:
+    """Return what a robot, with the effects in its file, does in simulation beyond what the log measured.
+
+    window: s, at least, but at most half the log; each ends at the first reference pose after that. drive: None takes
+    the commands where the log has them. clock: (ahead, rate): the reference in the log's row of time t was taken at
+    t + ahead + rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both beside what
+    the robot's effects make of the reference.
+    Raises InputError where castors have no pivot encoder, and for logs without a window.
+    """
+    if window <= 0:
+        raise ValueError(f"a window lasts more than 0 s, got {window}")
+    window = min(window, float(log.t[-1] - log.t[0]) / 2)
+    measured = measured_in(robot, log)
+    chosen, notes = _drive(robot, measured, drive)
+    windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
+    runs = list(_runs(robot, floor or Floor(), measured, chosen, windows))
+    if not runs:
+        raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
+    motion, wheels, pivots = (np.array(part) for part in zip(*runs, strict=True))
+    moved = np.array([relative_pose(one.first, one.last) for one in windows])
+    return Replay(
+        drive=chosen,
+        notes=tuple(notes),
+        start=np.array([one.start for one in windows]),
+        end=np.array([one.end for one in windows]),
+        place=np.array([one.first[:2] for one in windows]),
+        driven=np.hypot(motion[:, 0], motion[:, 1]),
+        body=motion - moved,
+        wheels=wheels,
+        pivots=pivots,
+        wheel_names=tuple(f"wheel_{robot.wheel_names[k]}" for k in robot.driven_wheels),
+        pivot_names=tuple(f"pivot_{i + 1}" for i in robot.pivot_encoders),
+    )
+
+
+def joined(replays: Sequence[Replay]) -> Replay:
+    """Return the windows of several replays of one robot as one; `start` and `end` are each log's own."""
+    drives = {one.drive for one in replays}
+    if len(drives) != 1:
+        raise ValueError("replays of one drive can be joined")
+    arrays = ("start", "end", "place", "driven", "body", "wheels", "pivots")
+    return dataclasses.replace(
+        replays[0],
+        notes=tuple(dict.fromkeys(note for one in replays for note in one.notes)),
+        **{name: np.concatenate([getattr(one, name) for one in replays]) for name in arrays},
+    )
+
+
+def _drive(robot: RobotDescription, measured: Measured, wanted: Drive | None) -> tuple[Drive, list[str]]:
+    """Return how to drive, and what to say about it."""
+    there = measured.command is not None
+    if wanted == "commands" and not there:
+        raise InputError("the log has no commands (cmd_...) to replay; replay it by counts")
+    chosen: Drive = wanted or ("commands" if there else "counts")
+    notes = [] if there or wanted else ["the log has no commands: wheels turn as their encoders counted"]
+    if chosen == "commands" and robot.driven_castors and measured.steering is None:
+        notes.append("the log has no steering commands: steering motors follow the pivots' counts")
+    return chosen, notes
+
+
+def measured_in(robot: RobotDescription, log: Log) -> Measured:
+    """Return what a log measured of a robot with its effects; raises InputError for castors without an encoder."""
+    described, geometry = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+    blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
+    if blind.size:
+        raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
+    period = float(np.median(np.diff(log.t)))
+    t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
+
+    def even(values: Array) -> Array:
+        return np.array([np.interp(t, log.t, column) for column in values.T]).reshape(-1, len(t)).T
+
+    driven, sensed = np.array(robot.driven_wheels, dtype=np.intp), np.array(robot.pivot_encoders, dtype=np.intp)
+    wheel = np.zeros((len(t), len(robot.wheels)))
+    wheel[:, driven] = even(log.wheel * (2 * np.pi / described.counts_per_rev[driven]))
+    castor = np.tile(described.angle, (len(t), 1))
+    castor[:, sensed] = even(np.unwrap(castor_angles(described, log.pivot), axis=0)[:, sensed])
+    castor[:, sensed] -= 2 * np.pi * np.round(castor[0, sensed] / (2 * np.pi))  # a run begins within half a turn of 0
+
+    # What encoders read is true but for the robot's effects; those that cannot be undone as they stand are small and
+    # taken at what it turned, smoothed.
+    w = wheel.shape[1]
+    plain = true = _undone(robot, described, geometry, t, np.column_stack([wheel, castor]))
+    for _ in range(2):
+        about = _smooth(true)
+        read = _read(robot, described, geometry, t, about)
+        true = plain - (_undone(robot, described, geometry, t, read) - about)
+    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
+    rates = np.gradient(_smooth(true), t, axis=0)
+    return Measured(
+        t,
+        true[:, :w],
+        true[:, w:],
+        wheel,
+        castor,
+        forward(geometry, true[:, w:], rates[:, w:], rates[:, :w]),
+        _known(log.command, before),
+        _known(log.steering_command if len(robot.driven_castors) else None, before),
+        np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period,
+    )
+
+
+def _known(commands: Array | None, at: NDArray[np.intp]) -> Array | None:
+    """Return commands at some rows of the log; None where it has none."""
+    return None if commands is None or not np.isfinite(commands).any() else commands[at]
+
+
+def _smooth(angle: Array) -> Array:
+    return np.asarray(savgol_filter(angle, SMOOTHED, 2, axis=0), float) if len(angle) >= SMOOTHED else angle
+
+
+def _read(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
+    """Return angles (K, w + n) of wheels and castors as the robot's encoders read them and its description tells."""
+    w = len(robot.wheels)
+    wheel, castor = readings(robot, t, angle[:, :w], angle[:, w:])
+    gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
+    return np.column_stack([wheel * gain, castor + built.pivot_zero - described.pivot_zero])
+
+
+def _undone(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
+    """Return angles (K, w + n) as encoders read them with wrong counts per turn, zeros and wiring put right."""
+    w = len(robot.wheels)
+    gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
+    wheel, castor = angle[:, :w] / gain, angle[:, w:] - (built.pivot_zero - described.pivot_zero)
+    plain = robot.as_described()
+    for effect in reversed(robot.effects):
+        if isinstance(effect, WIRING):  # done twice, it is undone
+            wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
+    return np.column_stack([wheel, castor])
+
+
+def _windows(
+    robot: RobotDescription, log: Log, measured: Measured, window: float, clock: Array, mount: Array, notes: list[str]
+) -> list[_Window]:
+    """Return windows one after another: from reference to reference where they lie close enough, else just as long."""
+    t, unknown = measured.t, np.full(3, np.nan)
+    times, poses = poses_in(robot, log, clock, mount)
+    if len(times) < 2:
+        notes.append("no reference poses: only what the encoders count is compared")
+    slack = 0.5 * (t[1] - t[0])
+    windows, now = [], float(times[0]) if len(times) else float(t[0])
+    while now + window <= t[-1] + slack:
+        here = int(np.argmin(np.abs(times - now))) if len(times) else 0
+        posed = len(times) > 0 and abs(times[here] - now) < 1e-9
+        later = np.flatnonzero((times >= now + window - slack) & (times <= now + LONGEST * window))
+        if posed and len(later):
+            one = _Window(now, float(times[later[0]]), poses[here], poses[later[0]])
+        else:
+            one = _Window(now, float(min(now + window, t[-1])), unknown, unknown)
+            ahead = times[(times > now + slack) & (times <= one.end)]
+            if len(ahead) and not posed:  # go on where a pose is known, with a shorter window before it
+                one = one._replace(end=float(ahead[0]))
+        first, last = _samples(t, one)
+        if last > first and measured.whole[first:last].all() and _commanded(measured, first, last):
+            windows.append(one)
+        now = one.end
+    return windows
+
+
+def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
+    """Return when, within a log (k,), and where the body stood as the reference tells (k, 3); see `replay`."""
+    if log.reference is None:
+        return np.zeros(0), np.zeros((0, 3))
+    ahead, rate = np.asarray(clock, dtype=float)
+    rows = np.flatnonzero(np.isfinite(log.reference[:, 0]))
+    times = log.t[rows] + ahead + rate * (log.t[rows] - log.t[0])
+    for effect in robot.effects:
+        times = effect.reference_time(times)
+    inside = (times >= log.t[0] - 1e-9) & (times <= log.t[-1] + 1e-9)
+    body = _body_of(robot, compose(log.reference[rows[inside]], inverse(mount)))
+    return np.clip(times[inside], log.t[0], log.t[-1]), body
+
+
+def _body_of(robot: RobotDescription, shown: Array) -> Array:
+    """Return the body's poses (k, 3) that the reference, with the robot's effects on it, shows as `shown` (k, 3)."""
+    body = shown
+    for _ in range(4 if len(shown) else 0):  # one is enough for another point, another scale takes more
+        seen = body
+        for effect in robot.effects:
+            seen = effect.reference_pose(seen)
+        body = compose(body, relative_pose(seen, shown))
+    return body
+
+
+def _commanded(measured: Measured, first: int, last: int) -> bool:
+    return all(
+        part is None or bool(np.isfinite(part[first:last]).all()) for part in (measured.command, measured.steering)
+    )
+
+
+def _samples(t: Array, window: _Window) -> tuple[int, int]:
+    """Return the samples that a window lies between."""
+    period = t[1] - t[0]
+    first = int(np.floor((window.start - t[0]) / period + 1e-6))
+    return first, min(int(np.ceil((window.end - t[0]) / period - 1e-6)), len(t) - 1)
+
+
+def _runs(
+    robot: RobotDescription, floor: Floor, measured: Measured, drive: Drive, windows: list[_Window]
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield the body's motion (3,) in each window, and what encoders read too much: wheels (m) and pivots (rad)."""
+    t = measured.t
+    period = float(t[1] - t[0])
+    plant, kept = _Plant(robot, floor, period, measured, drive), {}
+    for window in windows:
+        first, last = _samples(t, window)
+        pose = np.where(np.isfinite(window.first), window.first, 0.0)
+        if first not in kept:
+            start = max(0, first - round(WARM_UP / period))
+            world = plant.world(start, pose, measured.twist[start])
+            for k in range(start, first):
+                plant.advance(world, k)
+            kept = {first: _moving(world)}
+        twist, wheels = kept[first]
+        world = plant.world(first, pose, twist)
+        for part in HANDED_ON:
+            world.wheels[part] = wheels[part]
+        states = [(world.pose.copy(), world.wheel_angles, world.castor_angles)]
+        for k in range(first, last):
+            if k == last - 1:
+                kept = {k: _moving(world)}
+            plant.advance(world, k)
+            states.append((world.pose.copy(), world.wheel_angles, world.castor_angles))
+        kept[last] = _moving(world)
+        poses, turned, castors = (np.array(part) for part in zip(*states, strict=True))
+        began, ended = (_at(poses, (when - t[first]) / period) for when in (window.start, window.end))
+        yield relative_pose(began, ended), *_beyond(robot, measured, first, turned, castors)
+
+
+def _moving(world: World) -> tuple[Array, NDArray[np.void]]:
+    """Return what is handed on: the body's twist (3,) and the wheels' records."""
+    return world.twist, world.wheels.copy()
+
+
+class _Plant:
+    """A robot to be driven as a log says, from any of its samples on."""
+
+    def __init__(self, robot: RobotDescription, floor: Floor, period: float, measured: Measured, drive: Drive) -> None:
+        self._parts = PARTS if drive == "counts" else 1
+        self._period = period / self._parts
+        self._robot = dataclasses.replace(robot, sample_period=self._period)
+        self._floor, self._measured, self._drive = floor, measured, drive
+        self._driven, self._steered = np.array(robot.driven_wheels), np.array(robot.driven_castors, dtype=np.intp)
+        samples = np.arange(len(measured.t))
+        parts = np.linspace(0, samples[-1], self._parts * samples[-1] + 1)
+        self._wheel = CubicSpline(samples, _smooth(measured.wheel))(parts)
+        self._castor = np.stack([np.interp(parts, samples, angle) for angle in measured.castor.T], axis=-1)
+
+    def world(self, at: int, pose: Array, twist: Array) -> World:
+        """Return the robot at a pose, its castors as at a sample, moving with a twist."""
+        world = World(self._robot, self._floor, pose=pose, castor_angles=self._measured.castor[at], twist=twist)
+        if self._drive == "counts":
+            world.wheels["inertia"][self._driven] = HEAVY
+        return world
+
+    def advance(self, world: World, k: int) -> None:
+        """Drive from sample k to the next."""
+        log = self._measured
+        for i in range(k * self._parts, (k + 1) * self._parts):
+            steering = (self._castor[i + 1] - world.castor_angles)[self._steered] / self._period
+            if self._drive == "commands" and log.command is not None:
+                steering = steering if log.steering is None else log.steering[k]
+                world.advance(log.command[k], steering)
+            else:
+                rate = ((self._wheel[i + 1] - self._wheel[i]) / self._period)[self._driven]
+                world.wheels["speed"][self._driven] = rate
+                world.advance(rate, steering)
+
+
+def _at(poses: Array, sample: float) -> Array:
+    """Return the pose between samples."""
+    k = min(int(sample), len(poses) - 2)
+    return poses[k] + (sample - k) * (poses[k + 1] - poses[k])
+
+
+def _beyond(
+    robot: RobotDescription, measured: Measured, first: int, wheels: Array, castors: Array
+) -> tuple[Array, Array]:
+    """Return what encoders read more than measured, from sample `first` on: of wheels (m) and pivots (rad)."""
+    described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+    since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
+    before = np.column_stack([measured.wheel[since:first], measured.castor[since:first]])
+    now = np.column_stack([measured.wheel[first] + wheels, castors])
+    t = measured.t[since : first + len(now)]
+    read = _read(robot, described, built, t, np.concatenate([before, now]))
+    last = first + len(now) - 1
+    seen = np.column_stack([measured.read_wheel, measured.read_castor])
+    more = (read[-1] - read[first - since]) - (seen[last] - seen[first])
+    w = len(robot.wheels)
+    driven, sensed = np.array(robot.driven_wheels), np.array(robot.pivot_encoders, dtype=np.intp)
+    return (more[:w] * described.radius)[driven], more[w:][sensed]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _mean(values: Array) -> float | None:
+    """Return 1000 times the mean of what is known; None where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(1e3 * np.mean(known)) if known.size else None
+
+
+def _root(squares: Array | Sequence[float]) -> float | None:
+    """Return 1000 times the root of the mean of what is known; None where nothing is."""
+    known = np.asarray(squares)[np.isfinite(squares)]
+    return float(1e3 * np.sqrt(np.mean(known))) if known.size else None

@@ -1,0 +1,1 @@
+"""Finding and checking estimators and calibration methods that others wrote."""

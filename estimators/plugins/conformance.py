@@ -1,0 +1,396 @@
+"""Tells the author of an estimator what is wrong with it before a benchmark does.
+
+Runs the estimator on short noise-free drives of one robot or train, in this process and without a time limit: an
+estimator that hangs hangs the check. ``castor-bench check`` runs it in a process of its own, with a limit.
+"""
+
+import traceback
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.geometry import se2
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.presets import preset_names
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
+from castor_envs.vehicles.train_presets import train_names
+from estimators.plugins import drives as check_drives
+from estimators.plugins import train_drives
+from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped
+from estimators.protocol import Estimator
+from estimators.registry import EstimatorEntry, declines, reset_at_origin
+from estimators.robots.castor_odometry import wrap
+
+TOLERANCE = 1e-9
+"""m and rad: what a change of frame or of batch size may change."""
+
+BATCH = 7
+"""Robots in the batch that is compared with singles: a number that no other axis has, so that mixed-up axes show."""
+
+LOST = slice(40, 100)
+"""Samples without any relative pose, in the check that a train's estimator survives them."""
+
+STARTS = np.array([[0.0, 0.0, 0.0], [3.0, -2.0, 0.7], [-1.5, 4.0, -2.5]])
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing checked: its name, whether it is right, and otherwise what is wrong and what to do."""
+
+    name: str
+    passed: bool
+    message: str = ""
+
+
+class _Wrong(Exception):  # noqa: N818 - a verdict, not an error of this program
+    """What is wrong with the estimator and what to do."""
+
+
+def check(entry: EstimatorEntry, vehicle: Vehicle | None = None) -> list[Finding]:
+    """Return what was checked of an estimator, in the order of the checks.
+
+    vehicle: robot or train to check on; None takes the first preset, in the order of `candidates`, that the estimator
+    serves. What the estimator raises becomes a finding. While it does not return poses at all, nothing further is
+    checked.
+    """
+    findings = [_finding(entry, "is constructed without arguments", entry.factory)]
+    if findings[-1].passed:
+        subject = _Subject(entry, vehicle or load_vehicle(_served_preset(entry)))
+        for name, run in _FIRST.items():
+            findings.append(_finding(entry, name, lambda run=run: run(subject)))
+            if not findings[-1].passed:
+                return findings
+        own = _OF_TRAINS if isinstance(subject.vehicle, TrainDescription) else _OF_ROBOTS
+        findings += [_finding(entry, name, lambda run=run: run(subject)) for name, run in (_CHECKS | own).items()]
+        if entry.batched and isinstance(subject.vehicle, RobotDescription):
+            findings.append(_finding(entry, "gives in a batch what it gives alone", lambda: _batch(subject), _BATCHED))
+    return findings
+
+
+def candidates() -> list[str]:
+    """Return the presets in the order in which one is looked for that an estimator serves."""
+    return list(dict.fromkeys(["asoc-prototype", "differential", *preset_names(), "cfmmr-3", *train_names()]))
+
+
+def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
+    """Return why the estimator's `reset` declines a robot or a train, with a ValueError; None if it does not.
+
+    Whatever else goes wrong is for `check` to find.
+    """
+    try:
+        estimator = entry.factory()
+    except (Exception, SystemExit):
+        return None
+    try:
+        reset_at_origin(estimator, vehicle)
+    except (Exception, SystemExit) as error:
+        return declines(error, vehicle)
+    return None
+
+
+def _served_preset(entry: EstimatorEntry) -> str:
+    served = (name for name in candidates() if refusal(entry, load_vehicle(name)) is None)
+    return next(served, candidates()[0])
+
+
+class _Subject:
+    """An estimator under test, the robot or train, and the drives.
+
+    K samples give poses (K, 3) of a robot and (K, N, 3) of a train.
+    """
+
+    def __init__(self, entry: EstimatorEntry, vehicle: Vehicle) -> None:
+        self.entry, self.vehicle = entry, vehicle
+        self.straight, self.turning, self.winding = (
+            (train_drives.straight(vehicle), train_drives.turning(vehicle), train_drives.winding(vehicle))
+            if isinstance(vehicle, TrainDescription)
+            else (check_drives.straight(vehicle), check_drives.turning(vehicle), check_drives.winding(vehicle))
+        )
+
+    def estimate(
+        self,
+        drive: Drive,
+        start: Array = STARTS[1],
+        estimator: Estimator | None = None,
+        vehicle: Vehicle | None = None,
+        observations: Observations | None = None,
+    ) -> Array:
+        """Return the poses of an estimator (None: a new one) on a drive moved to `start` (3,).
+
+        observations: what it sees instead of the drive's own.
+        """
+        estimator = estimator or self.entry.factory()
+        first = se2.compose(start, drive.pose[0])
+        estimator.reset(vehicle or self.vehicle, first.copy())
+        seen = drive.observations if observations is None else observations
+        return np.array([_pose(estimator.update(_copy(row)), k, first.shape) for k, row in enumerate(seen)])
+
+
+def _serves(subject: _Subject) -> None:
+    try:
+        subject.estimate(subject.straight, observations=[])
+    except ValueError as error:
+        # Only an InputError is surely meant; any other may be a mistake, so it is said where it comes from.
+        place = "" if isinstance(error, InputError) else f" {_place(subject.entry, error)}"
+        raise _Wrong(
+            f"reset refuses {_kind(subject.vehicle)} {subject.vehicle.name!r}: {_reason(error)}{place}; check with one "
+            "that it serves"
+        ) from None
+
+
+def _returns_poses(subject: _Subject) -> None:
+    subject.estimate(subject.winding)
+
+
+def _starts_at_start(subject: _Subject) -> None:
+    for start in STARTS:
+        first = subject.estimate(subject.winding, start, observations=subject.winding.observations[:1])[0]
+        given = se2.compose(start, subject.winding.pose[0])
+        if np.abs(first - given).max() > TOLERANCE:
+            raise _Wrong(
+                f"after reset at {_text(given)} the first update, with wheel increments 0, returns {_text(first)}: "
+                "return the start pose until a wheel turns"
+            )
+
+
+def _drives_straight(subject: _Subject) -> None:
+    true = subject.straight.pose
+    error = np.abs(subject.estimate(subject.straight, np.zeros(3)) - true)
+    length = float(np.hypot(*(true[-1] - true[0])[..., :2].T).max())
+    worst = int(np.argmax(error.reshape(len(error), -1).max(axis=1)))
+    if error[..., :2].max() > 0.02 * length or error[..., 2].max() > 0.05:
+        raise _Wrong(
+            f"driven straight to {_text(true[worst])} its pose is off by {_text(error[worst])}: check the signs and "
+            "units (wheel increments are counts since the last sample, 2 pi / counts_per_rev rad each; "
+            f"{_READINGS[_kind(subject.vehicle)]})"
+        )
+
+
+def _keeps_psi_unwrapped(subject: _Subject) -> None:
+    of_all = subject.estimate(subject.turning)[..., 2].reshape(len(subject.turning.pose), -1)
+    turns = np.ravel(subject.turning.pose[-1, ..., 2] - subject.turning.pose[0, ..., 2])
+    for psi, true in zip(of_all.T, turns, strict=True):
+        k = int(np.argmax(np.abs(np.diff(psi))))
+        if abs(psi[k + 1] - psi[k]) > np.pi / 2:
+            raise _Wrong(
+                f"psi jumps by {psi[k + 1] - psi[k]:.2f} rad from update {k} to the next while the "
+                f"{_kind(subject.vehicle)} turns evenly: keep it unwrapped, by adding up changes of heading"
+            )
+        turned = psi[-1] - psi[0]
+        if abs(turned - true) > 0.1 * abs(true):
+            raise _Wrong(f"over a turn by {true:.2f} rad psi changes by {turned:.2f} rad: check the heading")
+
+
+def _drives_round(subject: _Subject) -> None:
+    for drive, way in ((subject.turning, "round a circle of 1.6 m"), (subject.winding, "through bends to both sides")):
+        difference = subject.estimate(drive, np.zeros(3)) - drive.pose
+        difference[..., 2] = wrap(difference[..., 2])  # whole turns are for another check
+        error = np.abs(difference).max(axis=(0, 2))
+        axle = int(np.argmax(error))
+        if error[axle] > 0.1:
+            raise _Wrong(
+                f"driven {way}, axle {axle + 1} is off by up to {error[axle]:.2g} (m, rad): check which wheels and "
+                "frames belong to which axle (both are counted from the front), and whose frame a relative pose is in "
+                "(its rear axle's)"
+            )
+
+
+def _survives_silence(subject: _Subject) -> None:
+    observations = train_drives.with_silent_sensors(subject.winding.observations, LOST)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an estimator may well warn
+        poses = subject.estimate(subject.winding, observations=observations)
+    true = se2.compose(STARTS[1], subject.winding.pose)
+    error, before = np.abs(poses - true).max(), np.abs(subject.estimate(subject.winding) - true).max()
+    if error > before + 0.5:
+        raise _Wrong(
+            f"where no frame has a relative pose for a while (rps NaN) the poses go off by up to {error:.2g} (m, rad), "
+            "though the wheels roll without slip: go on by odometry alone"
+        )
+
+
+def _moves_with_start(subject: _Subject) -> None:
+    at_origin = subject.estimate(subject.winding, STARTS[0])
+    for start in STARTS[1:]:
+        error = np.abs(subject.estimate(subject.winding, start) - se2.compose(start, at_origin)).max()
+        if error > TOLERANCE:
+            raise _Wrong(
+                f"started at {_text(start)} the path is not that from {_text(STARTS[0])} moved and turned, but off by "
+                f"up to {error:.2g}: start from the pose that reset is given, psi included"
+            )
+
+
+def _is_deterministic(subject: _Subject) -> None:
+    first, second = (subject.estimate(subject.winding) for _ in range(2))
+    if not np.array_equal(first, second):
+        raise _Wrong(
+            f"two instances on the same data differ by up to {np.abs(first - second).max():.2g}: draw random numbers "
+            "from a generator seeded in reset, keep no state in the class"
+        )
+
+
+def _is_reset(subject: _Subject) -> None:
+    estimator = subject.entry.factory()
+    subject.estimate(subject.turning, STARTS[2], estimator)
+    again = subject.estimate(subject.winding, STARTS[1], estimator)
+    fresh = subject.estimate(subject.winding, STARTS[1])
+    if not np.array_equal(again, fresh):
+        raise _Wrong(
+            f"after a second reset it differs from a new instance by up to {np.abs(again - fresh).max():.2g}: set all "
+            "state in reset, the last pivot counts too"
+        )
+
+
+def _leaves_input_alone(subject: _Subject) -> None:
+    estimator, start = subject.entry.factory(), se2.compose(STARTS[1], subject.winding.pose[0])
+    pose = start.copy()
+    estimator.reset(subject.vehicle, pose)
+    for k, observation in enumerate(subject.winding.observations):
+        given = _copy(observation)
+        estimator.update(given)
+        if given.keys() != observation.keys():
+            raise _Wrong("update adds or removes keys of the observation: work on a copy")
+        if changed := [key for key in given if not np.array_equal(given[key], observation[key])]:
+            raise _Wrong(f"update {k} changes {changed[0]!r} in the observation it is given: work on a copy")
+        if not np.array_equal(pose, start):
+            raise _Wrong("the pose array given to reset is changed later: keep a copy, np.array(pose)")
+
+
+def _reads_wrapped_pivots(subject: _Subject) -> None:
+    wrapped = subject.estimate(subject.winding)
+    counted_on = with_pivot_counts_unwrapped(_robot(subject), subject.winding.observations)
+    unwrapped = subject.estimate(subject.winding, observations=counted_on)
+    error = np.abs(wrapped - unwrapped).max()
+    if error > 1e-6:
+        raise _Wrong(
+            f"pivot counts that wrap at pivot_counts_per_rev change the estimate by up to {error:.2g}: wrap "
+            "differences of pivot angles into (-pi, pi]"
+        )
+
+
+def _batch(subject: _Subject) -> None:
+    robots = [_scaled(_robot(subject), 1.0 + 0.01 * i) for i in range(BATCH)]
+    starts = np.array([STARTS[i % len(STARTS)] + i for i in range(BATCH)])
+    estimator = subject.entry.factory()
+    estimator.reset(Geometry.of(robots), starts.copy())
+    together = []
+    for k, observation in enumerate(subject.winding.observations):
+        poses = np.asarray(estimator.update({key: np.tile(value, (BATCH, 1)) for key, value in observation.items()}))
+        if poses.shape != (BATCH, 3):
+            raise _Wrong(
+                f"for a batch of {BATCH}, update {k} returns shape {poses.shape}, not ({BATCH}, 3): {_BATCHED}"
+            )
+        together.append(poses.copy())
+    for i in (0, 3, 6):
+        alone = subject.estimate(subject.winding, starts[i], vehicle=robots[i])
+        error = np.abs(np.array(together)[:, i] - alone).max()
+        if not error <= TOLERANCE:
+            raise _Wrong(f"robot {i} in a batch of {BATCH} is off by up to {error:.2g} from the same alone: {_BATCHED}")
+
+
+_READINGS = {
+    "robot": "pivot angles are counts * 2 pi / pivot_counts_per_rev - pivot_zero",
+    "train": "axle by axle from the front, left then right; relative poses are in m and rad",
+}
+_BATCHED = "index from the last axis, as in wheel[..., 0], or take out `batched = True`"
+
+_FIRST: dict[str, Callable[[_Subject], None]] = {
+    "serves the robot": _serves,
+    "returns three finite numbers": _returns_poses,
+}
+
+_CHECKS: dict[str, Callable[[_Subject], None]] = {
+    "returns the start pose first": _starts_at_start,
+    "drives straight where the robot does": _drives_straight,
+    "keeps psi unwrapped": _keeps_psi_unwrapped,
+    "moves and turns with the start pose": _moves_with_start,
+    "is deterministic": _is_deterministic,
+    "forgets all at reset": _is_reset,
+    "leaves its input alone": _leaves_input_alone,
+}
+
+_OF_ROBOTS: dict[str, Callable[[_Subject], None]] = {"reads pivot counts that wrap": _reads_wrapped_pivots}
+
+_OF_TRAINS: dict[str, Callable[[_Subject], None]] = {
+    "drives round where the train does": _drives_round,
+    "survives missing relative poses": _survives_silence,
+}
+
+
+def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice: str = "") -> Finding:
+    """Run one check; whatever it raises is the finding."""
+    try:
+        run()
+    except _Wrong as wrong:
+        return Finding(name, False, str(wrong))
+    except (Exception, SystemExit) as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return Finding(name, False, f"raises {text} {_place(entry, error)}{advice and ': ' + advice}")
+    return Finding(name, True)
+
+
+def _place(entry: EstimatorEntry, error: BaseException) -> str:
+    """Return where something was raised: the last line of the estimator's own file on the way, if there is one."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
+    return f"({own[-1].name}, line {own[-1].lineno} of {own[-1].filename})"
+
+
+def _reason(error: ValueError) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _kind(vehicle: Vehicle) -> str:
+    return "train" if isinstance(vehicle, TrainDescription) else "robot"
+
+
+def _robot(subject: _Subject) -> RobotDescription:
+    """Return the subject's vehicle, in checks that only robots get."""
+    assert isinstance(subject.vehicle, RobotDescription)
+    return subject.vehicle
+
+
+def _pose(value: object, k: int, shape: tuple[int, ...]) -> Array:
+    """Return what update number k returned as an array of this shape; raises _Wrong where it is none."""
+    try:
+        pose = np.asarray(value)
+    except ValueError:
+        pose = np.array(None)
+    if pose.shape != shape:
+        what = f"shape {pose.shape}" if pose.dtype.kind in "fiu" else type(value).__name__
+        each = "" if shape == (3,) else f" for each of {shape[0]} axles, shape {shape}"
+        raise _Wrong(f"update {k} returns {what}: return an array of three numbers x, y, psi{each}")
+    if pose.dtype != np.float64:
+        raise _Wrong(f"update {k} returns numbers of type {pose.dtype}: return float64, as np.array(..., dtype=float)")
+    if not np.isfinite(pose).all():
+        raise _Wrong(f"update {k} returns {_text(pose)}: return finite numbers, from the first update on")
+    return pose.copy()
+
+
+def _scaled(robot: RobotDescription, factor: float) -> RobotDescription:
+    """Return the robot with all wheels' radii scaled."""
+    castors = [
+        replace(castor, wheels=tuple(replace(wheel, radius=factor * wheel.radius) for wheel in castor.wheels))
+        for castor in robot.castors
+    ]
+    return replace(robot, castors=tuple(castors))
+
+
+def _copy(observation: dict[str, Array]) -> dict[str, Array]:
+    return {key: value.copy() for key, value in observation.items()}
+
+
+def _file_of(entry: EstimatorEntry) -> str | None:
+    reset = getattr(entry.kind.update, "__code__", None)
+    return None if reset is None else reset.co_filename
+
+
+def _text(pose: Array) -> str:
+    if pose.ndim > 1:
+        return f"[{', '.join(_text(row) for row in pose)}]"
+    return f"({', '.join(f'{number:.4g}' for number in pose)})"

@@ -1,0 +1,184 @@
+"""Finds classes that others plug in: by an entry point's name, in a module, or in a file of the user's."""
+
+import hashlib
+import importlib
+import importlib.metadata
+import inspect
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+from castor_envs.errors import InputError, did_you_mean
+from estimators.plugins.source_hash import source_files, source_hash
+
+_FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbours
+
+
+@dataclass(frozen=True)
+class PlugInKind:
+    """What is plugged in: what people call it, the group of entry points, the methods that its class has.
+
+    numbered: whether ``NAME-N`` constructs the class of entry point NAME with the number N.
+    """
+
+    what: str
+    group: str
+    methods: tuple[str, ...]
+    numbered: bool = False
+
+
+class PlugIn(NamedTuple):
+    """What a spec names: the name for people and results, the hash of its source, the class, its number or None."""
+
+    name: str
+    source_hash: str
+    kind: type
+    argument: int | None
+
+
+def find(spec: str, wanted: PlugInKind) -> PlugIn:
+    """Return what `spec` names: NAME, ``module:Class`` or ``file.py[:Class]``; raises InputError with what to do."""
+    if spec.endswith(".py") or ".py:" in spec:
+        path, _, class_name = spec.partition(".py:") if ".py:" in spec else (spec[:-3], "", "")
+        return _from_file(spec, Path(path + ".py"), class_name, wanted)
+    if ":" in spec:
+        return _from_module(spec, wanted)
+    return _from_entry_point(spec, wanted)
+
+
+def _from_entry_point(spec: str, wanted: PlugInKind) -> PlugIn:
+    points = importlib.metadata.entry_points(group=wanted.group)
+    if spec not in points.names and spec and os.path.isfile(f"{spec}.py"):
+        raise InputError(f"unknown {wanted.what} {spec!r}; did you mean the file {spec + '.py'!r}?")
+    if not points.names:
+        raise InputError(f"unknown {wanted.what} {spec!r}: none is registered; is castor-envs installed with pip?")
+    name, argument = spec, None
+    numbered = re.fullmatch(r"(.+)-(\d+)", spec, re.ASCII) if wanted.numbered else None
+    if spec not in points.names and numbered:
+        name, argument = numbered[1], int(numbered[2])
+    if name not in points.names:
+        known = points.names if argument is None else {f"{known}-{argument}" for known in points.names}
+        raise InputError(f"unknown {wanted.what} {spec!r}{did_you_mean(spec, known)}")
+    targets = {point.value: point for point in points.select(name=name)}
+    if len(targets) > 1:
+        raise InputError(
+            f"{wanted.what} {name!r} is declared twice, as {' and '.join(sorted(targets))}: name one of them"
+        )
+    (point,) = targets.values()
+    module = _imported(lambda: importlib.import_module(point.module), f"{wanted.what} {spec!r} ({point.value})", None)
+    return _plug_in(spec, spec, _class_in(module, point.attr, point.value), wanted, argument)
+
+
+def _from_module(spec: str, wanted: PlugInKind) -> PlugIn:
+    module_name, _, class_name = spec.partition(":")
+    if not module_name or not class_name:
+        raise InputError(f"{wanted.what} {spec!r}: expected module:Class")
+    if os.getcwd() not in sys.path and "" not in sys.path:
+        sys.path.append(os.getcwd())
+    importlib.invalidate_caches()
+    module = _imported(lambda: importlib.import_module(module_name), f"{wanted.what} {spec!r}", None)
+    return _plug_in(spec, spec, _class_in(module, class_name, module_name), wanted)
+
+
+def _from_file(spec: str, path: Path, class_name: str, wanted: PlugInKind) -> PlugIn:
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    folder = path.resolve().parent
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    _FOLDERS.add(folder)
+    module = ModuleType(f"castor_plugin_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}")
+    module.__file__ = str(path.resolve())
+
+    def run() -> ModuleType:
+        # Compiled here, not by an import: no stale bytecode after an edit, no __pycache__ in the user's folder.
+        sys.modules[module.__name__] = module
+        exec(compile(source, module.__file__ or "", "exec", dont_inherit=True), module.__dict__)
+        return module
+
+    _imported(run, str(path), module.__file__)
+    kind = _class_in(module, class_name, str(path)) if class_name else _only_class(module, path, wanted)
+    for file, name in source_files(kind).items():
+        loaded = getattr(sys.modules.get(name), "__file__", None) or file
+        if Path(loaded).resolve() != file and Path(loaded).parent.resolve() in _FOLDERS:
+            raise InputError(f"{path}: imports {name!r}, and another plug-in has loaded {loaded} as that; rename one")
+    return _plug_in(f"{path.stem}:{kind.__name__}", spec, kind, wanted)
+
+
+def _imported(run: Callable[[], ModuleType], what: str, file: str | None) -> ModuleType:
+    """Return what `run` imports; turns whatever the user's code raises into one line, with the line in `file`."""
+    try:
+        return run()
+    except (Exception, SystemExit) as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        if isinstance(error, SyntaxError) and error.filename == file:
+            lines.append(error.lineno)
+        where = f", line {lines[-1]}" if lines else ""
+        text = error.msg if isinstance(error, SyntaxError) else " ".join(str(error).split())
+        raise InputError(f"{what}: cannot be imported{where} ({type(error).__name__}: {text})") from None
+
+
+def _class_in(module: ModuleType, name: str, where: str) -> type:
+    kind = getattr(module, name, None)
+    if isinstance(kind, type):
+        return kind
+    if kind is not None:
+        raise InputError(f"{where}: {name!r} is not a class")
+    classes = _own_classes(module)
+    raise InputError(f"{where}: there is no class {name!r}{did_you_mean(name, classes) if classes else ''}")
+
+
+def _only_class(module: ModuleType, path: Path, wanted: PlugInKind) -> type:
+    """Return the one class of a file that can be what is wanted."""
+    classes = _own_classes(module)
+    lacking = {name: _missing(kind, wanted) for name, kind in classes.items()}
+    whole = [name for name in classes if not lacking[name]]
+    candidates = whole or [name for name in classes if len(lacking[name]) < len(wanted.methods)] or list(classes)
+    if not candidates:
+        methods = " and ".join(wanted.methods)
+        raise InputError(f"{path}: there is no class in it; {_with_article(wanted.what)} is a class with {methods}")
+    if len(candidates) > 1:
+        raise InputError(f"{path}: say which class, as {path}:{candidates[0]}; there are {', '.join(candidates)}")
+    return classes[candidates[0]]
+
+
+def _own_classes(module: ModuleType) -> dict[str, type]:
+    """Return the classes that a module defines itself, in its order."""
+    return {
+        name: value
+        for name, value in vars(module).items()
+        if isinstance(value, type) and value.__module__ == module.__name__ and not name.startswith("_")
+    }
+
+
+def _missing(kind: type, wanted: PlugInKind) -> list[str]:
+    return [name for name in wanted.methods if not callable(getattr(kind, name, None))]
+
+
+def _with_article(noun: str) -> str:
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
+
+
+def _plug_in(name: str, spec: str, kind: type, wanted: PlugInKind, argument: int | None = None) -> PlugIn:
+    if missing := _missing(kind, wanted):
+        raise InputError(f"{wanted.what} {spec!r}: class {kind.__name__} has no method {' and no '.join(missing)}")
+    if argument is not None:
+        try:
+            inspect.signature(kind).bind(argument)
+        except (TypeError, ValueError):
+            text = f"{wanted.what} {spec!r}: {kind.__name__} takes no number; leave out '-{argument}'"
+            raise InputError(text) from None
+        if kind.__module__.startswith("estimators."):
+            try:
+                kind(argument)
+            except InputError as error:
+                raise InputError(f"{wanted.what} {spec!r}: {error}") from None
+    return PlugIn(name, source_hash(kind, argument), kind, argument)

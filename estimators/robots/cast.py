@@ -1,0 +1,78 @@
+"""CAST: least squares over the pivots of two or more castors, linear in a small turn (Doebbler eqs. 11-22)."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.protocol import Observation
+from estimators.robots.castor_odometry import CastorOdometry, Step, displaced, several_castors, start
+
+
+class CAST:
+    """Pose change that fits the displacements of all pivots best (Doebbler eqs. 13-21), about any body origin.
+
+    left_out: number of the castor not used, as in CAST-i; 0 uses all. step: see `CastorOdometry`.
+    """
+
+    batched = True
+
+    def __init__(self, left_out: int = 0, step: Step = "arc") -> None:
+        self.left_out = left_out
+        self.step: Step = step
+
+    def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
+        """Start at `pose` (..., 3); raises InputError where the castors used do not suit or are fewer than two."""
+        geometry, self._pose = start(robot, pose)
+        castors, pivot = several_castors(geometry, self.left_out)
+        self._castors = CastorOdometry(geometry, castors, self.step)
+        # In the body frame before the step psi- is 0: H is always the same, and eq. 15 one fixed matrix.
+        h = design_matrix(pivot, 0.0)
+        self._solution = normal_inverse(pivot, 0.0) @ np.swapaxes(h, -1, -2)
+
+    def update(self, observation: Observation) -> Array:
+        """Take one sample, return the pose (..., 3)."""
+        steps = self._castors.advance(observation)
+        y = np.concatenate([steps.x, steps.y], axis=-1)  # eq. 16
+        x = np.einsum("...ij,...j->...i", self._solution, y)  # eq. 15
+        # The castors' headings follow from the new psi and their measured angles, at the next step.
+        self._pose = displaced(self._pose, x[..., 0], x[..., 1], x[..., 2])
+        return self._pose.copy()
+
+
+def design_matrix(pivot: Array, psi: ArrayLike) -> Array:
+    """Return H (..., 2n, 3) of eq. 17 for pivots (..., n, 2) in B at heading psi (...): rows of eq. 13, then 14."""
+    x, y = pivot[..., 0], pivot[..., 1]  # R cos phi, R sin phi
+    cos, sin = np.cos(psi)[..., None], np.sin(psi)[..., None]
+    east = x * cos - y * sin  # R cos(psi- + phi)
+    north = y * cos + x * sin  # R sin(psi- + phi)
+    one, zero = np.ones_like(east), np.zeros_like(east)
+    return np.concatenate([np.stack([one, zero, -north], -1), np.stack([zero, one, east], -1)], axis=-2)
+
+
+def normal_inverse(pivot: Array, psi: ArrayLike) -> Array:
+    """Return (H^T H)^-1 (..., 3, 3) by eqs. 18-21, with m_y in eq. 19 where the print has m_v."""
+    n = pivot.shape[-2]
+    m_x, m_y = pivot[..., 0].mean(axis=-1), pivot[..., 1].mean(axis=-1)
+    b = -n * (m_y * np.cos(psi) + m_x * np.sin(psi))  # eq. 19
+    c = n * (m_x * np.cos(psi) - m_y * np.sin(psi))  # eq. 20
+    d = np.sum(pivot**2, axis=(-1, -2)) + 0.0 * b  # eq. 21, of the shape of the others
+    rows = [
+        [c**2 - n * d, -b * c, n * b],
+        [-b * c, b**2 - n * d, n * c],
+        [n * b, n * c, np.full_like(b, -(n**2))],
+    ]
+    matrix = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return matrix / (n * (b**2 + c**2 - n * d))[..., None, None]  # eq. 18
+
+
+def centred_solution(pivot: Array, psi: ArrayLike, x: Array, y: Array) -> Array:
+    """Return the changes (..., 3) of x_c, y_c and psi by eq. 22, for displacements x, y (..., n) of the pivots in N.
+
+    Right only where the body's origin is the centroid of the pivots and all stand at one distance R from it (the
+    print names the first condition alone). `CAST` uses the general solution, which is equal there.
+    """
+    radius, phi = np.hypot(pivot[..., 0], pivot[..., 1]), np.arctan2(pivot[..., 1], pivot[..., 0])
+    bearing = np.asarray(psi)[..., None] + phi
+    turns = (y * np.cos(bearing) - x * np.sin(bearing)) / radius
+    return np.stack([x.mean(axis=-1), y.mean(axis=-1), turns.mean(axis=-1)], axis=-1)

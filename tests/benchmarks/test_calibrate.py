@@ -1,0 +1,160 @@
+"""castor-bench calibrate: logs in, a calibrated robot file out; every mistake is one line."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from castor_envs import command_line
+from castor_envs.effects import PivotBias, WheelRadius
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.log import Log, write_log
+from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import pivoting, umbmark
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.axle import with_axle
+from castor_envs.vehicles.presets import differential, preset
+from castor_envs.vehicles.robot import RobotDescription
+
+EFFECTS = (PivotBias(castor=2, value=0.05), WheelRadius(castor=3, wheel=1, value=0.03))
+
+
+def call(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        command_line.run(cli.app, ["calibrate", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return ended.value.code, out, err
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """Logs of a base with two hidden effects that turns about castor 1, and about castor 2, both ways."""
+    folder = tmp_path_factory.mktemp("turns")
+    robot = preset("asoc-prototype").with_effects(*EFFECTS)
+    paths = []
+    for held in (1, 2):
+        for way in ("cw", "ccw"):
+            trajectory = pivoting(robot.castors[held - 1].pivot, way, angle=2.6 * np.pi, speed=0.5, acceleration=0.3)
+            made = gym.make(
+                "castor_envs:castor/ASOC-v0", robot=robot, trajectory=trajectory, control="voltage", held=held
+            )
+            env = RecordLog(made, folder / f"{held}-{way}")
+            env.reset(seed=held)
+            done = False
+            while not done:
+                _, _, terminated, truncated, _ = env.step(np.full(6, 0.15, dtype=np.float32))
+                done = terminated or truncated
+            paths.append(folder / f"{held}-{way}" / "episode-0000.csv")
+    return paths
+
+
+@pytest.mark.parametrize(("method", "tolerance"), [("pivoting", 0.007), ("maximum-likelihood", 0.002)])
+def test_hidden_effects_are_found_and_the_file_is_written(method, tolerance, logs, tmp_path, capsys):
+    """Wheels of a castor at one voltage work against each other: their slip costs eqs. 1-9 up to 0.7 % of a radius."""
+    out = tmp_path / "calibrated.json"
+    code, text, err = call(capsys, *logs, "--robot", "asoc-prototype", "--out", out, "--method", method, "--json")
+    assert code == 0, err
+    data = json.loads(text)
+    assert data["format"] == "castor-calibration/1"
+    found, described = RobotDescription.load(out), preset("asoc-prototype")
+    assert found.effects == ()
+    assert data["calibrated_hash"] == found.hash() != data["robot_hash"] == described.hash()
+    true = described.with_effects(*EFFECTS).as_built()
+    assert found.castors[1].pivot_zero == pytest.approx(0.05, abs=0.003)
+    for castor, expected in zip(found.castors, true.castors, strict=True):
+        assert castor.offset == pytest.approx(expected.offset, rel=0.005)
+        for wheel, other in zip(castor.wheels, expected.wheels, strict=True):
+            assert wheel.radius == pytest.approx(other.radius, rel=tolerance)
+    rows = {row["name"]: row for row in data["parameters"]}
+    assert rows["castor 3 left radius"]["after_m"] == found.castors[2].wheels[0].radius
+    assert rows["castor 3 left radius"]["before_m"] == described.castors[2].wheels[0].radius
+    assert 0 < rows["castor 2 pivot_zero"]["standard_error_rad"] < 0.001
+
+
+def test_people_read_before_and_after(logs, tmp_path, capsys):
+    code, text, _ = call(capsys, *logs, "--robot", "asoc-prototype", "--out", tmp_path / "new.json")
+    assert code == 0
+    assert "castor 2 pivot_zero" in text
+    assert "72.0000" in text  # the offset before, mm
+    assert "new.json: the calibrated robot" in text
+
+
+def test_mistakes_are_one_line_and_nothing_is_written(logs, tmp_path, capsys):
+    out, there = tmp_path / "new.json", tmp_path / "there.json"
+    there.write_text("{}")
+    some = ["--robot", "asoc-prototype", "--out"]
+    for arguments, said in (
+        ([logs[0], *some, out, "--method", "pivoting"], "record one counter-clockwise too"),
+        ([logs[0], *some, out, "--method", "pivotting"], "did you mean"),
+        ([logs[0], *some, out, "--method", "umbmark-correction"], "needs the --side"),
+        ([logs[0], *some, out, "--method", "pivoting", "--pivots"], "--pivots is for maximum likelihood"),
+        ([logs[0], *some, there], "is there already"),
+        ([logs[0], "--robot", "cfmmr-3", "--out", out], "is a train"),
+        ([logs[0], "--robot", "differential", "--out", out], "has no castor 2; give the robot that made the log"),
+        ([tmp_path / "gone.csv", *some, out], "gone.csv: cannot be read"),
+        ([*logs, *some, tmp_path / "there.json" / "new.json"], "there.json"),
+    ):
+        code, _, err = call(capsys, *arguments)
+        assert code == 2, err
+        assert err.count("\n") == 1
+        assert said in err
+    assert not out.exists()
+    assert there.read_text() == "{}"
+
+
+@pytest.fixture(scope="module")
+def squares(tmp_path_factory):
+    """Logs of a differential robot that drives squares, two each way; its wheel base is 1 % wider than described."""
+    folder = tmp_path_factory.mktemp("squares")
+    described = differential(counts_per_rev=20000.0)
+    true = with_axle(described, 0.34 * 1.01, 0.15, 0.15)
+    described.save(folder / "robot.json")
+    paths = []
+    for way in ("cw", "ccw"):
+        rolled = roll(true, umbmark(way))
+        for run in range(2):
+            encoders = Encoders(Geometry.of(true), np.array([0.3, 0.7]) * run)
+            path = folder / f"{way}-{run}.csv"
+            write_log(
+                path,
+                Log(rolled.t, encoders.wheel(rolled.wheel_angle), np.empty((len(rolled.t), 0)), reference=rolled.pose),
+                described,
+            )
+            paths.append(path)
+    return folder / "robot.json", paths
+
+
+def test_squares_tell_a_differential_robots_wheel_base(squares, tmp_path, capsys):
+    robot, paths = squares
+    out, picture = tmp_path / "new.json", tmp_path / "scatter.png"
+    code, text, err = call(
+        capsys, *paths, "--robot", robot, "--side", 1.5, "--out", out, "--scatter", picture, "--json"
+    )
+    assert code == 0, err
+    rows = {row["name"]: row for row in json.loads(text)["parameters"]}
+    assert rows["wheel base"]["before_m"] == pytest.approx(0.34)
+    assert rows["wheel base"]["after_m"] == pytest.approx(0.34 * 1.01, rel=1e-3)
+    assert rows["left diameter"]["after_m"] == pytest.approx(0.15, rel=1e-3)
+    left, right = RobotDescription.load(out).castors[0].wheels
+    assert left.lateral - right.lateral == rows["wheel base"]["after_m"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_squares_that_cannot_be_used_are_refused(squares, logs, tmp_path, capsys):
+    robot, paths = squares
+    out = tmp_path / "new.json"
+    for arguments, said in (
+        ([*paths[:2], "--robot", robot, "--side", 1.5], "counter-clockwise"),
+        ([paths[0], paths[2], "--robot", robot, "--side", 1.5], "at least 2 runs in each direction"),
+        ([*paths, "--robot", robot, "--side", 0], "side"),
+        ([*paths, "--robot", robot, "--method", "pivoting"], "one castor"),
+        ([*paths, "--robot", robot, "--scatter", tmp_path / "a.png"], "give their --side"),
+        ([*logs, "--robot", "asoc-prototype", "--side", 1.5], "not a differential robot"),
+    ):
+        code, _, err = call(capsys, *arguments, "--out", out)
+        assert code == 2, err
+        assert said in err
+        assert not out.exists()

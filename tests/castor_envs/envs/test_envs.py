@@ -1,0 +1,293 @@
+# pyright: reportPossiblyUnboundVariable=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportOptionalSubscript=false
+
+import importlib.util
+import os
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from castor_envs.envs import ENVIRONMENTS, register_envs
+from castor_envs.errors import InputError
+from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.logs.log import read_log
+from castor_envs.logs.recorder import RecordLog
+from castor_envs.vehicles.presets import preset, preset_names
+from castor_envs.vehicles.robot import RobotDescription
+
+IDS = tuple(ENVIRONMENTS)
+TRAIN_IDS = ("castor/CFMMR-v0", "castor/Configuration-v0")
+
+ESTIMATION = (
+    # The action is a pose in m and rad: scaling it to [-1, 1] would make every estimator undo the scaling.
+    "symmetric and normalized",
+    # float32 keeps 7 digits: not enough for errors of micrometres on paths of metres.
+    "we recommend using np.float32",
+)
+#: Every warning that checkers may still give, by environment, and why it stays.
+JUSTIFIED = {
+    "castor/UMBmark-v0": ESTIMATION,
+    "castor/ASOC-v0": (),
+    "castor/CFMMR-v0": (),
+    "castor/Configuration-v0": ESTIMATION,
+}
+
+
+def play(env, seed, steps=40):
+    """Return all that a seeded episode with seeded actions gives, flat."""
+    env.action_space.seed(seed)
+    observation, info = env.reset(seed=seed)
+    numbers = [*observation.values(), *info.values()]
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        numbers += [*observation.values(), reward, terminated, truncated, *info.values()]
+    return np.concatenate([np.ravel(np.asarray(number, dtype=float)) for number in numbers])
+
+
+def listed(caught, name):
+    """Return the warnings that are not justified for this environment."""
+    return [str(w.message) for w in caught if not any(words in str(w.message) for words in JUSTIFIED[name])]
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_finds_no_fault(name):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(gym.make(name, render_mode="rgb_array").unwrapped)
+    assert listed(caught, name) == []
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_stable_baselines_finds_no_fault(name):
+    if importlib.util.find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed (extra 'rl')")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        from stable_baselines3.common.env_checker import check_env as check
+
+        check(gym.make(name).unwrapped)
+    assert listed(caught, name) == []
+    for words in JUSTIFIED[name]:
+        assert any(words in str(w.message) for w in caught), f"nobody warns of {words!r} any more"
+
+
+def test_registering_twice_is_harmless_and_no_import_is_needed():
+    register_envs()
+    code = "import gymnasium as gym; print(gym.make('castor_envs:castor/ASOC-v0').spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "castor/ASOC-v0"
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_same_seed_gives_the_same_episode_bit_for_bit(name):
+    floor = Floor(
+        patches=(Patch(center=(0.5, 0.0), size=(0.4, 0.4), friction=0.05),),
+        cables=(Cable(center=(0.3, 0.0), direction=1.5, length=1.0, diameter=0.01),),
+    )
+    env = gym.make(name, floor=floor)
+    first = play(env, 7)
+    np.testing.assert_array_equal(play(env, 7), first)
+    np.testing.assert_array_equal(play(gym.make(name, floor=floor), 7), first)
+    assert not np.array_equal(play(env, 8), first)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_same_seed_gives_the_same_episode_in_another_process(name):
+    code = (
+        "import sys, gymnasium as gym, castor_envs; sys.path.insert(0, sys.argv[1]); import test_envs;"
+        "sys.stdout.write(test_envs.play(gym.make(sys.argv[2]), 11).tobytes().hex())"
+    )
+    command = [sys.executable, "-c", code, os.path.dirname(__file__), name]
+    other = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert bytes.fromhex(other) == play(gym.make(name), 11).tobytes()
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_drives_in_the_environments(name):
+    env = gym.make("castor/UMBmark-v0", robot=name, corners="rounded")
+    _, info = env.reset(seed=0)
+    for _ in range(60):
+        _, _, _, _, info = env.step(np.zeros(3))
+    expected = env.unwrapped.trajectory.at(60 * 0.05)[0]
+    if name != "1-castor":  # nothing holds the heading of a base on one castor
+        np.testing.assert_allclose(info["pose"][:2], expected[:2], atol=0.1)
+    gym.make("castor/ASOC-v0", robot=name).reset(seed=0)
+
+
+def run_umbmark(env, estimate):
+    """Return the whole return of an episode whose estimates are `estimate(info)`, and the last info."""
+    _, info = env.reset(seed=3)
+    total, done = 0.0, False
+    while not done:
+        _, reward, done, _, info = env.step(estimate(info))
+        total += reward
+    return total, info
+
+
+def test_the_return_is_minus_the_error_at_the_end():
+    env = gym.make("castor/UMBmark-v0", side=0.3)
+    total, _ = run_umbmark(env, lambda info: info["pose"])
+    assert total == 0.0
+    total, info = run_umbmark(env, lambda info: info["pose"] + [0.3, 0.4, 0.1])
+    assert total == pytest.approx(-0.5)
+    assert info["position_error"] == pytest.approx(0.5)
+    assert info["heading_error"] == pytest.approx(0.1)
+
+
+def test_estimates_do_not_move_the_robot():
+    env = gym.make("castor/UMBmark-v0", side=0.3)
+    _, one = run_umbmark(env, lambda info: np.zeros(3))
+    _, other = run_umbmark(env, lambda info: np.array([1.0, -2.0, 3.0]))
+    np.testing.assert_array_equal(one["pose"], other["pose"])
+
+
+def test_observations_do_not_hold_the_truth():
+    env = gym.make("castor/UMBmark-v0")
+    observation, _ = env.reset(seed=1)
+    assert set(observation) == {"wheel", "pivot", "time"}
+    np.testing.assert_array_equal(observation["wheel"], 0.0)
+    assert env.unwrapped.robot.effects == ()
+
+
+def test_a_driving_agent_that_does_nothing_loses_the_reference():
+    env = gym.make("castor/ASOC-v0")
+    env.reset(seed=0)
+    terminated = truncated = False
+    total = 0.0
+    while not (terminated or truncated):
+        _, reward, terminated, truncated, info = env.step(np.zeros(6, dtype=np.float32))
+        total += reward
+    assert terminated
+    assert info["position_error"] > 0.5
+    assert total < 0
+
+
+def test_voltage_drives_less_hard_the_faster_the_wheel():
+    """At full voltage a wheel ends at its no-load speed; at half, at half of it."""
+    ends = []
+    for voltage in (1.0, 0.5):
+        env = gym.make("castor/ASOC-v0", robot="differential", control="voltage")
+        env.reset(seed=0)
+        for _ in range(120):
+            observation, *_ = env.step(np.full(2, voltage, dtype=np.float32))
+        ends.append(observation["wheel"][0] * 2 * np.pi / 2000 / 0.05)
+    np.testing.assert_allclose(ends, [15.0, 7.5], rtol=0.02)
+
+
+def test_a_gyro_reads_the_turning_rate():
+    robot = RobotDescription.from_dict({**preset("differential").to_dict(), "gyro": {"noise": 0.0, "bias": 0.5}})
+    env = gym.make("castor/ASOC-v0", robot=robot, control="speed")
+    env.reset(seed=0)
+    for _ in range(20):
+        observation, *_ = env.step(np.array([-0.1, 0.1], dtype=np.float32))
+    expected = 0.1 * 15 * 0.075 * 2 / 0.34 + 0.5
+    assert observation["gyro"][0] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "said"),
+    [
+        ("castor/UMBmark-v0", {"robot": "asoc-prototyp"}, "did you mean 'asoc-prototype'"),
+        ("castor/UMBmark-v0", {"robot": "differential", "corners": "fixed"}, "slip sideways"),
+        ("castor/UMBmark-v0", {"direction": "left"}, "direction"),
+        ("castor/UMBmark-v0", {"floor": "nowhere.json"}, "nowhere.json"),
+        ("castor/ASOC-v0", {"trajectory": "figure-nine"}, "did you mean 'figure-eight'"),
+        ("castor/ASOC-v0", {"control": "torque"}, "control"),
+        ("castor/ASOC-v0", {"trajectory": None}, "trajectory"),
+        ("castor/UMBmark-v0", {"side": 0}, "side"),
+        ("castor/UMBmark-v0", {"side": "1"}, "side"),
+        ("castor/UMBmark-v0", {"turn_speed": -1.0}, "turn_speed"),
+        ("castor/UMBmark-v0", {"acceleration": float("inf")}, "acceleration"),
+        ("castor/UMBmark-v0", {"floor": 5}, "floor"),
+    ],
+)
+def test_wrong_arguments_are_refused(name, arguments, said):
+    with pytest.raises(InputError, match=said):
+        gym.make(name, **arguments)
+
+
+def test_the_recorder_writes_what_was_driven(tmp_path):
+    env = RecordLog(gym.make("castor/UMBmark-v0", side=0.2), folder=tmp_path)
+    counts, poses, commands = [], [], []
+    observation, info = env.reset(seed=5)
+    done = False
+    while not done:
+        counts.append(observation["wheel"])
+        poses.append(info["pose"])
+        observation, _, done, _, info = env.step(np.zeros(3))
+        commands.append(info["command"])
+    robot = RobotDescription.load(tmp_path / "robot.json")
+    log = read_log(tmp_path / "episode-0000.csv", robot)
+    assert robot == env.unwrapped.robot
+    np.testing.assert_array_equal(log.wheel, np.cumsum(counts, axis=0))
+    np.testing.assert_array_equal(log.reference, poses)
+    np.testing.assert_array_equal(log.command, commands)
+    np.testing.assert_allclose(log.t, 0.05 * np.arange(len(counts)), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_video_is_recorded_without_a_display(name, tmp_path):
+    if importlib.util.find_spec("moviepy") is None:
+        pytest.skip("moviepy is not installed (extra 'video')")
+    code = (
+        "import sys, gymnasium as gym, castor_envs\n"
+        "env = gym.wrappers.RecordVideo(gym.make(sys.argv[1], render_mode='rgb_array'), sys.argv[2], video_length=5)\n"
+        "env.reset(seed=0)\n"
+        "for _ in range(8): env.step(env.action_space.sample())\n"
+        "env.close()\n"
+    )
+    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    subprocess.run([sys.executable, "-c", code, name, str(tmp_path)], check=True, env=environment, capture_output=True)
+    videos = list(tmp_path.glob("*.mp4"))
+    assert len(videos) == 1
+    assert videos[0].stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_vector_is_its_members_bit_for_bit(name):
+    small = {"train": "cfmmr-2"} if name in TRAIN_IDS else {"robot": "differential"}
+    many = gym.make_vec(name, num_envs=3, vectorization_mode="vector_entry_point", **small)
+    ones = [gym.make(name, **small) for _ in range(3)]
+    observations, infos = many.reset(seed=[4, 5, 6])
+    singles = [env.reset(seed=4 + i) for i, env in enumerate(ones)]
+    many.action_space.seed(0)
+    for _ in range(30):
+        for i, (observation, info) in enumerate(singles):
+            assert all(np.array_equal(observations[key][i], observation[key]) for key in observation)
+            assert np.array_equal(infos["pose"][i], info["pose"])
+        actions = many.action_space.sample()
+        observations, rewards, _, _, infos = many.step(actions)
+        answers = [env.step(action) for env, action in zip(ones, actions, strict=True)]
+        assert np.array_equal(rewards, [answer[1] for answer in answers])
+        singles = [(answer[0], answer[4]) for answer in answers]
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_actions_that_are_no_numbers_are_refused(name):
+    env = gym.make(name).unwrapped
+    env.reset(seed=0)
+    size = env.action_space.shape[0]
+    with pytest.raises(InputError, match="shape"):
+        env.step(np.zeros(size - 1))
+    with pytest.raises(InputError, match="finite"):
+        env.step(np.full(size, np.nan))
+
+
+def test_the_picture_shows_the_error_of_the_estimate_it_was_given(monkeypatch):
+    env = gym.make("castor/UMBmark-v0", render_mode="rgb_array")
+    _, info = env.reset(seed=0)
+    for _ in range(60):
+        _, _, _, _, info = env.step(info["pose"] + [0.03, 0.04, 0.0])
+    drawn = {}
+    draw = env.unwrapped._renderer.draw
+    monkeypatch.setattr(
+        env.unwrapped._renderer, "draw", lambda pose, *a, **k: (drawn.update(k, pose=pose), draw(pose, *a, **k))[1]
+    )
+    env.render()
+    assert np.hypot(*(drawn["estimate"] - drawn["pose"])[:2]) == pytest.approx(info["position_error"])
+    assert info["position_error"] == pytest.approx(0.05)

@@ -1,0 +1,144 @@
+"""The substep, the stepper and the process change nothing that counts."""
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.motion.controllers import KinematicController
+from castor_envs.physics.robot_world import World
+from castor_envs.physics.stepper import Drive
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import Contact
+
+NO_SIDEWAYS = ("differential", "tricycle")
+ROUGH = Floor(
+    patches=(
+        Patch(center=(0.2, 0.1), size=(0.5, 0.3), friction=0.1, angle=0.4),
+        Patch(center=(0.1, -0.2), size=(0.4, 0.2), friction=0.3),
+    ),
+    cables=(
+        Cable(center=(0.15, 0.0), direction=1.4, length=0.6, diameter=0.01),
+        Cable(center=(-0.2, 0.1), direction=0.3, length=0.8, diameter=0.008),
+    ),
+    slope=(0.04, -0.02),
+)
+
+
+def twist_at(name, t, speed):
+    """A drive with reversals, turns on the way and sideways legs; `speed` in m/s."""
+    ramp = speed * min(1.0, t / 0.4)
+    sideways = 0.0 if name in NO_SIDEWAYS else 0.7 * math.sin(2.3 * t)
+    return ramp * np.array([0.8 * math.cos(1.7 * t), sideways, 2.5 * math.sin(1.1 * t)])
+
+
+def driven(name, *, speed, duration=5.0, floor=None, friction=0.8, **options):
+    robot = dataclasses.replace(preset(name), contact=Contact(friction=friction))
+    world, controller = World(robot, floor, **options), KinematicController(robot)
+    for k in range(round(duration / robot.sample_period)):
+        wanted = twist_at(name, (k + 0.5) * robot.sample_period, speed)
+        world.advance(*controller.commands(world.castor_angles, wanted))
+    return world
+
+
+SPEEDS = {
+    "asoc-prototype": 0.5,
+    "asoc-full-scale": 0.6,
+    "2-castor": 0.5,
+    "6-castor": 0.5,
+    "omnimate": 0.4,
+    "differential": 0.9,
+    "tricycle": 0.7,
+    "powered-caster": 0.25,  # its casters must turn at speed / 14 mm, and can 12 rad/s
+    "swerve": 0.6,
+}
+
+
+@pytest.mark.parametrize("friction", [0.8, 0.1])
+@pytest.mark.parametrize("name", SPEEDS)
+def test_halving_the_substep_moves_the_end_of_a_drive_by_less_than_a_millimetre(name, friction):
+    coarse = driven(name, speed=SPEEDS[name], friction=friction)
+    fine = driven(name, speed=SPEEDS[name], friction=friction, substeps=2 * coarse.substeps)
+    assert math.dist(coarse.pose[:2], fine.pose[:2]) < 1e-3
+    assert abs(coarse.pose[2] - fine.pose[2]) < 5e-3
+
+
+@pytest.mark.parametrize("name", ["asoc-prototype", "differential", "tricycle", "powered-caster"])
+def test_halving_the_substep_moves_little_on_a_rough_floor_too(name):
+    coarse = driven(name, speed=SPEEDS[name], floor=ROUGH)
+    fine = driven(name, speed=SPEEDS[name], floor=ROUGH, substeps=2 * coarse.substeps)
+    assert math.dist(coarse.pose[:2], fine.pose[:2]) < 1e-3
+
+
+DRIVES: tuple[Drive, ...] = ("servo", "voltage", "servo", "off")
+
+
+def episode(name, stepper, samples, substeps):
+    """Poses, castor angles and wheel angles of random driving by turns with servos, voltage, and motors off."""
+    robot, random = preset(name), np.random.default_rng(7)
+    angles = random.uniform(-math.pi, math.pi, len(robot.castors))
+    world = World(robot, ROUGH, castor_angles=angles, stepper=stepper, substeps=substeps)
+    rows = []
+    for k in range(samples // 10):
+        drive = DRIVES[k % 4]
+        most = 0.5 if drive == "voltage" else 0.4 * robot.max_wheel_speed
+        wheels = random.uniform(-most, most, len(robot.driven_wheels))
+        steering = random.uniform(-4, 4, len(robot.driven_castors))
+        for _ in range(10):
+            world.advance(wheels, steering, drive)
+            rows.append([*world.pose, *world.castor_angles, *world.wheel_angles])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "samples"),
+    [("asoc-prototype", 100), ("powered-caster", 40), ("tricycle", 40), ("differential", 40), ("omnimate", 40)],
+)
+def test_reference_and_compiled_stepper_agree(name, samples):
+    reference, compiled = (episode(name, stepper, samples, substeps=60) for stepper in ("reference", "compiled"))
+    assert np.ptp(reference[:, :2]) > 0.1
+    np.testing.assert_allclose(compiled, reference, rtol=0, atol=1e-12)
+
+
+def test_the_same_run_is_the_same_bit_for_bit():
+    first, second = (driven("asoc-prototype", speed=0.5, duration=2.0, floor=ROUGH) for _ in range(2))
+    assert first.pose.tobytes() == second.pose.tobytes()
+    assert first.wheels.tobytes() == second.wheels.tobytes()
+
+
+DIGEST = """
+import hashlib
+import numpy as np
+from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.physics.robot_world import World
+from castor_envs.vehicles.presets import preset
+
+floor = Floor(
+    slope=(0.04, -0.02),
+    patches=(Patch(center=(0.2, 0.1), size=(0.5, 0.3), friction=0.1, angle=0.4),),
+    cables=(Cable(center=(0.15, 0.0), direction=1.4, length=0.6, diameter=0.01),),
+)
+digest = hashlib.sha256()
+for name in ("asoc-prototype", "powered-caster", "tricycle"):
+    robot, random = preset(name), np.random.default_rng(4)
+    world = World(robot, floor, castor_angles=random.uniform(-3, 3, len(robot.castors)))
+    for _ in range(60):
+        wheels = random.uniform(-5, 5, len(robot.driven_wheels))
+        world.advance(wheels, random.uniform(-2, 2, len(robot.driven_castors)))
+        digest.update(world.pose.tobytes() + world.castor_angles.tobytes() + world.wheels.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_another_process_repeats_a_run_bit_for_bit(tmp_path):
+    here = {}
+    exec(compile(DIGEST.replace("print(digest", "result = (digest"), "digest", "exec"), here)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "12345"}
+    command = [sys.executable, "-c", DIGEST]
+    there = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert there.stdout.strip() == here["result"]

@@ -1,0 +1,175 @@
+"""Cables and slippery patches on the floor, whose places are found in logs."""
+
+# pyright: reportOptionalIterable=false, reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false, reportOptionalOperand=false
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects import Bump, FrictionPatch, Motion
+from castor_envs.floor import cable_extra_roll
+from castor_envs.logs.log import Log
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.cables import BUMP_GAIN, bumps_of, lines_of, same_line
+from discrepancy.hypotheses.candidates import Channels
+from discrepancy.hypotheses.patches import patches_of, slippery_in
+from discrepancy.inference.evidence import evidence_of
+from discrepancy.inference.forward_selection import diagnose
+from discrepancy.inference.wheel_tracks import steps_of
+from discrepancy.report.text import as_data
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("asoc-prototype")
+CABLE = Bump(x=-0.3, y=-0.4, direction=0.7, value=0.004)
+PATCH = FrictionPatch(x=-0.4, y=-0.6, length=0.5, width=0.5, angle=0.3, value=0.94)
+
+
+@cache
+def driven(effect, seed):
+    """A log of a minute of the base with an effect, driven at random in physics."""
+    robot = ROBOT if effect is None else ROBOT.with_effects(effect)
+    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=60.0), seed, duration=60.0)
+
+
+@cache
+def rolled():
+    """A minute of perfect rolling at random."""
+    run = roll(ROBOT, wander(np.random.default_rng([5, 1]), duration=60.0), [0.3, 2.0, -1.5])
+    return Motion(run.t, run.pose, run.wheel_angle, run.castor_angle)
+
+
+def noisy(slip, size=2e-5, seed=0):
+    """Slips with independent errors."""
+    return slip + size * np.random.default_rng(seed).normal(size=slip.shape)
+
+
+def off(line, cable):
+    """How far a line lies from a cable at the point by which it is given, m, and how it is turned, rad."""
+    across = (line.y - cable.y) * math.cos(cable.direction) - (line.x - cable.x) * math.sin(cable.direction)
+    return abs(across), abs((line.direction - cable.direction + math.pi / 2) % math.pi - math.pi / 2)
+
+
+@pytest.mark.parametrize("diameter", [0.002, 0.008])
+@pytest.mark.parametrize("direction", [0.3, 2.9])
+def test_the_scan_finds_the_line_on_which_wheels_roll_more(direction, diameter):
+    cable = Bump(x=0.2, y=0.1, direction=direction, value=diameter)
+    slip = noisy(cable.slip(ROBOT, rolled()).rolling)
+    (found,) = (one.kinds[0] for one in bumps_of(ROBOT, [rolled()], [slip]))
+    away, turned = off(found, cable)
+    assert away < 0.005
+    assert turned < math.radians(0.5)
+    assert found.value == pytest.approx(diameter, rel=0.15)
+    assert found.length == 100.0
+
+
+def test_two_cables_are_two_candidates():
+    cables = Bump(x=0.2, y=0.1, direction=0.3, value=0.004), Bump(x=-0.2, y=-0.3, direction=1.8, value=0.004)
+    slip = noisy(sum(cable.slip(ROBOT, rolled()).rolling for cable in cables))
+    found = [one.kinds[0] for one in bumps_of(ROBOT, [rolled()], [slip])]
+    assert len(found) == 2
+    assert all(any(same_line(one, cable) for one in found) for cable in cables)
+
+
+def test_a_squarely_crossed_cable_costs_what_is_known_in_closed_form():
+    """The shape that lines are refined with, over whole crossings of all six wheels."""
+    from discrepancy.hypotheses.cables import _rolls_more
+
+    t, way = np.arange(121) * 0.05, np.linspace(-0.5, 0.7, 121)
+    pose = np.column_stack([way, 0 * way, 0 * way])
+    castor, wheel = np.zeros((121, 3)), np.tile(way[:, None] / 0.0381, 6)
+    motion = Motion(t, pose, wheel, castor)
+    steps = steps_of(ROBOT, [motion], [np.zeros((120, 6))])
+    for diameter in (0.002, 0.008):
+        more = _rolls_more(steps, 0.05, 0.0, math.pi / 2, diameter)
+        by_wheel = np.bincount(steps.track, more)
+        np.testing.assert_allclose(by_wheel, cable_extra_roll(0.0381, diameter), rtol=0.03)
+
+
+def test_jumps_of_single_channels_are_no_line():
+    random = np.random.default_rng(3)
+    slip = noisy(np.zeros((len(rolled().t) - 1, 6)))
+    slip[random.integers(len(slip), size=12), random.integers(6, size=12)] -= 2e-3
+    assert bumps_of(ROBOT, [rolled()], [slip]) == []
+
+
+def test_steps_that_are_not_known_do_not_count():
+    slip = noisy(CABLE.slip(ROBOT, rolled()).rolling)
+    shape = CABLE.slip(ROBOT, rolled()).rolling
+    assert bumps_of(ROBOT, [rolled()], [slip]) != []
+    assert bumps_of(ROBOT, [rolled()], [np.where(shape != 0, np.nan, slip)]) == []
+    assert bumps_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
+    assert patches_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
+
+
+def test_the_rectangle_in_which_wheels_slip_is_found():
+    patch = dataclasses.replace(PATCH, x=0.2, y=0.1)
+    inside = patch.inside(ROBOT, rolled())
+    assert inside.any()
+    random = np.random.default_rng(1)
+    slip = random.normal(size=inside.shape) * np.where(inside, 1e-3, 5e-5)
+    best = patches_of(ROBOT, [rolled()], [slip])[0].effect
+    assert overlap(best, patch) > 0.7
+
+
+def overlap(one, other):
+    """The common area of two patches as a part of what both cover together, on a fine grid."""
+    x, y = np.meshgrid(np.arange(-2.0, 2.0, 0.01), np.arange(-2.0, 2.0, 0.01))
+
+    def covered(patch):
+        c, s = math.cos(patch.angle), math.sin(patch.angle)
+        right, up = x + other.x - patch.x, y + other.y - patch.y
+        along, across = np.abs(c * right + s * up), np.abs(c * up - s * right)
+        return (along <= patch.length / 2) & (across <= patch.width / 2)
+
+    a, b = covered(one), covered(other)
+    return (a & b).sum() / (a | b).sum()
+
+
+def test_logs_of_an_even_floor_speak_for_no_line():
+    most = []
+    for seed in (1, 2, 3, 4):
+        log = driven(None, seed)
+        seen = evidence_of(ROBOT, [log], among=())
+        motion = Channels(ROBOT).motion(log, seen.state.states[0], agreeing=True)
+        assert bumps_of(ROBOT, [motion], seen.slips) == []
+        most.append(max(one.lasting for one in lines_of(steps_of(ROBOT, [motion], seen.slips))))
+    assert np.mean(most) < BUMP_GAIN / 2
+
+
+def test_logs_without_reference_poses_tell_no_place():
+    log = driven(CABLE, 1)
+    assert evidence_of(ROBOT, [log]).places != ()
+    blind = Log(log.t, log.wheel, log.pivot, log.command)
+    seen = evidence_of(ROBOT, [blind])
+    assert seen.places == ()
+    assert slippery_in(ROBOT, [blind], seen.state, seen.slips) is None
+
+
+def test_a_cable_is_named_with_its_place_and_borne_out_where_it_lies():
+    found = diagnose(ROBOT, [driven(CABLE, 1)], [driven(CABLE, 51)])
+    assert found.verdict == "named", found.reason
+    (cable,) = found.effects
+    assert isinstance(cable, Bump)
+    away, turned = off(cable, CABLE)
+    assert away < 0.03
+    assert turned < math.radians(3.0)
+    assert cable.value == pytest.approx(CABLE.value, rel=0.1)
+    before, after = (one.noise for one in found.held_out)
+    assert after.along < 0.3 * before.along
+    assert f"x {cable.x:.2f}, y {cable.y:.2f} m" in as_data(found, {"log": driven(CABLE, 1)})["findings"][0]["title"]
+
+
+def test_a_slippery_patch_is_named_where_it_lies():
+    found = diagnose(ROBOT, [driven(PATCH, 7)], [driven(PATCH, 8)])
+    assert found.verdict == "named", found.reason
+    (patch,) = found.effects
+    assert isinstance(patch, FrictionPatch)
+    assert overlap(patch, PATCH) > 0.3
+    (finding,) = found.findings
+    assert abs(patch.value - PATCH.value) < 2 * finding.error

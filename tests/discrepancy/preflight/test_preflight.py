@@ -1,0 +1,350 @@
+"""Gross mistakes, made on purpose in simulated and measured logs, and what the pre-flight says of them."""
+
+# pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false, reportOptionalOperand=false
+# pyright: reportAttributeAccessIssue=false
+
+import dataclasses
+import os
+from functools import cache, reduce
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from castor_envs.effects import (
+    EFFECTS,
+    CastorOrder,
+    EncoderReversed,
+    EncodersSwapped,
+    WheelRadius,
+    catalogue,
+    readings,
+)
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.importers.optiodom import find_sessions, read_session
+from castor_envs.logs.log import Log
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import wander
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.presets import preset
+from discrepancy.preflight import preflight
+from discrepancy.preflight.misfit import Misfits
+from discrepancy.preflight.reading import Channels
+from discrepancy.preflight.search import ALONE, BETTER_OF_MUCH, SEEN, search
+from discrepancy.trials.pymunk_generator import drive
+
+WIRING = ("encoders_swapped", "encoder_reversed", "castor_order")
+ASOC = preset("asoc-prototype")
+
+
+def wiring_of(robot):
+    return [effect for effect in catalogue(robot) if effect.name in WIRING]
+
+
+@cache
+def motion(robot, duration=24.0):
+    """Perfect rolling at random; where fixed wheels stand on the x axis' line, without going sideways."""
+    path = wander(np.random.default_rng(4), duration=duration)
+    if any(castor.steering == "fixed" and castor.wheels[0].grip == "standard" for castor in robot.castors):
+        runs = [
+            dataclasses.replace(
+                run, legs=tuple(dataclasses.replace(leg, motion=np.array(leg.motion) * [1, 0, 1]) for leg in run.legs)
+            )
+            for run in path.runs
+        ]
+        path = dataclasses.replace(path, runs=tuple(runs))
+    return roll(robot, path)
+
+
+def log_of(robot, *effects, poses=True):
+    """The log of a robot that was moved by hand: effects are in its readings alone."""
+    real = robot.with_effects(*effects)
+    true = real.as_built()
+    rolled = motion(true)
+    wheel, castor = readings(real, rolled.t, rolled.wheel_angle, rolled.castor_angle)
+    encoders = Encoders(Geometry.of(true), np.full(len(robot.driven_wheels), 0.4))
+    reference = rolled.pose + np.random.default_rng(5).normal(size=rolled.pose.shape) * 1e-3
+    reference[np.arange(len(reference)) % 10 > 0] = np.nan
+    return Log(rolled.t, encoders.wheel(wheel), encoders.pivot(castor), reference=reference if poses else None)
+
+
+def only(found):
+    """The one mistake that was found."""
+    assert len(found.mistakes) == 1, found
+    return found.mistakes[0]
+
+
+@pytest.mark.parametrize("name", ["asoc-prototype", "2-castor", "powered-caster", "tricycle", "omni3"])
+def test_a_reading_undoes_the_effects_that_made_it(name):
+    """Whatever two effects of wiring do to a log, a log that is read so contradicts nothing: the effects' own code
+    made the log, the constraints judge it."""
+    robot = preset(name)
+    channels, random = Channels(robot), np.random.default_rng(6)
+    effects = wiring_of(robot)
+    assert effects
+    for _ in range(6):
+        made = [effects[k] for k in random.integers(len(effects), size=2)]
+        misfits = Misfits(robot, [log_of(robot, *made)])
+        assert misfits.of(reduce(channels.read, made, channels.nominal())).total < SEEN / 4, made
+
+
+@pytest.mark.parametrize("poses", [True, False], ids=["reference", "no-reference"])
+@pytest.mark.parametrize("effect", wiring_of(ASOC), ids=lambda one: "-".join(map(str, dataclasses.astuple(one))))
+def test_wrong_wiring_is_named(effect, poses):
+    found = preflight(ASOC, [log_of(ASOC, effect, poses=poses)])
+    mistake = only(found)
+    assert mistake.effects == found.effects == (effect,)
+    assert mistake.rivals == ()
+    assert not found.fatal
+    assert any("scale cannot be seen" in remark for remark in found.remarks) is not poses
+
+
+@pytest.mark.parametrize("kind", sorted(set(EFFECTS) - set(WIRING)))
+def test_small_effects_are_no_mistakes(kind):
+    """Ten steps are a percent, 10 mrad, 10 ms, a millimetre."""
+    for effect in EFFECTS[kind].variants(ASOC)[:1]:
+        value = effect.value if kind == "lost_remainders" else 10 * effect.value
+        real = dataclasses.replace(effect, value=value)
+        found = preflight(ASOC, [log_of(ASOC, real)])
+        assert found.mistakes == ()
+        assert found.remarks == ()
+
+
+@pytest.mark.parametrize("name", ["asoc-prototype", "omnimate", "differential", "tricycle", "swerve", "omni3"])
+def test_a_robot_in_good_order_has_no_mistake(name):
+    found = preflight(preset(name), [log_of(preset(name))])
+    assert found.mistakes == ()
+    assert found.remarks == ()
+
+
+def test_castors_shifted_around_are_put_in_order():
+    effects = (CastorOrder(castor=1, other=2), CastorOrder(castor=2, other=3))
+    log = log_of(ASOC, *effects)
+    mistake = only(preflight(ASOC, [log]))
+    assert "order" in mistake.what
+    channels = Channels(ASOC)
+    named, made = (reduce(channels.read, some, channels.nominal()) for some in (mistake.effects, effects))
+    assert named == made
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (EncodersSwapped(castor=1), EncoderReversed(castor=3, wheel=2)),
+        (EncoderReversed(castor=1), EncodersSwapped(castor=2)),
+        (EncoderReversed(castor=2, wheel=1), EncoderReversed(castor=3)),
+    ],
+)
+def test_two_mistakes_at_once_are_both_named(effects):
+    found = preflight(ASOC, [log_of(ASOC, *effects)])
+    assert set(found.effects) == set(effects)
+    assert [mistake.rivals for mistake in found.mistakes] == [(), ()]
+
+
+def counted(log, wheels, factor):
+    wheel = log.wheel.copy()
+    wheel[:, wheels] = np.round(factor * wheel[:, wheels])
+    return dataclasses.replace(log, wheel=wheel)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "factor", "said"),
+    [
+        ([3], 4.0, "counts of wheel_2r are 4 times"),
+        ([4, 5], 0.5, "counts of the wheels of castor 3 are 0.5 times"),
+        (slice(None), 10.0, "counts of all wheels are 10 times"),
+        (slice(None), 360 / 1200, "wheels are given in degrees"),
+    ],
+)
+@pytest.mark.parametrize("poses", [True, False], ids=["reference", "no-reference"])
+def test_counts_a_turn_that_are_wrong_by_a_factor_are_named(wheels, factor, said, poses):
+    """Without reference too: how far castors trail gives the scale."""
+    mistake = only(preflight(ASOC, [counted(log_of(ASOC, poses=poses), wheels, factor)]))
+    assert said in mistake.what
+
+
+@pytest.mark.parametrize(("turn", "unit"), [(360.0, "degrees"), (2 * np.pi, "radians")])
+def test_pivots_in_other_units_than_counts_are_named(turn, unit):
+    log = log_of(ASOC)
+    found = preflight(ASOC, [dataclasses.replace(log, pivot=log.pivot * turn / 5143)])
+    assert f"pivots are given in {unit}" in only(found).what
+    assert found.fatal
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ((1000, 1000, 1), "ref_x and ref_y are in millimetres"),
+        ((1, 1, 180 / np.pi), "ref_psi is in degrees"),
+        ((1000, 1000, 180 / np.pi), "millimetres and degrees"),
+        ((1, 1, -1), "ref_psi runs clockwise"),
+        ((1, -1, -1), "the reference is seen in a mirror"),
+    ],
+)
+@pytest.mark.parametrize("name", ["asoc-prototype", "differential"])
+def test_a_reference_in_other_units_or_senses_is_named(name, change, said):
+    robot = preset(name)
+    log = log_of(robot)
+    found = preflight(robot, [dataclasses.replace(log, reference=log.reference * change)])
+    mistake = only(found)
+    assert any(said in one for one in (mistake.what, *mistake.rivals))
+    if robot is ASOC:
+        assert said in mistake.what
+
+
+def test_what_two_wheels_cannot_tell_apart_is_told():
+    """Left for right, and left for right in the reference: the same log, for a robot with two wheels."""
+    robot = preset("differential")
+    mistake = only(preflight(robot, [log_of(robot, EncodersSwapped(castor=1))]))
+    assert mistake.effects == (EncodersSwapped(castor=1),)
+    assert any("mirror" in rival for rival in mistake.rivals)
+    blind = preflight(robot, [log_of(robot, EncodersSwapped(castor=1), poses=False)])
+    assert blind.mistakes == ()
+    assert any("too few encoders and reference poses" in remark for remark in blind.remarks)
+
+
+def test_a_wheel_reversed_on_the_spot_is_a_fork_turned_around():
+    robot = preset("swerve")
+    mistake = only(preflight(robot, [log_of(robot, EncoderReversed(castor=3, wheel=1))]))
+    assert mistake.effects == (EncoderReversed(castor=3, wheel=1),)
+    assert mistake.rivals == ("pivot_3 reads half a turn too much",)
+
+
+def test_a_reference_that_is_turned_is_told_with_its_angle():
+    log = log_of(ASOC)
+    found = preflight(ASOC, [dataclasses.replace(log, reference=log.reference + np.array([0, 0, np.pi / 2]))])
+    assert "points 90 degrees to the left" in only(found).what
+
+
+def test_robots_that_were_steered_by_wrong_readings_slide_and_are_understood():
+    for effect in (EncoderReversed(castor=2), CastorOrder(castor=1, other=3)):
+        motion = wander(np.random.default_rng([1, 1]), duration=30.0)
+        log = drive(ASOC.with_effects(effect), motion, 1, duration=30.0)
+        assert only(preflight(ASOC, [log])).effects == (effect,)
+
+
+def test_a_mistake_that_stands_out_alone_is_told_though_wheels_slide_at_every_turn():
+    """It leaves over a quarter of what contradicts the robot; any other leaves nearly all."""
+    effect = CastorOrder(castor=1, other=2)
+    log = log_of(ASOC, effect)
+    step = np.abs(np.diff(log.wheel, axis=0)).mean()
+    slip = np.random.default_rng(1).normal(scale=0.45 * step, size=log.wheel.shape)
+    sliding = dataclasses.replace(log, wheel=np.round(log.wheel + np.cumsum(slip, axis=0)))
+    found = search(ASOC, Misfits(ASOC, [sliding]))
+    assert [one.effects for one in found.best.mistakes] == [(effect,)]
+    assert found.nominal.left / BETTER_OF_MUCH < found.best.left < found.nominal.left / ALONE
+
+
+def test_what_cannot_be_mended_is_told_and_not_named():
+    """Two wheels that turn at will."""
+    log = log_of(ASOC)
+    wheel = log.wheel.copy()
+    wheel[:, 1:3] = np.round(np.cumsum(np.random.default_rng(1).normal(size=(len(log), 2)) * 40, axis=0))
+    found = preflight(ASOC, [dataclasses.replace(log, wheel=wheel)])
+    assert found.mistakes == ()
+    assert any("no swap, sign, factor or unit explains it" in remark for remark in found.remarks)
+
+
+def test_a_channel_that_stands_still_though_it_must_not_is_a_mistake():
+    log = log_of(ASOC)
+    for part, column, name in (("wheel", 2, "wheel_2l"), ("pivot", 1, "pivot_2")):
+        counts = getattr(log, part).copy()
+        counts[:, column] = 7.0
+        found = preflight(ASOC, [dataclasses.replace(log, **{part: counts})])
+        assert only(found).what.startswith(f"{name} never changes, although")
+        assert found.fatal
+
+
+def test_a_counter_that_wraps_is_told_with_its_size_and_place():
+    log = log_of(ASOC)
+    wheel = log.wheel.copy()
+    wheel[:, 3] = np.mod(wheel[:, 3], 1024)
+    found = preflight(ASOC, [dataclasses.replace(log, wheel=wheel)], ["a.csv"])
+    first = int(np.flatnonzero(np.abs(np.diff(wheel[:, 3])) > 512)[0]) + 2
+    assert only(found).what.startswith("a.csv: wheel_2r wraps at 1024 (10 bits)")
+    assert f"first in row {first} " in only(found).what
+
+
+def test_times_in_milliseconds_are_a_mistake():
+    log = log_of(ASOC)
+    found = preflight(ASOC, [dataclasses.replace(log, t=1000 * log.t)])
+    assert "t is in milliseconds" in only(found).what
+
+
+def test_numbers_that_are_none_are_named():
+    log = log_of(ASOC)
+    wheel = log.wheel.copy()
+    wheel[7, 2] = np.nan
+    found = preflight(ASOC, [dataclasses.replace(log, wheel=wheel)])
+    assert "column 'wheel_2l', row 8: nan" in only(found).what
+
+
+def test_gaps_dropouts_and_jumps_are_remarks_with_their_rows():
+    log = log_of(ASOC)
+    keep = np.r_[0:200, 230 : len(log)]
+    parts = {name: getattr(log, name)[keep] for name in ("t", "wheel", "pivot", "reference")}
+    parts["reference"][300:] += [0.5, 0, 0]
+    parts["reference"][30:80] = np.nan
+    wheel = parts["wheel"]
+    wheel[120:, 4] += 700
+    found = preflight(ASOC, [Log(**parts)])
+    assert found.mistakes == ()
+    told = "\n".join(found.remarks)
+    assert "1 gap between samples: 1.55 s after row 200" in told
+    assert "the reference drops out 2 times: 3 s after row 21" in told
+    assert "wheel_3l jumps once, faster than the robot can" in told
+    assert "in row 121 " in told
+    assert "the reference jumps" in told
+
+
+@pytest.mark.parametrize("rows", [2, 3, 9, 40])
+def test_short_and_still_logs_are_told_and_nothing_is_named(rows):
+    log = log_of(ASOC)
+    short = Log(*(getattr(log, name)[:rows] for name in ("t", "wheel", "pivot")))
+    still = dataclasses.replace(log, wheel=log.wheel * 0, pivot=log.pivot * 0)
+    for one, said in ((short, "little can be seen"), (still, "nothing moves")):
+        found = preflight(ASOC, [one])
+        assert found.mistakes == ()
+        assert any(said in remark for remark in found.remarks)
+
+
+def test_large_but_plain_errors_of_dimensions_are_not_taken_for_mistakes():
+    for value in (-0.2, 0.05):
+        found = preflight(ASOC, [log_of(ASOC, WheelRadius(castor=2, wheel=1, value=value))])
+        assert found.mistakes == ()
+
+
+def measured():
+    root = Path(os.environ.get("CASTOR_DATA", ""))
+    if not os.environ.get("CASTOR_DATA") or not (root / "optiodom").is_dir():
+        pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/")
+    return [read_session(folder) for folder in find_sessions(root).values()]
+
+
+def test_measured_logs_hold_no_mistake():
+    for session in measured():
+        for runs in (session.runs, session.runs[:1]):
+            assert preflight(session.robot, runs).mistakes == (), session.name
+
+
+def test_mistakes_made_in_measured_logs_are_found():
+    """Columns exchanged or reversed; on robots without redundancy others may explain it as well."""
+    kinds = {session.type: session for session in measured()}
+    for session in kinds.values():
+        for effect in wiring_of(session.robot):
+            wrong = []
+            for run in session.runs:
+                wheel, pivot = run.wheel.copy(), run.pivot.copy()
+                match effect:
+                    case EncodersSwapped():
+                        wheel = wheel[:, ::-1]
+                    case EncoderReversed(wheel=None):
+                        pivot = -pivot
+                    case EncoderReversed():
+                        wheel[:, list(Channels(session.robot).of_castor(effect.castor))[effect.wheel - 1]] *= -1
+                    case _:
+                        a, b = effect.castor - 1, effect.other - 1
+                        wheel[:, [a, b]] = wheel[:, [b, a]]
+                wrong.append(dataclasses.replace(run, wheel=wheel, pivot=pivot))
+            found = preflight(session.robot, wrong)
+            assert found.effects == (effect,) or found.mistakes[0].rivals, (session.name, effect, found)

@@ -1,0 +1,59 @@
+"""The train finder on physics: wheels held at speeds that disagree, and several logs together."""
+
+import dataclasses
+
+import pytest
+
+from castor_envs.effects import WheelRadius
+from castor_envs.effects.train import GaugeGain
+from castor_envs.vehicles.train_presets import cfmmr
+from discrepancy.trains.diagnosis import diagnose_train
+from discrepancy.trains.report import as_data, as_lines
+from discrepancy.trains.trial.simulate import log_at_random
+
+TRAIN = cfmmr(2)
+
+
+def only(found):
+    """The one effect that is named, its value and standard error."""
+    assert found.verdict == "named", found.reason
+    (one,) = found.findings
+    assert one.placed is not None
+    assert one.error is not None
+    return one.placed, one.placed.value, one.error
+
+
+@pytest.mark.parametrize("seed", [11, 12, 15])
+def test_wheels_held_at_speeds_that_disagree_are_no_effect(seed):
+    """Here frames pull at their axles with 10 N and more, which slip a third of a per cent."""
+    found = diagnose_train(TRAIN, [log_at_random(TRAIN, seed, 6.0, "servo")])
+    assert (found.verdict, found.findings) == ("no discrepancy", ())
+
+
+def test_an_effect_is_named_though_wheels_are_held_at_speed():
+    modules = (TRAIN.modules[0], TRAIN.modules[1].with_effects(WheelRadius(castor=1, wheel=2, value=0.01)))
+    found = diagnose_train(TRAIN, [log_at_random(dataclasses.replace(TRAIN, modules=modules), 3, 5.0, "servo")])
+    placed, value, error = only(found)
+    assert (placed.effect.name, placed.axle) == ("wheel_radius", 2)
+    assert abs(value - 0.01) < 3 * error < 0.003
+
+
+def test_axles_that_slide_are_told():
+    """A gain of 40 % sets the driver's axles so much against each other that they slide."""
+    train = TRAIN.with_effects(GaugeGain(frame=1, value=0.4))
+    found = diagnose_train(TRAIN, [log_at_random(train, 5, 4.0, "servo")])
+    assert 0 < found.sliding < 1
+    assert as_data(found, ["a.csv"])["slip"]["may_slide"] == found.sliding
+    assert "some may slide" in "\n".join(as_lines(found, ["a.csv"]))
+
+
+def test_several_logs_are_fitted_together():
+    """What a train has is the same in all of them, and known as well as two independent measurements make it."""
+    train = TRAIN.with_effects(GaugeGain(frame=1, value=0.1))
+    logs = [log_at_random(train, seed, 4.0) for seed in (1, 2)]
+    one, other, both = (only(diagnose_train(TRAIN, some)) for some in (logs[:1], logs[1:], logs))
+    assert {own[0].effect for own in (one, other, both)} == {
+        GaugeGain(frame=1, value=own[1]) for own in (one, other, both)
+    }
+    assert both[2] == pytest.approx((one[2] ** -2 + other[2] ** -2) ** -0.5, rel=0.15)
+    assert abs(both[1] - 0.1) < 3 * both[2]

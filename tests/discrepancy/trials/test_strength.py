@@ -1,0 +1,208 @@
+"""z: closed forms, invariances, and that whitening makes declared noise white."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from castor_envs.effects import (
+    ClockOffset,
+    LoadRadius,
+    ReferenceLeverX,
+    ReferenceYaw,
+    SampleJitter,
+    WheelEccentricity,
+    catalogue,
+)
+from castor_envs.geometry.kinematics import Geometry, constraint_matrix
+from castor_envs.logs.log import Log
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.trials.generators import generator
+from discrepancy.trials.noise import EXACT
+from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.strength.residuals import Layout, rolling
+from discrepancy.trials.strength.separation import Yardstick, apart, class_of, gaussian_strength, is_physical, without
+from discrepancy.trials.strength.whitening import Declared
+
+ASOC = preset("asoc-prototype")
+SPEED = 0.2
+
+
+def straight(robot, seconds, radii):
+    """The exact log of a robot whose wheels of radii (w,) roll straight along x at SPEED, castors at 0."""
+    t = robot.sample_period * np.arange(round(seconds / robot.sample_period) + 1)
+    per_rev = np.array([wheel.counts_per_rev for wheel in robot.wheels])
+    wheel = SPEED * t[:, None] / np.asarray(radii) * per_rev / (2 * math.pi)
+    pose = np.column_stack([SPEED * t, 0 * t, 0 * t])
+    return Log(t, wheel, np.zeros((len(t), len(robot.pivot_encoders))), reference=pose)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return drive(ASOC, wander(np.random.default_rng(3), duration=20), 3, duration=20.0, rounded=False, noise=EXACT)
+
+
+@pytest.fixture(scope="module")
+def yard(run):
+    return Yardstick(ASOC, run)
+
+
+def test_all_radii_wrong_on_a_straight_drive_as_the_closed_form():
+    # J steps, each too long by a, and poses alone noisy: covariance sigma^2 tridiag(-1, 2, -1), whose inverse sums up
+    # to J (J + 1) (J + 2) / (12 sigma^2). A log that begins at speed has one step more, which the clock's offset takes.
+    robot, sigma, part = preset("differential"), 1e-3, 0.002
+    radii = np.array([wheel.radius for wheel in robot.wheels])
+    yard = Yardstick(robot, straight(robot, 10.0, radii), Declared(counts=1e-12, slip=1e-12, position=sigma))
+    a, steps = SPEED * (1 - 1 / (1 + part)), 10 - 1
+    z = np.linalg.norm(yard.signal(straight(robot, 10.0, radii * (1 + part))))
+    assert z == pytest.approx(a / sigma * math.sqrt(steps * (steps + 1) * (steps + 2) / 12), rel=1e-4)
+
+
+def test_one_radius_wrong_under_slip_alone_as_the_closed_form():
+    # Rolled straight, every row slips by the same variance, so parity is white: z^2 = windows (part distance)^2
+    # (1 - leverage of the row) / (slip^2 distance).
+    part, slip, declared = 1e-4, 3e-5, Declared(counts=1e-12, position=1e6, heading=1e6)
+    radii = np.array([wheel.radius for wheel in ASOC.wheels])
+    yard = Yardstick(ASOC, straight(ASOC, 10.0, radii), declared)
+    wrong = radii * np.array([1, 1 + part, 1, 1, 1, 1])
+    z = np.linalg.norm(yard.signal(straight(ASOC, 10.0, wrong)))
+    a = constraint_matrix(Geometry.of(ASOC), np.zeros(3))[0][[0, 1, 2, 3, 4, 5, 6, 8, 10]]
+    leverage = (a @ np.linalg.solve(a.T @ a, a.T))[1, 1]
+    distance = SPEED * 0.1
+    assert z == pytest.approx(part / slip * math.sqrt(100 * distance * (1 - leverage)), rel=1e-3)
+
+
+def test_rolling_is_that_of_the_kinematics():
+    for name in ("asoc-prototype", "tricycle", "omni3", "powered-caster"):
+        geometry = Geometry.of(preset(name))
+        layout = Layout(geometry, 100, 0.05)
+        theta = np.random.default_rng(1).uniform(-3, 3, (5, geometry.n_castors))
+        theta = np.where(geometry.fixed, geometry.angle, theta)
+        a, b = constraint_matrix(geometry, theta)
+        first = len(geometry.radius) + np.searchsorted(geometry.wheel_castor, layout.castors)
+        own = np.concatenate([layout.wheels, first])
+        rows, by_turn, _ = rolling(geometry, layout, theta)
+        np.testing.assert_allclose(rows, a[:, own], atol=1e-12)
+        turned = np.random.default_rng(2).normal(size=geometry.n_castors)
+        np.testing.assert_allclose(by_turn @ turned, b[0, own] * turned[layout.row_castor], atol=1e-12)
+
+
+def test_declared_noise_becomes_white(run):
+    yard, random, squares = Yardstick(ASOC, run, Declared(slip=1e-9)), np.random.default_rng(5), []
+    size = len(yard.signal(run))
+    assert run.reference is not None
+    for _ in range(4):
+        noisy = dataclasses.replace(
+            run,
+            wheel=run.wheel + random.uniform(-0.5, 0.5, run.wheel.shape),
+            pivot=run.pivot + random.uniform(-0.5, 0.5, run.pivot.shape),
+            reference=run.reference + random.normal(size=run.reference.shape) * 1e-3,
+        )
+        signal = yard.signal(noisy)
+        squares.append(signal @ signal / (size - 4))
+    assert np.mean(squares) == pytest.approx(1.0, abs=5 * math.sqrt(2 / (4 * size)))
+
+
+def test_start_pose_does_not_matter(run, yard):
+    assert run.reference is not None
+    c, s = math.cos(0.7), math.sin(0.7)
+    x, y, psi = run.reference.T
+    moved = dataclasses.replace(run, reference=np.column_stack([c * x - s * y + 2, s * x + c * y - 1, psi + 0.7]))
+    assert np.linalg.norm(yard.signal(moved)) < 1e-6
+    effect = WheelEccentricity(castor=1, wheel=2, value=0.002)
+    before, after = (Yardstick(ASOC, log).signature(effect) for log in (run, moved))
+    assert np.linalg.norm(after) == pytest.approx(np.linalg.norm(before), rel=1e-6)
+
+
+@pytest.mark.parametrize("effect", [ReferenceLeverX(value=1e-3), ReferenceYaw(value=1e-3), ClockOffset(value=-1e-3)])
+def test_what_is_fitted_anyway_has_no_strength(yard, effect):
+    raw = yard._whitening.whitened(yard._of(yard.read(effect)) - yard._own)
+    assert np.linalg.norm(raw) > 0.5
+    assert np.linalg.norm(yard.signal(yard.read(effect))) < 0.02 * np.linalg.norm(raw)
+
+
+def test_twice_the_size_is_twice_the_strength(yard):
+    one, two = (WheelEccentricity(castor=1, wheel=1, value=value) for value in (1e-3, 2e-3))
+    assert np.linalg.norm(yard.signal(yard.read(two))) == pytest.approx(2 * np.linalg.norm(yard.signal(yard.read(one))))
+
+
+def test_dimensions_look_like_their_signatures_where_contact_is_stiff():
+    # Of a differential robot nothing fights anything: physics make what kinematics say.
+    robot, motion = preset("differential"), wander(np.random.default_rng(2), duration=20, holonomic=False)
+    nominal = drive(robot, motion, 1, duration=20.0, rounded=False, noise=EXACT)
+    yard, effect = Yardstick(robot, nominal), next(one for one in catalogue(robot) if one.name == "wheel_radius")
+    real = drive(robot.with_effects(effect), motion, 1, duration=20.0, rounded=False, noise=EXACT)
+    made, expected = yard.signal(real), yard.signature(effect) * effect.value
+    assert np.linalg.norm(made - expected) < 0.05 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("name", ["pymunk", "mujoco"])
+def test_soft_tyres_look_like_their_signature(name):
+    """Wheels that disagree creep, which hides a part of it; what is left has its shape."""
+    pytest.importorskip(name)
+    effect, motion, make = LoadRadius(value=1e-6), wander(np.random.default_rng(2), duration=20), generator(name).drive
+    nominal, real = (
+        make(robot, motion, 1, duration=20.0, rounded=False, noise=EXACT) for robot in (ASOC, ASOC.with_effects(effect))
+    )
+    yard = Yardstick(ASOC, nominal)
+    made, expected = yard.signal(real), yard.signature(effect) * effect.value
+    assert made @ expected > 0.9 * np.linalg.norm(made) * np.linalg.norm(expected)
+    assert 0.5 < made @ expected / (expected @ expected) < 1.2
+
+
+def test_projections(yard):
+    random = np.random.default_rng(1)
+    a, b = random.normal(size=(2, 50))
+    left = without(a, b)
+    assert left @ b == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(without(left, b), left)
+    np.testing.assert_allclose(without(a, b, 2 * b, np.zeros(50)), left)
+    sine = math.sqrt(1 - (a @ b) ** 2 / (a @ a) / (b @ b))
+    assert apart([a, b]) == pytest.approx([np.linalg.norm(a) * sine, np.linalg.norm(b) * sine])
+
+
+def test_separation_is_from_other_classes(yard):
+    effect = WheelEccentricity(castor=1, wheel=1, value=1e-3, phase=0.4)
+    signal = yard.signal(yard.read(effect))
+    far, nearest = yard.separation(signal, class_of(effect))
+    assert 0 < far <= np.linalg.norm(signal)
+    assert nearest != class_of(effect)
+    assert yard.separation(signal, "")[1] == class_of(effect)  # any phase is in the span of both
+    assert yard.cosine(signal)[0] == pytest.approx(1.0, abs=1e-6)
+    assert yard.separation(signal, class_of(effect), signal)[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_strength_of_a_wider_gaussian(yard):
+    # KL(N(0, v) || N(0, 1)) = (v - 1 - log v) / 2
+    assert gaussian_strength(np.array([1.5])) == pytest.approx(math.sqrt(1.5 - math.log(2.5)))
+    assert yard.jitter_strength(0.0) == 0.0
+    ratio = yard.jitter_strength(2e-5) / yard.jitter_strength(1e-5)
+    assert ratio == pytest.approx(4.0, rel=1e-2)  # variances count, where there is little
+
+
+def test_jitter_adds_the_variance_that_it_is_said_to_add(yard):
+    sigma, draws, squares = 2e-4, 40, []
+    for seed in range(draws):
+        signal = yard.signal(yard.read(SampleJitter(value=sigma, seed=seed)))
+        squares.append(signal @ signal)
+    added = sigma**2 * yard.jitter
+    spread = math.sqrt(2 * np.sum(added**2) / draws)  # of a sum of squares of Gaussians
+    assert np.mean(squares) == pytest.approx(added.sum(), abs=4 * spread)
+    assert 4 * spread < 0.9 * added.sum()
+
+
+def test_classes_are_those_of_the_finder():
+    ours, theirs = {}, {}
+    for k, effect in enumerate(catalogue(ASOC)):
+        ours.setdefault(class_of(effect), []).append(k)
+        theirs.setdefault(Candidate("", (effect,)).family, []).append(k)
+    assert sorted(ours.values()) == sorted(theirs.values())
+
+
+def test_what_moves_the_robot():
+    still = {effect.name for effect in catalogue(ASOC) if not is_physical(ASOC, effect)}
+    assert {"pivot_bias", "counts_per_rev", "encoder_latency", "clock_skew", "tick_loss"} <= still
+    assert not still & {"wheel_radius", "track", "pivot_offset", "pivot_position_x", "slip_stiffness", "floor_slope"}

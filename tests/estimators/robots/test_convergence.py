@@ -1,0 +1,176 @@
+"""With exact encoders, estimates converge to the true pose as samples come faster, at the order theory gives."""
+
+import numpy as np
+import pytest
+
+from castor_envs.vehicles.presets import differential, preset
+from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
+from estimators import CAST, IPEC, CASTArc, DeadReckoning
+
+
+def order(estimator, motion, drive):
+    """Return the order of convergence of the end pose in position and heading, from 200, 400 and 800 steps."""
+    errors = []
+    for steps in (200, 400, 800):
+        true, observations = motion.sampled(steps)
+        error = drive(estimator, motion.robot, observations, true[0])[-1] - true[-1]
+        errors.append([np.hypot(*error[:2]), abs(error[2])])
+    (coarse, middle, fine) = np.maximum(errors, 1e-13)
+    assert np.all(fine < 0.01)
+    return np.log2(middle / fine), np.log2(coarse / middle)
+
+
+@pytest.fixture(scope="module", name="motions")
+def _motions():
+    return {}
+
+
+@pytest.fixture(name="motion_of")
+def _motion_of(motions, odd_robot, exact_motion, winding):
+    def motion_of(centred):
+        if centred not in motions:
+            motions[centred] = exact_motion(odd_robot(3, centred), winding, 4.0, pose=(1.0, -2.0, 0.5))
+        return motions[centred]
+
+    return motion_of
+
+
+@pytest.mark.parametrize(
+    ("estimator", "centred"),
+    [
+        (DeadReckoning(1), False),
+        (DeadReckoning(3), False),
+        (IPEC(1), False),
+        (IPEC(2), False),
+        (CAST(0), True),
+        (CASTArc(0), False),
+        (CASTArc(3), False),
+        (CASTArc(0, step="midpoint"), True),
+        (CAST(0, step="midpoint"), True),
+    ],
+    ids=lambda value: f"{type(value).__name__}-{vars(value)}" if hasattr(value, "step") else "",
+)
+def test_second_order(estimator, centred, motion_of, drive):
+    for slopes in order(estimator, motion_of(centred), drive):
+        np.testing.assert_allclose(slopes[0], 2.0, atol=0.25)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "centred"),
+    [
+        (CAST(0), False),
+        (CAST(1), True),
+        (CAST(0, step="euler"), True),
+        (CASTArc(0, step="euler"), True),
+        (IPEC(1, step="euler"), True),
+        (DeadReckoning(2, step="euler"), True),
+    ],
+    ids=lambda value: f"{type(value).__name__}-{vars(value)}" if hasattr(value, "step") else "",
+)
+def test_first_order(estimator, centred, motion_of, drive):
+    """A body origin off the centroid of the pivots costs CAST an order (its small angle); so does Euler's step."""
+    for slopes in order(estimator, motion_of(centred), drive):
+        np.testing.assert_allclose(slopes[0], 1.0, atol=0.25)
+
+
+def test_heading_of_a_single_castor_is_exact_at_any_period(odd_robot, exact_motion, winding, drive):
+    """It is a sum of changes that the encoders give exactly."""
+    motion = exact_motion(odd_robot(3), winding, 10.0)
+    true, observations = motion.sampled(40)
+    np.testing.assert_allclose(drive(DeadReckoning(2), motion.robot, observations)[:, 2], true[:, 2], atol=1e-9)
+
+
+def steady(robot, twist):
+    """Return the angles of castors that have long trailed at a constant twist: their sideways speed is omega offset."""
+    angles = []
+    for castor in robot.castors:
+        u = complex(twist[0], twist[1]) + 1j * twist[2] * complex(*castor.pivot)
+        angles.append(np.angle(u) - np.arcsin(twist[2] * castor.offset / abs(u)))
+    return angles
+
+
+@pytest.mark.parametrize("twist", [(0.3, 0.0, 0.0), (0.3, -0.2, 0.8), (0.0, 0.25, -1.0), (-0.4, 0.1, 0.5)])
+@pytest.mark.parametrize("estimator", [CASTArc(), CASTArc(2), IPEC(3), DeadReckoning(1)])
+def test_constant_twist_in_steady_trailing_is_followed_exactly(twist, estimator, odd_robot, exact_motion, drive):
+    """All pivots then run on circles at constant rates: no matter that the body turns half a radian a sample."""
+    robot = odd_robot(3, centred=False)
+    motion = exact_motion(robot, lambda t: twist, 5.0, theta=steady(robot, twist), pose=(1.0, 1.0, 1.0))
+    true, observations = motion.sampled(10)
+    np.testing.assert_allclose(drive(estimator, robot, observations, true[0]), true, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.02, 0.3, 0.9])
+def test_small_angle_assumption_makes_cast_turn_by_the_sine(turn, exact_motion, drive):
+    """sum q x (Rot(turn) q - q) / sum q^2 = sin(turn): what eqs. 13-14 leave out, and all they leave out, in psi."""
+    robot = preset("asoc-prototype")
+    twist = (0.3, 0.1, turn)
+    motion = exact_motion(robot, lambda t: twist, 1.0, theta=steady(robot, twist))
+    true, observations = motion.sampled(1)
+    estimate = drive(CAST(), robot, observations)[-1]
+    np.testing.assert_allclose(estimate[2], np.sin(turn), atol=1e-9)
+    np.testing.assert_allclose(estimate[:2], true[-1, :2], atol=1e-9)
+
+
+@pytest.mark.parametrize("estimator", [DeadReckoning(), IPEC(1), CAST(), CASTArc()])
+def test_heading_is_unwrapped_over_many_turns(estimator, exact_motion, drive):
+    robot = preset("asoc-prototype")
+    motion = exact_motion(robot, lambda t: (0.2, 0.1, 2.0), 20.0)
+    true, observations = motion.sampled(2000)
+    estimate = drive(estimator, robot, observations, (0.0, 0.0, 3.0))
+    np.testing.assert_allclose(estimate[:, 2], true[:, 2] + 3.0, atol=5e-3)
+
+
+def test_differential_drive_with_its_axle_behind_and_askew_converges(exact_motion, drive):
+    """A fixed castor anywhere: dead reckoning reports the body's origin, not the axle's middle."""
+    angle, offset = 0.4, 0.1
+    pivot = complex(0.2, -0.3)
+    castor = Castor(
+        pivot=(pivot.real, pivot.imag),
+        steering="fixed",
+        angle=angle,
+        offset=offset,
+        wheels=(Wheel(lateral=0.2, radius=0.05), Wheel(lateral=-0.15, radius=0.06)),
+    )
+    robot = RobotDescription(name="askew", castors=(castor,))
+    foot = pivot - offset * np.exp(1j * angle)
+
+    def twist(t):
+        omega = 0.8 * np.sin(t)
+        velocity = (0.3 + 0.1 * np.cos(t)) * np.exp(1j * angle) - 1j * omega * foot
+        return velocity.real, velocity.imag, omega
+
+    motion = exact_motion(robot, twist, 4.0)
+    for slopes in order(DeadReckoning(), motion, drive):
+        np.testing.assert_allclose(slopes[0], 2.0, atol=0.25)
+
+
+def test_dead_reckoning_of_a_differential_drive_is_the_textbook_arc(noise, drive):
+    """Centre of the wheels on a circle of radius (s_l + s_r) / 2 / turn about a point on the axle's line."""
+    robot = differential(radius=0.1, track=0.4, counts_per_rev=1000.0)
+    observations = noise(robot, steps=50, counts=200)
+    x, y, psi = 0.3, 0.4, 0.5
+    expected = []
+    for observation in observations:
+        left, right = observation["wheel"] / 1000.0 * 2 * np.pi * 0.1
+        turn, ahead = (right - left) / 0.4, (right + left) / 2
+        if turn == 0:
+            x, y = x + ahead * np.cos(psi), y + ahead * np.sin(psi)
+        else:
+            radius = ahead / turn
+            x += radius * (np.sin(psi + turn) - np.sin(psi))
+            y -= radius * (np.cos(psi + turn) - np.cos(psi))
+        psi += turn
+        expected.append((x, y, psi))
+    np.testing.assert_allclose(drive(DeadReckoning(), robot, observations, (0.3, 0.4, 0.5)), expected, atol=1e-10)
+
+
+@pytest.mark.parametrize(("step", "at"), [("midpoint", 0.5), ("euler", 1.0)])
+def test_straight_steps_go_along_the_heading_they_are_named_for(step, at, noise, drive):
+    robot = differential(radius=0.1, track=0.4, counts_per_rev=1000.0)
+    observations = noise(robot, steps=2, counts=200)
+    left, right = observations[1]["wheel"] / 1000.0 * 2 * np.pi * 0.1
+    turn, ahead = (right - left) / 0.4, (right + left) / 2
+    direction = 0.5 + at * turn
+    expected = [ahead * np.cos(direction), ahead * np.sin(direction), 0.5 + turn]
+    estimate = drive(DeadReckoning(step=step), robot, observations, (0.0, 0.0, 0.5))[-1]
+    np.testing.assert_allclose(estimate, expected, atol=1e-12)
