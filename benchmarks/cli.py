@@ -1,6 +1,5 @@
 """``castor-bench``: run the benchmark, show the leaderboard, check an estimator."""
 
-import importlib.metadata
 import json
 import os
 import shutil
@@ -36,7 +35,6 @@ from castor_envs.vehicles.presets import load_robot, preset_names
 from castor_envs.vehicles.train_presets import train_names
 from estimators.registry import (
     CALIBRATION,
-    CALIBRATION_METHODS,
     ESTIMATOR,
     CalibrationEntry,
     EstimatorEntry,
@@ -247,7 +245,7 @@ def list_known() -> None:
         print(f"  {task.name}  (version {task.version})  {task.title}")
     for heading, kind in (("estimators", ESTIMATOR), ("calibration methods", CALIBRATION)):
         print(f"{heading}:")
-        for name in sorted(importlib.metadata.entry_points(group=kind.group).names):
+        for name in kind.names():
             print(f"  {name}")
     print("robots:")
     for name in preset_names():
@@ -313,7 +311,7 @@ def _named(specs: list[str], timeout: float, load: Load) -> tuple[Competitor, ..
 
 def _builtin(task: Task) -> tuple[Competitor, ...]:
     if odometry_of(task) is not None:
-        return tuple(load_calibration(name) for name in CALIBRATION_METHODS)
+        return tuple(load_calibration(name) for name in CALIBRATION.built_in)
     return tuple(load_estimator(name) for name in builtin_names(task.robot))
 
 

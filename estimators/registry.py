@@ -2,14 +2,16 @@
 
 The spec of an estimator is one of
 
-- ``NAME`` or ``NAME-N``: an entry point in the group ``castor.estimators``, its class constructed without argument or
-  with the number N. For the estimators of this package N is a castor, counted from 1: the one used
+- ``NAME`` or ``NAME-N``: a built-in one, or an entry point in the group ``castor.estimators``; its class is constructed
+  without argument or with the number N. For the estimators of this package N is a castor, counted from 1: the one used
   (``dead-reckoning-2``) or the one left out (``ipec-3``, ``cast-1``, ``cast-arc-1``; 0 leaves none out: ``cast-0``).
   For those of trains it is the interval between corrections, in samples (``grpec-xy-1``).
 - ``module:Class``, where the module is installed or lies in the current folder
 - ``path/to/file.py`` or ``path/to/file.py:Class``
 
-That of a calibration method is the same, without numbers; its group is ``castor.calibrations``.
+That of a calibration method is the same, without numbers; its group is ``castor.calibrations``. Built-in ones are found
+in the modules of `estimators.robots`, `estimators.trains` and `estimators.calibration`, by their constants
+``ESTIMATORS`` and ``METHODS`` (names to classes); a new one is a new module.
 """
 
 from collections.abc import Callable
@@ -18,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from castor_envs.discovery import offers
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
@@ -25,19 +28,10 @@ from estimators.calibration.protocol import CalibrationMethod
 from estimators.plugins.find import PlugInKind, find
 from estimators.protocol import Estimator
 
-ESTIMATOR = PlugInKind("estimator", "castor.estimators", ("reset", "update"), numbered=True)
-CALIBRATION = PlugInKind("calibration method", "castor.calibrations", ("calibrate",))
-CALIBRATION_METHODS = ("uncalibrated", "pivoting", "umbmark-correction", "maximum-likelihood")
-"""This package's calibration methods, from simple to complete."""
-TRAIN_ESTIMATORS = (
-    "train-odometry",
-    "two-truck-ipec",
-    "rmspec",
-    "train-least-squares",
-    "grpec-phi",
-    "grpec-dev",
-    "grpec-xy",
-    "inlier-least-squares",
+ROBOTS, TRAINS = "estimators.robots", "estimators.trains"
+ESTIMATOR = PlugInKind("estimator", "castor.estimators", ("reset", "update"), (ROBOTS, TRAINS), "ESTIMATORS", True)
+CALIBRATION = PlugInKind(
+    "calibration method", "castor.calibrations", ("calibrate",), ("estimators.calibration",), "METHODS"
 )
 
 
@@ -150,22 +144,20 @@ def declines(error: BaseException, vehicle: Any) -> str | None:
 
 
 def builtin_names(vehicle: Vehicle) -> list[str]:
-    """Return the names of this package's estimators that serve a robot or a train, from simple to complete.
+    """Return the specs of this package's estimators that serve a robot or a train, in alphabetical order.
 
-    Of a robot: dead reckoning by the first castor that allows it, IPEC and CAST without each castor in turn, CAST with
-    all. Of a train: `TRAIN_ESTIMATORS` at their own intervals.
+    Where a class can be made with several numbers, those that it names itself in `variants`, in its order.
     """
-    if isinstance(vehicle, TrainDescription):
-        return [name for name in TRAIN_ESTIMATORS if load_estimator(name).applicable(vehicle) is None]
-    numbers = range(1, len(vehicle.castors) + 1)
-
-    def serving(name: str, arguments: "range | list[int]") -> list[str]:
-        specs = [f"{name}-{argument}" for argument in arguments]
-        return [spec for spec in specs if load_estimator(spec).applicable(vehicle) is None]
-
-    return [
-        *serving("dead-reckoning", numbers)[:1],
-        *serving("ipec", [0, *numbers]),
-        *serving("cast", [*numbers, 0]),
-        *serving("cast-arc", [0]),
+    package = TRAINS if isinstance(vehicle, TrainDescription) else ROBOTS
+    named = sorted((name, kind) for names in offers(package, "ESTIMATORS") for name, kind in names.items())
+    specs = [
+        name if number is None else f"{name}-{number}"
+        for name, kind in named
+        for number in (kind.variants(vehicle) if hasattr(kind, "variants") else (None,))
     ]
+    return [spec for spec in specs if load_estimator(spec).applicable(vehicle) is None]
+
+
+def estimator_names(package: str) -> list[str]:
+    """Return the names of the estimators of a package: `ROBOTS` or `TRAINS`."""
+    return sorted(name for names in offers(package, "ESTIMATORS") for name in names)

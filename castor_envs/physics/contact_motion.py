@@ -6,9 +6,8 @@ A rolling contact slips at a speed in proportion to its force (`castor_envs.phys
 
 With A the rows of `castor_envs.geometry.kinematics.constraint_matrix`, any deviation delta of the robot's speeds
 changes slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that lose the least
-power. How far wheels disagree does not change with delta, so it is known from what they roll (smoothed), however well the body's
-motion is.
-Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
+power. How far wheels disagree does not change with delta, so it is known from what they roll (smoothed), however well
+the body's motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
 
 Left out are friction limits, and bristles that have yet to build up their force (a relaxation length of rolling, as
 after reversals).

@@ -8,9 +8,9 @@ wheels'. Known are
     reference poses          off by independent errors, where they were taken
 
 The rolling constraints are those of castor_envs.geometry.kinematics, integrated over a step to fourth order in its
-length: half-way values alone would bias castors that swing in. Each step ties two samples only, so the normal
-equations are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read: rounded
-regressors would shrink the parameters.
+length: half-way values alone would bias castors that swing in. Each step ties two samples only, so the normal equations
+are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read:
+rounded regressors would shrink the parameters.
 """
 
 from collections.abc import Callable

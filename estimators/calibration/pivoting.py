@@ -18,6 +18,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.kinematics import Array
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.protocol import Recording
 from estimators.robots.castor_odometry import wrap
 
 STEADY = 2.0
@@ -304,3 +305,15 @@ def _spread(values: Array) -> Array:
     count = known.sum(axis=0)
     squares = np.where(known, (values - _mean_of_known(values)) ** 2, 0.0).sum(axis=0)
     return np.where(count > 1, np.sqrt(squares / np.maximum(count * (count - 1), 1)), np.nan)
+
+
+class PivotingMethod:
+    """Turns about held castors, both ways (Doebbler, eqs. 1-9); bases on two or more split castors."""
+
+    def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
+        """Return the robot with the mean of what the turns about each castor tell of the others."""
+        turns = [Turn(turn.log, turn.held or held_castor(robot, turn.log)) for turn in recordings]
+        return calibrate(robot, turns).applied()
+
+
+METHODS = {"pivoting": PivotingMethod}

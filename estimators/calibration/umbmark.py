@@ -27,6 +27,7 @@ from castor_envs.geometry.se2 import Array, compose, relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.axle import AxleCorrection, driven_axle
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.protocol import Recording
 from estimators.robots.dead_reckoning import DeadReckoning
 
 CLOSED = 0.25
@@ -246,3 +247,20 @@ def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "c
     pose = path[-1]
     _check_odometry(name, path, turn, side)
     return truth - relative_pose(compose(ends[0], seat), compose(pose, seat))
+
+
+class UMBmarkMethod:
+    """UMBmark squares, both ways, with the true pose at start and end (Borenstein and Feng); differential robots."""
+
+    def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
+        """Return the robot with corrected wheel base and diameters; the diameters' mean stays."""
+        squares = [(square.log, square.side) for square in recordings if square.side is not None]
+        sides = sorted({side for _, side in squares})
+        if len(sides) != 1:
+            found = "none" if not sides else ", ".join(f"{side:g} m" for side in sides)
+            raise InputError(f"needs UMBmark squares of one side; sides of these recordings: {found}")
+        logs = [log for log, _ in squares]
+        return corrected(robot, from_logs(robot, logs, [direction_of(log) for log in logs], sides[0]))
+
+
+METHODS = {"umbmark-correction": UMBmarkMethod}

@@ -1,4 +1,4 @@
-"""Finds classes that others plug in: by an entry point's name, in a module, or in a file of the user's."""
+"""Finds classes by name: built in, or plugged in by an entry point, in a module, or in a file of the user's."""
 
 import hashlib
 import importlib
@@ -10,10 +10,12 @@ import sys
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
+from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
 from estimators.plugins.source_hash import source_files, source_hash
 
@@ -24,13 +26,26 @@ _FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbou
 class PlugInKind:
     """What is plugged in: what people call it, the group of entry points, the methods that its class has.
 
-    numbered: whether ``NAME-N`` constructs the class of entry point NAME with the number N.
+    packages: those of this project whose modules offer built-in classes by name, as the constant `constant`.
+    numbered: whether ``NAME-N`` constructs the class called NAME with the number N.
     """
 
     what: str
     group: str
     methods: tuple[str, ...]
+    packages: tuple[str, ...]
+    constant: str
     numbered: bool = False
+
+    @cached_property
+    def built_in(self) -> dict[str, type]:
+        """The classes of this project by their names, in alphabetical order."""
+        found = [names for package in self.packages for names in offers(package, self.constant)]
+        return dict(sorted((name, kind) for names in found for name, kind in names.items()))
+
+    def names(self) -> list[str]:
+        """Return the names of what is built in and of what other installed packages declare, sorted."""
+        return sorted({*self.built_in, *importlib.metadata.entry_points(group=self.group).names})
 
 
 class PlugIn(NamedTuple):
@@ -49,23 +64,28 @@ def find(spec: str, wanted: PlugInKind) -> PlugIn:
         return _from_file(spec, Path(path + ".py"), class_name, wanted)
     if ":" in spec:
         return _from_module(spec, wanted)
-    return _from_entry_point(spec, wanted)
+    return _by_name(spec, wanted)
 
 
-def _from_entry_point(spec: str, wanted: PlugInKind) -> PlugIn:
+def _by_name(spec: str, wanted: PlugInKind) -> PlugIn:
     points = importlib.metadata.entry_points(group=wanted.group)
-    if spec not in points.names and spec and os.path.isfile(f"{spec}.py"):
+    names = wanted.names()
+    if spec not in names and spec and os.path.isfile(f"{spec}.py"):
         raise InputError(f"unknown {wanted.what} {spec!r}; did you mean the file {spec + '.py'!r}?")
-    if not points.names:
-        raise InputError(f"unknown {wanted.what} {spec!r}: none is registered; is castor-envs installed with pip?")
     name, argument = spec, None
     numbered = re.fullmatch(r"(.+)-(\d+)", spec, re.ASCII) if wanted.numbered else None
-    if spec not in points.names and numbered:
+    if spec not in names and numbered:
         name, argument = numbered[1], int(numbered[2])
-    if name not in points.names:
-        known = points.names if argument is None else {f"{known}-{argument}" for known in points.names}
+    if name not in names:
+        known = names if argument is None else {f"{known}-{argument}" for known in names}
         raise InputError(f"unknown {wanted.what} {spec!r}{did_you_mean(spec, known)}")
     targets = {point.value: point for point in points.select(name=name)}
+    if (built_in := wanted.built_in.get(name)) is not None:
+        if targets:
+            raise InputError(
+                f"{wanted.what} {name!r} is built in, and declared again as {' and '.join(sorted(targets))}: rename one"
+            )
+        return _plug_in(spec, spec, built_in, wanted, argument)
     if len(targets) > 1:
         raise InputError(
             f"{wanted.what} {name!r} is declared twice, as {' and '.join(sorted(targets))}: name one of them"

@@ -21,6 +21,11 @@ class CAST:
         self.left_out = left_out
         self.step: Step = step
 
+    @staticmethod
+    def variants(robot: RobotDescription) -> tuple[int, ...]:
+        """Return the numbers that leave out each castor in turn, and none."""
+        return (*range(1, len(robot.castors) + 1), 0)
+
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises InputError where the castors used do not suit or are fewer than two."""
         geometry, self._pose = start(robot, pose)
@@ -76,3 +81,6 @@ def centred_solution(pivot: Array, psi: ArrayLike, x: Array, y: Array) -> Array:
     bearing = np.asarray(psi)[..., None] + phi
     turns = (y * np.cos(bearing) - x * np.sin(bearing)) / radius
     return np.stack([x.mean(axis=-1), y.mean(axis=-1), turns.mean(axis=-1)], axis=-1)
+
+
+ESTIMATORS = {"cast": CAST}

@@ -29,6 +29,11 @@ class CASTArc:
         self.left_out = left_out
         self.step: Step = step
 
+    @staticmethod
+    def variants(robot: RobotDescription) -> tuple[int, ...]:
+        """Return 0: no castor is left out."""
+        return (0,)
+
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises InputError where the castors used do not suit or are fewer than two."""
         geometry, self._pose = start(robot, pose)
@@ -52,3 +57,6 @@ class CASTArc:
         # The castors' headings follow from the new psi and their measured angles, at the next step.
         self._pose = displaced(self._pose, x, y, turn)
         return self._pose.copy()
+
+
+ESTIMATORS = {"cast-arc": CASTArc}

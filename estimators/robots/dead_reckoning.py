@@ -1,5 +1,6 @@
 """Dead reckoning by one castor: what a robot knows without a second castor to check the first."""
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
@@ -23,6 +24,17 @@ class DeadReckoning:
         self.castor = castor
         self.step: Step = step
 
+    @classmethod
+    def variants(cls, robot: RobotDescription) -> tuple[int, ...]:
+        """Return the number of the first castor that suits, if one does."""
+        for castor in range(1, len(robot.castors) + 1):
+            try:
+                cls(castor).reset(robot, np.zeros(3))
+            except InputError:
+                continue
+            return (castor,)
+        return ()
+
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises InputError where the robot lacks the castor or it does not suit."""
         geometry, self._pose = start(robot, pose)
@@ -41,3 +53,6 @@ class DeadReckoning:
         x, y = origin_displacement(self._pivot, steps.x[..., 0], steps.y[..., 0], turn)
         self._pose = displaced(self._pose, x, y, turn)
         return self._pose.copy()
+
+
+ESTIMATORS = {"dead-reckoning": DeadReckoning}

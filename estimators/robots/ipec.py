@@ -31,6 +31,11 @@ class IPEC:
         self.left_out = left_out
         self.step: Step = step
 
+    @staticmethod
+    def variants(robot: RobotDescription) -> tuple[int, ...]:
+        """Return the numbers that leave out no castor and each in turn."""
+        return tuple(range(len(robot.castors) + 1))
+
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises InputError where not just two castors remain, or they do not suit."""
         geometry, self._pose = start(robot, pose)
@@ -56,3 +61,6 @@ class IPEC:
         # The castors' headings follow from the new psi and their measured angles, at the next step.
         self._pose = displaced(self._pose, x, y, turn)
         return self._pose.copy()
+
+
+ESTIMATORS = {"ipec": IPEC}

@@ -203,3 +203,6 @@ def _angle_between(a: Array, b: Array) -> Array:
 def _shortfall(least: Array, other: Array) -> Array:
     """Return (other - least) / other, 0 for 0 / 0: errors that are equal to 0 as ties are."""
     return np.where(other <= TIE, 0.0, (other - least) / np.maximum(other, TIE))
+
+
+ESTIMATORS = {"grpec-phi": GRPECPhi, "grpec-dev": GRPECDev, "grpec-xy": GRPECXY}

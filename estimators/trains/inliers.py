@@ -125,3 +125,6 @@ def _derivatives(front: Array, rear: Array) -> tuple[Array, Array]:
 
 def _matrices(rows: list[list[Array]]) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+ESTIMATORS = {"inlier-least-squares": InlierLeastSquares}

@@ -141,3 +141,6 @@ def _stacked(poses: Array, od: Array, relative: Array, used: NDArray[np.bool_]) 
     prior, frame = residuals(poses, od, relative)
     rows = np.concatenate([prior * used[..., None], frame], axis=-2)
     return rows.reshape(*rows.shape[:-2], -1)
+
+
+ESTIMATORS = {"train-least-squares": TrainLeastSquares}

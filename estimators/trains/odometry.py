@@ -21,3 +21,6 @@ class TrainOdometry:
         """Take one sample, return the poses (N, 3)."""
         self._configuration.advance(observation)
         return self._configuration.poses.copy()
+
+
+ESTIMATORS = {"train-odometry": TrainOdometry}

@@ -167,3 +167,6 @@ def _turned(psi: ArrayLike) -> Array:
     matrix[..., 0, 1] = -matrix[..., 1, 0]
     matrix[..., 2, 2] = 1.0
     return matrix
+
+
+ESTIMATORS = {"rmspec": RMSPEC}

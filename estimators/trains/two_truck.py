@@ -71,3 +71,6 @@ class TwoTruckIPEC:
         if relative is not None:
             self._configuration.correct(corrected(self._configuration.poses, relative))
         return self._configuration.poses.copy()
+
+
+ESTIMATORS = {"two-truck-ipec": TwoTruckIPEC}

@@ -14,9 +14,12 @@ from castor_envs.motion.trajectories import pivoting, umbmark
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.axle import with_axle
 from castor_envs.vehicles.presets import differential, n_castor, preset
-from estimators.calibration.methods import MaximumLikelihood, Pivoting, UMBmarkCorrection, Uncalibrated
+from estimators.calibration.maximum_likelihood import MaximumLikelihoodMethod
+from estimators.calibration.pivoting import PivotingMethod
 from estimators.calibration.protocol import CalibrationMethod, Recording
-from estimators.registry import CALIBRATION_METHODS, load_calibration, load_estimator
+from estimators.calibration.umbmark import UMBmarkMethod
+from estimators.calibration.uncalibrated import Uncalibrated
+from estimators.registry import CALIBRATION, load_calibration, load_estimator
 
 
 def log_of(robot, trajectory, theta=None):
@@ -43,7 +46,7 @@ def squares():
     return true, [Recording(log_of(true, umbmark(way)), side=1.5) for way in ("cw", "ccw")]
 
 
-@pytest.mark.parametrize("name", CALIBRATION_METHODS)
+@pytest.mark.parametrize("name", CALIBRATION.built_in)
 def test_built_in_methods_are_found_by_name(name):
     entry = load_calibration(name)
     assert isinstance(entry.factory(), CalibrationMethod)
@@ -53,8 +56,8 @@ def test_built_in_methods_are_found_by_name(name):
 
 
 def test_every_built_in_method_has_a_hash_of_its_own():
-    entries = [load_calibration(name) for name in CALIBRATION_METHODS]
-    assert {entry.kind for entry in entries} == {Uncalibrated, Pivoting, UMBmarkCorrection, MaximumLikelihood}
+    entries = [load_calibration(name) for name in CALIBRATION.built_in]
+    assert {entry.kind for entry in entries} == {Uncalibrated, PivotingMethod, UMBmarkMethod, MaximumLikelihoodMethod}
     assert len({entry.source_hash for entry in entries}) == len(entries)
 
 
@@ -66,8 +69,8 @@ def test_uncalibrated_changes_nothing():
 def test_pivoting_finds_the_robot_and_the_held_castor_where_nobody_named_it(turns):
     true, recordings = turns
     wheels = with_first_radius(true, 0.04)
-    named = Pivoting().calibrate(wheels, recordings)
-    assert Pivoting().calibrate(wheels, [Recording(one.log) for one in recordings]) == named
+    named = PivotingMethod().calibrate(wheels, recordings)
+    assert PivotingMethod().calibrate(wheels, [Recording(one.log) for one in recordings]) == named
     for castor, expected in zip(named.castors, true.castors, strict=True):
         assert castor.offset == pytest.approx(expected.offset, rel=5e-3)
         for wheel, other in zip(castor.wheels, expected.wheels, strict=True):
@@ -82,7 +85,7 @@ def with_first_radius(robot, radius):
 
 def test_squares_tell_the_wheel_base(squares):
     _, recordings = squares
-    found = UMBmarkCorrection().calibrate(differential(counts_per_rev=20000.0), recordings)
+    found = UMBmarkMethod().calibrate(differential(counts_per_rev=20000.0), recordings)
     left, right = found.castors[0].wheels
     assert left.lateral - right.lateral == pytest.approx(0.34 * 1.01, rel=1e-3)
 
@@ -91,12 +94,12 @@ def test_methods_decline_what_is_not_for_them(turns, squares):
     base, driven = turns
     robot, closed = squares
     with pytest.raises(InputError, match="one castor"):
-        Pivoting().calibrate(robot, closed)
+        PivotingMethod().calibrate(robot, closed)
     with pytest.raises(InputError, match="needs UMBmark squares of one side; sides of these recordings: none"):
-        UMBmarkCorrection().calibrate(base, driven)
+        UMBmarkMethod().calibrate(base, driven)
     mixed = [*closed, Recording(closed[0].log, side=2.0)]
     with pytest.raises(InputError, match=r"1\.5 m, 2 m"):
-        UMBmarkCorrection().calibrate(robot, mixed)
+        UMBmarkMethod().calibrate(robot, mixed)
 
 
 MINE = """

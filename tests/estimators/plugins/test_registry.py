@@ -67,9 +67,9 @@ def test_builtin_by_name(spec, kind, attributes):
 @pytest.mark.parametrize(
     ("robot", "names"),
     [
-        ("asoc-prototype", "dead-reckoning-1 ipec-1 ipec-2 ipec-3 cast-1 cast-2 cast-3 cast-0 cast-arc-0"),
-        ("omnimate", "dead-reckoning-1 ipec-0 cast-0 cast-arc-0"),
-        ("4-castor", "dead-reckoning-1 cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0"),
+        ("asoc-prototype", "cast-1 cast-2 cast-3 cast-0 cast-arc-0 dead-reckoning-1 ipec-1 ipec-2 ipec-3"),
+        ("omnimate", "cast-0 cast-arc-0 dead-reckoning-1 ipec-0"),
+        ("4-castor", "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1"),
         ("differential", "dead-reckoning-1"),
         ("swerve", ""),
     ],

@@ -10,10 +10,11 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.train_presets import cfmmr
-from estimators.registry import TRAIN_ESTIMATORS, builtin_names, load_estimator
+from estimators.registry import TRAINS, builtin_names, estimator_names, load_estimator
 from estimators.trains.configuration import MAX_AGE
 from estimators.trains.relative_poses import RelativePoseWarning
 
+TRAIN_ESTIMATORS = estimator_names(TRAINS)
 CORRECTING = [name for name in TRAIN_ESTIMATORS if name != "train-odometry"]
 BENT = np.array([[0.33, 0.09, 0.5], [0.34, -0.06, -0.4]])
 STRAIGHT = np.array([[0.7, 0.0, 0.0], [0.35, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -33,7 +34,7 @@ def rows(standing, name, times, relative=BENT):
 
 
 def test_trains_have_their_own_estimators_in_order():
-    assert builtin_names(cfmmr(2)) == list(TRAIN_ESTIMATORS)
+    assert builtin_names(cfmmr(2)) == TRAIN_ESTIMATORS
     for n in (3, 10):
         assert builtin_names(cfmmr(n)) == [name for name in TRAIN_ESTIMATORS if name != "two-truck-ipec"]
     assert not set(builtin_names(preset("asoc-prototype"))) & set(TRAIN_ESTIMATORS)

@@ -1,0 +1,17 @@
+"""No calibration at all: what every method is compared with."""
+
+from collections.abc import Sequence
+
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.protocol import Recording
+
+
+class Uncalibrated:
+    """Returns the robot as it is described: the yardstick."""
+
+    def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
+        """Return the robot unchanged."""
+        return robot
+
+
+METHODS = {"uncalibrated": Uncalibrated}
