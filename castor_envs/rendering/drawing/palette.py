@@ -4,7 +4,7 @@ Color = tuple[int, int, int]
 
 TRUTH: Color = (0, 114, 178)  # Okabe and Ito's blue
 TRUE_PATH: Color = (88, 160, 210)  # the same, lighter: the estimate's line is seen on it
-ESTIMATE: Color = (213, 94, 0)  # vermillion
+ESTIMATE: Color = (213, 94, 0)  # vermilion
 SLIDING: Color = (240, 228, 66)  # yellow
 SLIPPERY: Color = (86, 180, 233)  # sky blue
 ROUGH: Color = (230, 159, 0)  # orange
