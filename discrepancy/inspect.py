@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.parity import Parity, parity_residual
 
-Array = NDArray[np.float64]
 FORMAT = "castor-inspect/1"
 BLIND = "this robot's encoders cannot contradict each other: nothing can be seen without reference poses"
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 
 Observation = Mapping[str, Array]
 """What an estimator sees of one sample.

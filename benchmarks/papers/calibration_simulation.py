@@ -14,7 +14,7 @@ from benchmarks.papers.assumptions import Assumptions
 from benchmarks.tasks.kinematic import NORMAL
 from benchmarks.tasks.kinematic import UNCALIBRATED_BETA as ERRORS
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from estimators.calibration.pivoting import CastorParameters, from_turns
 
 

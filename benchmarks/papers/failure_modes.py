@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
-from castor_envs.geometry.se2 import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train_presets import FRAME_LENGTH
 from estimators.trains import grpec
 

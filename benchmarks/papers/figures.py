@@ -16,7 +16,7 @@ from benchmarks.papers.vogt import selected_axle
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
-from castor_envs.geometry.se2 import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing import palette
 from estimators.trains import grpec
 

@@ -14,7 +14,8 @@ from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.scoring.metrics import return_errors, umbmark
 from benchmarks.tasks.kinematic import ParameterErrors
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Direction, Trajectory
 from castor_envs.sensors.encoders import Encoders

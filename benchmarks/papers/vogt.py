@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.papers.comparison import Comparison, Effort, PaperTable, TableSource
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
-from castor_envs.geometry.se2 import Array
+from castor_envs.geometry.arrays import Array
 from estimators.trains import grpec
 
 #: Unit of print of each metric, the factor from SI to it, and its printed decimals.

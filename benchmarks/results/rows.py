@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.results.archives import CorruptFileError, read_archive, write_archive
@@ -27,9 +26,9 @@ from benchmarks.results.episodes import file_name
 from benchmarks.tasks.task import Case
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 ROW_FORMAT = "castor-row/1"
 TIME_FORMAT = "castor-time/1"
 NOT_SERVED = "not applicable: "

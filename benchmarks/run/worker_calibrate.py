@@ -9,7 +9,6 @@ from typing import Any
 
 from benchmarks.results.rows import NOT_SERVED
 from benchmarks.run.worker_estimate import (
-    Array,
     FailedError,
     Failure,
     ObservedRun,
@@ -21,6 +20,7 @@ from benchmarks.run.worker_estimate import (
 )
 from benchmarks.tasks.task import Episode
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
 from estimators.registry import load_calibration

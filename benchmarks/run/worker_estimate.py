@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from benchmarks.results.rows import NOT_SERVED
 from benchmarks.tasks.task import Episode
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
@@ -25,7 +26,6 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
 from estimators.trains.relative_poses import RelativePoseWarning
 
-Array = NDArray[np.float64]
 Entry = TypeVar("Entry", EstimatorEntry, CalibrationEntry)
 
 FEWEST_TIMED = 50

@@ -17,11 +17,10 @@ Sources:
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
-
-Array = NDArray[np.float64]
 
 
 def return_errors(start: ArrayLike, true_end: ArrayLike, estimated_end: ArrayLike) -> Array:

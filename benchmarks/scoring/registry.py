@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.scoring import metrics, parameter_errors, train_metrics
 from benchmarks.tasks.task import Episode, Run
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,10 @@ truth without any alignment. A train's heading matters as a direction alone, so 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
-
-Array = NDArray[np.float64]
 
 KEPT = 1e-9
 """m and rad: an axle whose pose an estimator changes by less is one that it kept."""

@@ -26,7 +26,8 @@ from benchmarks.tasks.kinematic import ROBOT, UNCALIBRATED_BETA
 from benchmarks.tasks.physics import drive
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.importers.optiodom import find_sessions, published_sessions, read_session
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog

@@ -11,16 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from benchmarks.tasks.task import Case, Episode, Run, Task
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from castor_envs.vehicles.train_presets import FRAME_LENGTH, cfmmr
-
-Array = NDArray[np.float64]
 
 CASES = 20
 RUNS = 25

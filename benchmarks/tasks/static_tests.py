@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from castor_envs.geometry.se2 import Array
+from castor_envs.geometry.arrays import Array
 from estimators.trains.grpec import attached
 
 ALIGNED = ((0.80, 0.1, 0.0), (0.45, 0.1, 0.0), (0.10, 0.1, 0.0))

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import TypeAdapter
 
 from castor_envs.effects.base import Effect, Reader
@@ -43,6 +43,7 @@ from castor_envs.effects.floor import Bump, FloorSlope, FrictionPatch
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip
 
 if TYPE_CHECKING:
@@ -99,7 +100,6 @@ __all__ = [
     "yielding_of",
 ]
 
-Array = NDArray[np.float64]
 
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     importlib.import_module(_module.name)

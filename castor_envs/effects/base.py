@@ -5,19 +5,18 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, Union
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, GetCoreSchemaHandler, ValidationError
 from pydantic_core import CoreSchema
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip
 from castor_envs.vehicles.description import explain
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import Castor, RobotDescription
 
-Array = NDArray[np.float64]
 Number = Annotated[int, Field(ge=1)]
 Reader = Callable[[Array, Array, Array], tuple[Array, Array]]
 """Called with all samples of a run in order of time, one, some or all at once, which makes no difference: (times (k,),

@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -17,12 +16,12 @@ from castor_envs.effects.base import (
     through,
     wheel_encoders,
 )
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 Latency = Annotated[float, Field(ge=-0.1, le=1.0)]
 
 

@@ -8,7 +8,6 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from castor_envs.effects.base import (
-    Array,
     Effect,
     Number,
     Rolling,
@@ -21,6 +20,7 @@ from castor_envs.effects.base import (
     with_wheels,
 )
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip, contact_paths
 from castor_envs.vehicles.description import CONFIG
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -20,12 +19,12 @@ from castor_envs.effects.base import (
     wheel_channel,
     wheel_encoders,
 )
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.description import CONFIG, NotNegative, Positive
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]

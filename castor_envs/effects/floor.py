@@ -12,6 +12,7 @@ from pydantic.dataclasses import dataclass
 from castor_envs.effects.base import Effect
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip, contact_paths, contact_places
 from castor_envs.physics.contact_motion import creep
 from castor_envs.vehicles.description import CONFIG, Positive
@@ -19,7 +20,6 @@ from castor_envs.vehicles.description import CONFIG, Positive
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 
 PARTS = 128

@@ -4,18 +4,17 @@ import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from castor_envs.effects.base import Effect
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import turned_by
 from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 Metres = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 

@@ -4,7 +4,6 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -26,7 +25,6 @@ from castor_envs.vehicles.description import CONFIG
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import Castor, RobotDescription
 
-Array = NDArray[np.float64]
 One = Annotated[float, Field(ge=1.0, le=1.0)]
 
 

@@ -1,11 +1,10 @@
 """What comes from an agent: checked before it is used."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
-
-Array = NDArray[np.float64]
+from castor_envs.geometry.arrays import Array
 
 
 def finite(values: ArrayLike, shape: tuple[int, ...] | None, what: str) -> Array:

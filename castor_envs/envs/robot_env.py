@@ -3,20 +3,19 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from castor_envs.envs.drawn_env import DrawnEnv
 from castor_envs.envs.sensed_robot import Observation, SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, load_floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.motion.controllers import Commands, trailing_angles
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.rendering import Renderer
 from castor_envs.vehicles.presets import load_robot
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 
 class RobotEnv(DrawnEnv):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from castor_envs.effects import reader_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.motion.controllers import Commands
 from castor_envs.physics.robot_world import World
@@ -16,7 +17,6 @@ from castor_envs.physics.stepper import Drive
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 Observation = dict[str, Array]
 
 

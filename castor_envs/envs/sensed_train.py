@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from castor_envs.effects import reader_of
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.physics.stepper import Drive
 from castor_envs.physics.train_world import TrainWorld
@@ -16,7 +17,6 @@ from castor_envs.sensors.encoders import Encoders
 from castor_envs.sensors.posture import PostureSensors
 from castor_envs.vehicles.train import TrainDescription
 
-Array = NDArray[np.float64]
 MOST_BENT = 100.0  # rad: no reading of a relative heading goes beyond
 
 

@@ -3,18 +3,16 @@
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.envs.drawn_env import DrawnEnv
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.envs.sensed_train import SensedTrain
 from castor_envs.floor import Floor, load_floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
 from castor_envs.rendering import TrainRenderer
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 
 class TrainEnv(DrawnEnv):

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
 """Poses in the plane: (..., 3) = x, y (m), psi (rad). Arithmetic broadcasts; headings are never wrapped here."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from castor_envs.geometry.arrays import Array
 
 
 def compose(pose: ArrayLike, seen: ArrayLike) -> Array:

@@ -6,15 +6,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects import reference
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log, write_log
 from castor_envs.vehicles.load import Vehicle, file_name
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 
 class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):

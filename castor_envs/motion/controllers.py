@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse, pivot_velocity
 from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 STANDSTILL = 1e-6  # m/s: a pivot slower than this has no direction to steer to
 
 

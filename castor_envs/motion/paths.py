@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError, did_you_mean
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.trajectories import Leg, Run, moved
-
-Array = NDArray[np.float64]
 
 SPEED, ACCELERATION = 0.25, 0.25  # m/s, m/s2: as the ASOC's, but gentler: frames swing
 LONGEST_RANDOM = 6.0  # m: no random path is longer

@@ -4,16 +4,15 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse, pivot_velocity
 from castor_envs.motion.controllers import trailing_angles
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 SIDEWAYS = 1e-9
 """Sideways slip of fixed wheels, of a unit of motion, that only rounding explains."""

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
+
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 
 EVEN = 1.1
 """Steps are integrated to fourth order where their neighbours last as long, up to this ratio; others to second."""

@@ -1,15 +1,14 @@
 """The nonholonomic driver of a train: every module follows the path, the rear ones with an eye on the axle ahead."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.kinematics import inverse as wheel_motion
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.motion.paths import TrainPath, axles_behind
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 # Gains on the errors along (1/s), across (1/m2) and in heading (1/m): critically damped, within a third of a metre.
 ALONG, ACROSS, TURN = 1.0, 9.0, 6.0

@@ -11,11 +11,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Direction = Literal["ccw", "cw"]
 Corners = Literal["turn", "fixed", "rounded"]
 

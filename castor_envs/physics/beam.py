@@ -12,13 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pymunk
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pymunk.constraints import Constraint, DampedRotarySpring, PivotJoint
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose
 from castor_envs.vehicles.train import Frame
-
-Array = NDArray[np.float64]
 
 
 class Clamp(NamedTuple):

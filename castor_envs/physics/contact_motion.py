@@ -16,15 +16,14 @@ after reversals).
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip, contact_paths, smoothed, turned_by
 
 if TYPE_CHECKING:
     from castor_envs.floor import Floor
     from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 
 LEAST = 0.02
 """Of the fastest wheel's speed: no contact is taken to roll slower, as bristles average over a relaxation length."""

@@ -2,19 +2,18 @@
 
 import numpy as np
 import pymunk
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
 from castor_envs.effects import floor_of, radii_of, yielding_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse
 from castor_envs.physics.statics import castor_center, chassis, place, pose_of, turned, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import enough_substeps, wheel_records
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 SOLVER_ITERATIONS = 10  # 4 do for the presets; a chassis lighter than its castors needs more
 

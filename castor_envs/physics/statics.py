@@ -4,12 +4,10 @@ import math
 
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 
 def turned(vector: Array, angle: float) -> Array:

@@ -10,10 +10,10 @@ from pymunk.constraints import Constraint, DampedRotarySpring
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.physics import tyre as law
 from castor_envs.physics.chipmunk import BodyLink
 
-Array = NDArray[np.float64]
 Drive = Literal["servo", "voltage", "off"]
 Stepper = Literal["compiled", "reference"]
 

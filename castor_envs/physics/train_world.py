@@ -4,19 +4,18 @@ import dataclasses
 
 import numpy as np
 import pymunk
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pymunk.constraints import Constraint
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
 from castor_envs.physics.statics import chassis, combined, place, pose_of, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import MOST_SUBSTEPS, enough_substeps, wheel_records
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 ITERATIONS_PER_LINK = 3  # the solver's impulses travel along a chain by one joint an iteration
 

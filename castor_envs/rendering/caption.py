@@ -3,13 +3,11 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.canvas import Canvas
 from castor_envs.rendering.drawing.palette import AXES, CABLE, ESTIMATE, INK, REFERENCE, SLIDING, TRUE_PATH, TYRE, WHITE
 from castor_envs.rendering.drawing.view import View
-
-Array = NDArray[np.float64]
 
 #: What the legend explains, in its order.
 SYMBOLS = ("true path", "estimate", "reference", "sliding", "cable")

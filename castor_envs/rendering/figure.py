@@ -1,8 +1,9 @@
 """The robot's picture, and the ghost of where an estimator believes it is."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.canvas import Canvas
 from castor_envs.rendering.drawing.palette import (
     DECK,
@@ -20,8 +21,6 @@ from castor_envs.rendering.drawing.path import evenly
 from castor_envs.rendering.drawing.view import View
 from castor_envs.rendering.outlines import CastorOutline, castor_outlines, chassis_outline, inset, nose, placed
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 
 class Figure:

@@ -9,12 +9,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, left_of, unit
 from castor_envs.vehicles.robot import Castor, RobotDescription
-
-Array = NDArray[np.float64]
 
 TYRE_WIDTH = 0.6  # of the wheel's radius
 COMPACT_RIM = 0.12  # how far a compact chassis reaches beyond its wheels, of their smallest radius

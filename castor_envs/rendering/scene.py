@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.caption import draw_caption
 from castor_envs.rendering.drawing.canvas import Canvas
 from castor_envs.rendering.drawing.palette import (
@@ -24,7 +25,6 @@ from castor_envs.rendering.drawing.view import View
 from castor_envs.rendering.drawing.window import Window
 from castor_envs.rendering.ground import draw_floor
 
-Array = NDArray[np.float64]
 Mode = Literal["human", "rgb_array"]
 
 

@@ -3,16 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.canvas import Canvas
 from castor_envs.rendering.drawing.palette import BEAM, ESTIMATE, INK
 from castor_envs.rendering.drawing.path import evenly
 from castor_envs.rendering.drawing.view import View
 from castor_envs.rendering.figure import Figure
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 BEAM_WIDTH = 0.022  # m; a description does not say how wide a frame is
 

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.caption import draw_mean_error
 from castor_envs.rendering.scene import Mode, Scene, finite_or_none
 from castor_envs.rendering.train_figure import TrainFigure
 from castor_envs.vehicles.train import TrainDescription
-
-Array = NDArray[np.float64]
 
 
 class TrainRenderer:

@@ -1,11 +1,10 @@
 """Encoders: cumulative counts, rounded from the true angle. Arithmetic broadcasts over leading axes."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
-
-Array = NDArray[np.float64]
 
 
 class Encoders:

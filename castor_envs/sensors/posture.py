@@ -7,11 +7,10 @@ twice along the frame (Merrell and Minor 2003, Vogt and Minor's reference 3):
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import Frame, TrainDescription
-
-Array = NDArray[np.float64]
 
 DEGREE = 2  # of the fitted polynomial: a shear force makes curvature linear, large bends add a little more
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)

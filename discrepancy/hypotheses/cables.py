@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize
 
 from castor_envs.effects import Bump, Effect, Motion
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described

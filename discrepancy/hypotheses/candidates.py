@@ -26,7 +26,8 @@ from castor_envs.effects import (
     readings,
 )
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.motion.steps import contact_paths
 from castor_envs.vehicles.robot import RobotDescription

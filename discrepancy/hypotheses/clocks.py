@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from castor_envs.effects import ClockSkew, Effect, SampleJitter
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from castor_envs.effects import FrictionPatch, Motion
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.inference.wheel_tracks import Steps, placed, steps_of

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription

@@ -15,7 +15,8 @@ from castor_envs.effects import (
 )
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.physics.contact_motion import creep
 from castor_envs.vehicles.robot import RobotDescription

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from discrepancy.inference.design_matrix import without
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from castor_envs.effects import AllWheelRadius, Effect
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, finest_of

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.effects import Motion
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.motion.steps import contact_paths, contact_places
 from castor_envs.vehicles.robot import RobotDescription

@@ -17,13 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, constraint_matrix
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.stretches import WINDOW, Poses, stretches_of
-
-Array = NDArray[np.float64]
 
 KEPT = 0.9
 """The part of the windows that counts."""

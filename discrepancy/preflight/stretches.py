@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
-
-Array = NDArray[np.float64]
 
 STEP = 0.05
 """s: samples closer together are left out."""

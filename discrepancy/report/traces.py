@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.effects import radii_of
-from castor_envs.geometry.kinematics import Array, Geometry, forward
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry, forward
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.physics.statics import wheel_loads
 from castor_envs.sensors.posture import posture, sensed
 from castor_envs.vehicles.train import Frame, TrainDescription

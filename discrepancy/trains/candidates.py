@@ -14,7 +14,7 @@ from castor_envs.effects.train import (
     GaugeDrift,
     GaugeGain,
 )
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.rows import TrainLog
 

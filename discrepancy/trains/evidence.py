@@ -8,7 +8,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse import csr_array, vstack
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.candidates import Candidate, Rival, named_candidates, rivals
 from discrepancy.trains.motion import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes

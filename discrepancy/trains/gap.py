@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.evidence import Settled

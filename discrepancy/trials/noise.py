@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from castor_envs.geometry.arrays import Array
 
 REFERENCE_EVERY = 20
 """Samples between reference poses."""

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects.base import all_channels
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,6 @@
 """Logs of robots in the project's own pymunk physics, steered by what their own sensors say."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects import reader_of, reference
 from castor_envs.floor import Floor
@@ -17,8 +16,6 @@ from discrepancy.trials.outside import Outside, outside_effects
 from discrepancy.trials.reading import as_recorded, counts_of
 
 __all__ = ["drive", "outside_effects"]
-
-Array = NDArray[np.float64]
 
 
 def drive(

@@ -3,14 +3,12 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.noise import Noise
-
-Array = NDArray[np.float64]
 
 
 def counts_of(robot: RobotDescription, angle: Array, phase: Array | float = 0.0) -> tuple[Array, Array]:

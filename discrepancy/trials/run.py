@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, write_json
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log, read_log, write_log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
@@ -36,8 +36,6 @@ from discrepancy.trials.noise import EXACT, Noise
 from discrepancy.trials.reading import as_recorded
 from discrepancy.trials.strength.separation import WIRING, Yardstick, class_of
 from discrepancy.trials.strength.solve_size import Strength, Track, settled
-
-Array = NDArray[np.float64]
 
 FORMAT = "castor-trial-case/1"
 ROBOT, DURATION = "asoc-prototype", 60.0

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from castor_envs.effects import Effect
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription

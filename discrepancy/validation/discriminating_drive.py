@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.evidence import Evidence, evidence_of

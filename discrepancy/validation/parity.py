@@ -21,12 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, constraint_matrix
 from castor_envs.logs.log import Log
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
-
-Array = NDArray[np.float64]
 
 #: Length, s, of the sums in which a wrong description adds up and rounding does not.
 WINDOW = 1.0

@@ -27,7 +27,8 @@ from scipy.signal import savgol_filter
 from castor_envs.effects import CastorOrder, EncoderReversed, EncodersSwapped, readings
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Array, Geometry, forward
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry, forward
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.physics.robot_world import World

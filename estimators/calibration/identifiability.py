@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.drives import DRIVES, REFERENCE, TYPICAL, Poses, log_of

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, get_lapack_funcs
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array, Geometry, constraint_matrix
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry, constraint_matrix
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.sensors.encoders import castor_angles

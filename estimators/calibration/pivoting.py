@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.se2 import Array, compose, relative_pose
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.axle import AxleCorrection, driven_axle
 from castor_envs.vehicles.robot import RobotDescription

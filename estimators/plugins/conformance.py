@@ -13,7 +13,8 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry import se2
-from castor_envs.geometry.kinematics import Array, Geometry
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names
 from castor_envs.vehicles.robot import RobotDescription

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.geometry import se2
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import wrap

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
 

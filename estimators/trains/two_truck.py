@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
 from castor_envs.geometry import se2
-from castor_envs.geometry.kinematics import Array
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
 from estimators.trains.configuration import Configuration, checked_interval, next_to

@@ -1,9 +1,9 @@
 """A path that grows, kept as a polyline of few corners."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from castor_envs.geometry.arrays import Array
 
 
 class Path:

@@ -4,11 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
-
-Array = NDArray[np.float64]
+from castor_envs.geometry.arrays import Array
 
 
 @dataclass(frozen=True)

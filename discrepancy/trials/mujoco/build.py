@@ -27,9 +27,9 @@ from castor_envs.effects import (
 )
 from castor_envs.effects.base import Effect
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 AT_REST = 1e-6
 """m/s: a pivot slower than this has no direction."""
 

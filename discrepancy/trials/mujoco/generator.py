@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects import floor_of
 from castor_envs.floor import Floor, Patch
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
@@ -26,7 +26,6 @@ from discrepancy.trials.mujoco.outside import Outside
 from discrepancy.trials.mujoco.sensors import Sensors, believed, reading_times, reference_poses, reference_times
 from discrepancy.trials.noise import Noise
 
-Array = NDArray[np.float64]
 RELAXATION = 0.01
 """Distance in which tyre creep follows the force, m."""
 

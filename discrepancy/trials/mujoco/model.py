@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.mujoco.build import Build
-
-Array = NDArray[np.float64]
 
 STEP = 1e-3
 """Physics step, s, at most."""

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from discrepancy.trials.mujoco.build import Build
 from discrepancy.trials.mujoco.model import THINNESS, Parts, Rig, text
-
-Array = NDArray[np.float64]
 
 
 class Outside:

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects import (
     AllLatency,
@@ -33,10 +32,10 @@ from castor_envs.effects import (
 )
 from castor_envs.effects.base import Effect
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.mujoco.build import Build
 
-Array = NDArray[np.float64]
 Stage = Callable[[Array, Array], Array]
 NOT_SENSED = (
     *("wheel_radius", "all_wheel_radius", "counts_per_rev", "track", "pivot_offset", "pivot_position_x"),

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.effects import Slip
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 WINDOW, STEP = 0.1, 1.0

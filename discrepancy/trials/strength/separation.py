@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from castor_envs.effects import (
@@ -27,6 +26,7 @@ from castor_envs.effects import (
 )
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
@@ -34,8 +34,6 @@ from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import angles_of, counts_of
 from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
 from discrepancy.trials.strength.whitening import Declared, Whitening
-
-Array = NDArray[np.float64]
 
 SMALL = 1e-4
 """s, m and rad: changes of nuisances to take derivatives with."""

@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import Case, Hidden
@@ -16,8 +16,6 @@ from discrepancy.trials.generators import Generator
 from discrepancy.trials.noise import EXACT
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.strength.separation import JITTER, WIRING, Yardstick, apart, is_physical
-
-Array = NDArray[np.float64]
 
 TRIES, CLOSE = 4, 0.1
 """Of sizes, until z is so close to what was drawn, as a part of it."""

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cholesky_banded, get_lapack_funcs
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from discrepancy.trials.noise import REFERENCE_NOISE
 from discrepancy.trials.strength.residuals import Layout, Windows, between, followed, poses_of
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
