@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs.effects.base import Effect
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.steps import turned_by
+from castor_envs.geometry.se2 import rotate
 from castor_envs.vehicles.description import CONFIG
 
 if TYPE_CHECKING:
@@ -91,4 +91,4 @@ class ReferenceLeverY(Effect):
 
 
 def _moved(pose: Array, x: float, y: float) -> Array:
-    return np.column_stack([pose[:, :2] + turned_by(np.array([x, y]), pose[:, 2]), pose[:, 2]])
+    return np.column_stack([pose[:, :2] + rotate(np.array([x, y]), pose[:, 2]), pose[:, 2]])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import rotate
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
@@ -155,15 +156,9 @@ def contact_places(robot: "RobotDescription", motion: Motion) -> Array:
     places = []
     for castor, angle in zip(robot.castors, motion.castor_angle.T, strict=True):
         for wheel in castor.wheels:
-            arm = np.array(castor.pivot) + turned_by(np.array([-castor.offset, wheel.lateral]), angle)
-            places.append(motion.pose[:, :2] + turned_by(arm, motion.pose[:, 2]))
+            arm = np.array(castor.pivot) + rotate(np.array([-castor.offset, wheel.lateral]), angle)
+            places.append(motion.pose[:, :2] + rotate(arm, motion.pose[:, 2]))
     return np.stack(places, axis=1)
-
-
-def turned_by(vector: Array, angle: Array) -> Array:
-    """Return plane vectors (..., 2) turned by angles (...), rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], axis=-1)
 
 
 def smoothed(course: Array) -> Array:

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.steps import Motion, Slip, contact_paths, smoothed, turned_by
+from castor_envs.geometry.se2 import rotate
+from castor_envs.motion.steps import Motion, Slip, contact_paths, smoothed
 
 if TYPE_CHECKING:
     from castor_envs.floor import Floor
@@ -83,10 +84,10 @@ def _needed(robot: "RobotDescription", motion: Motion, floor: "Floor") -> Array:
     parts: list[tuple[float, float, Array, int | None]] = [(mass, inertia, np.tile(center, (len(motion.t), 1)), None)]
     for i, castor in enumerate(robot.castors):
         if castor.steering != "fixed":
-            trailing = turned_by(castor_center(robot, i), motion.castor_angle[:, i])
+            trailing = rotate(castor_center(robot, i), motion.castor_angle[:, i])
             parts.append((castor.mass, castor.inertia, np.array(castor.pivot) + trailing, i))
     for mass, inertia, place, castor in parts:
-        course = motion.pose[:, :2] + turned_by(place, motion.pose[:, 2])
+        course = motion.pose[:, :2] + rotate(place, motion.pose[:, 2])
         acceleration = motion.acceleration_of(course) - np.array(floor.downhill_gravity)
         force = mass * motion.in_body(acceleration)
         angle = motion.pose[:, 2] if castor is None else motion.pose[:, 2] + motion.castor_angle[:, castor]

@@ -10,7 +10,8 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse
-from castor_envs.physics.statics import castor_center, chassis, place, pose_of, turned, twist_of
+from castor_envs.geometry.se2 import rotate_single
+from castor_envs.physics.statics import castor_center, chassis, place, pose_of, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import enough_substeps, wheel_records
 from castor_envs.vehicles.robot import RobotDescription
@@ -89,9 +90,9 @@ class World:
                 continue
             body = pymunk.Body(castor.mass, castor.inertia)
             pivot = np.array(castor.pivot)
-            at = pose[:2] + turned(pivot, pose[2])
+            at = pose[:2] + rotate_single(pivot, pose[2])
             u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
-            own = np.array([*turned(u, -theta[i]), twist[2] + rates[i]])
+            own = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
             place(body, at, pose[2] + theta[i], own, castor_center(self.robot, i))
             joint = PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
             joint.error_bias = 0.0  # all of a joint's drift is put right in the next step

@@ -1,19 +1,12 @@
 """What a robot weighs, where, how its weight stands on its wheels, and how frames and centres of mass go together."""
 
-import math
-
 import numpy as np
 import pymunk
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import rotate_single
 from castor_envs.vehicles.robot import RobotDescription
-
-
-def turned(vector: Array, angle: float) -> Array:
-    """Return a plane vector (2,) turned by `angle`, rad."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 def castor_center(robot: RobotDescription, i: int) -> Array:
@@ -26,7 +19,7 @@ def chassis(robot: RobotDescription) -> tuple[float, float, Array]:
     parts = [(robot.mass, robot.inertia, np.array(robot.center_of_mass))]
     for i, castor in enumerate(robot.castors):
         if castor.steering == "fixed":
-            center = np.array(castor.pivot) + turned(castor_center(robot, i), castor.angle)
+            center = np.array(castor.pivot) + rotate_single(castor_center(robot, i), castor.angle)
             parts.append((castor.mass, castor.inertia, center))
     return combined(parts)
 
@@ -99,8 +92,8 @@ def _shares(robot: RobotDescription) -> Array:
 
 def place(body: pymunk.Body, at: Array, angle: float, twist: Array, center: Array) -> None:
     """Put a body with frame origin `at` and `twist` in its frame; `center` is its centre of mass in that frame."""
-    velocity = turned(np.array([twist[0] - twist[2] * center[1], twist[1] + twist[2] * center[0]]), angle)
-    position = at + turned(center, angle)
+    velocity = rotate_single(np.array([twist[0] - twist[2] * center[1], twist[1] + twist[2] * center[0]]), angle)
+    position = at + rotate_single(center, angle)
     body.angle = float(angle)
     body.position = (float(position[0]), float(position[1]))
     body.velocity = (float(velocity[0]), float(velocity[1]))
@@ -110,11 +103,11 @@ def place(body: pymunk.Body, at: Array, angle: float, twist: Array, center: Arra
 def pose_of(motion: Array, center: Array) -> Array:
     """Return the pose (3,) in N of a body's frame from its motion (6,); `center` is its centre of mass in the frame."""
     x, y, psi = motion[:3]
-    return np.array([*((x, y) - turned(center, psi)), psi])
+    return np.array([*((x, y) - rotate_single(center, psi)), psi])
 
 
 def twist_of(motion: Array, center: Array) -> Array:
     """Return the twist (3,) in its own frame of a body's frame from its motion (6,)."""
     _, _, psi, *velocity, omega = motion
-    v = turned(np.array(velocity), -psi)
+    v = rotate_single(np.array(velocity), -psi)
     return np.array([v[0] + omega * center[1], v[1] - omega * center[0], omega])

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.geometry.se2 import rotate_single
 from castor_envs.physics import tyre as law
-from castor_envs.physics.statics import chassis, turned, wheel_loads
+from castor_envs.physics.statics import chassis, wheel_loads
 from castor_envs.vehicles.robot import RobotDescription
 
 SERVO_BANDWIDTH = 40.0  # rad/s: settles well within a 50 ms sample period
@@ -40,7 +41,7 @@ def wheel_records(robot: RobotDescription, floor: Floor) -> NDArray[np.void]:
             if moving:
                 place, heading = np.array([0.0, wheel.lateral]), 0.0
             else:
-                at = turned(np.array([-castor.offset, wheel.lateral]), castor.angle)
+                at = rotate_single(np.array([-castor.offset, wheel.lateral]), castor.angle)
                 place, heading = np.array(castor.pivot) + at - center, castor.angle
             w["body"] = body if moving else 0
             w["x"], w["y"] = place

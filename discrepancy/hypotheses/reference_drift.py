@@ -9,14 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.se2 import relative_pose
+from castor_envs.geometry.se2 import relative_pose, wrap
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.evidence import Evidence
 from discrepancy.inference.findings import Finding, Rank
 from discrepancy.validation.replay import poses_in
-from estimators.robots.castor_odometry import wrap
 
 AXES = ("forward", "to the left", "turning")
 UNITS = (1e3, "mm"), (1e3, "mm"), (1e3, "mrad")

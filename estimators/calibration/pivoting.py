@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
-from estimators.robots.castor_odometry import wrap
 
 STEADY = 2.0
 """Counts by which a castor's angle may still move for it to have swung in."""

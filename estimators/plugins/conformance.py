@@ -15,6 +15,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names
 from castor_envs.vehicles.robot import RobotDescription
@@ -25,7 +26,6 @@ from estimators.plugins import train_drives
 from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped
 from estimators.protocol import Estimator
 from estimators.registry import EstimatorEntry, declines, reset_at_origin
-from estimators.robots.castor_odometry import wrap
 
 TOLERANCE = 1e-9
 """m and rad: what a change of frame or of batch size may change."""

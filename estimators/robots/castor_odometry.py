@@ -142,11 +142,6 @@ def origin_displacement(point: tuple[Array, Array], x: Array, y: Array, turn: Ar
     return x + (p - cos * p + sin * q), y + (q - sin * p - cos * q)
 
 
-def wrap(angle: Array) -> Array:
-    """Return an angle, or a difference of angles, wrapped into (-pi, pi], rad."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
-
-
 def _sinc(angle: Array) -> Array:
     """Return sin(angle) / angle, 1 at 0."""
     angle = np.where(angle == 0.0, 1e-20, angle)

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import (
@@ -15,7 +16,6 @@ from estimators.robots.castor_odometry import (
     origin_displacement,
     several_castors,
     start,
-    wrap,
 )
 
 

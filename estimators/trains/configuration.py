@@ -6,10 +6,11 @@ from numpy.typing import ArrayLike
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import CastorOdometry, displaced, wrap
+from estimators.robots.castor_odometry import CastorOdometry, displaced
 from estimators.trains.relative_poses import MAX_AGE, RelativePoses, RelativePoseWarning, entry
 
 __all__ = ["MAX_AGE", "Configuration", "RelativePoseWarning", "checked_interval", "next_to"]

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from castor_envs.errors import InputError
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import wrap
 from estimators.trains.configuration import DEFAULT_INTERVAL, Configuration, checked_interval, next_to
 
 Metric = Literal["xy", "phi", "dev"]

@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import wrap
 from estimators.trains.configuration import DEFAULT_INTERVAL, Configuration, checked_interval, next_to
 from estimators.trains.grpec import Errors, attached, errors, select
 from estimators.trains.pose_noise import ODOMETRY_SIGMA, RELATIVE_SIGMA
