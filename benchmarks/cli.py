@@ -30,9 +30,8 @@ from benchmarks.tasks import official_tasks, select_tasks
 from benchmarks.tasks.task import Task, odometry_of
 from castor_envs import command_line
 from castor_envs.errors import InputError
-from castor_envs.vehicles.load import load_train, load_vehicle
-from castor_envs.vehicles.presets import load_robot, preset_names
-from castor_envs.vehicles.train_presets import train_names
+from castor_envs.vehicles.load import load_robot, load_train, load_vehicle
+from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.registry import (
     CALIBRATION,
     ESTIMATOR,

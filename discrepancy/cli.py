@@ -15,9 +15,9 @@ from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs.log import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.presets import train_names
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import train_names
 from discrepancy.diagnose import examine
 from discrepancy.inspect import inspect_logs
 from discrepancy.report.page import html_of

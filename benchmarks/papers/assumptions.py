@@ -17,7 +17,7 @@ import typer
 from benchmarks.tasks.kinematic import ROBOT, RUNS, Distribution
 from castor_envs.errors import InputError
 from castor_envs.motion.trajectories import CORNER_RADIUS, Corners, Direction, Trajectory, umbmark
-from castor_envs.vehicles.presets import load_robot
+from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.robot import RobotDescription
 
 SIDE = 1.5

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.train_presets import FRAME_LENGTH
+from castor_envs.vehicles.presets import FRAME_LENGTH
 from estimators.trains import grpec
 
 METRICS = ("theta_xy", "theta_phi", "theta_dev")

@@ -20,7 +20,7 @@ from benchmarks.papers.failure_modes import (
     ties,
     with_small_bends,
 )
-from castor_envs.vehicles.train_presets import FRAME_LENGTH
+from castor_envs.vehicles.presets import FRAME_LENGTH
 
 FORMAT = "castor-tables/1"
 LEGEND = "printed | ours; = agrees to the printed rounding, != does not"

@@ -18,8 +18,8 @@ from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.presets import FRAME_LENGTH, cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import FRAME_LENGTH, cfmmr
 
 CASES = 20
 RUNS = 25

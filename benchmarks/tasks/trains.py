@@ -3,7 +3,7 @@
 All axles follow one path, so what lies on it disturbs them all. The axles that are to be disturbed alone have a wider
 track: patches and cables lie beside the lane of the others, under their wheels. Which axles are wider is drawn anew for
 every case. The train files carry the errors that Doebbler's Table I says are left after calibration, as for the other
-robots; the relative posture sensors those of `castor_envs.vehicles.train_presets`.
+robots; the relative posture sensors those of `castor_envs.vehicles.presets`.
 """
 
 import dataclasses
@@ -22,8 +22,8 @@ from castor_envs.geometry.se2 import compose
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.paths import TrainPath, random_path
+from castor_envs.vehicles.presets import axle_module, cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import axle_module, cfmmr
 
 CASES = 20
 WIDE = 0.22  # m, half track of the axles that are disturbed; the others have 0.16

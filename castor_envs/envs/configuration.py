@@ -10,8 +10,8 @@ from castor_envs.envs.actions import finite
 from castor_envs.envs.sensed_robot import Observation
 from castor_envs.envs.train_env import TrainEnv
 from castor_envs.floor import Floor
+from castor_envs.motion.controllers import TrainDriver
 from castor_envs.motion.paths import LONGEST_RANDOM, TrainPath
-from castor_envs.motion.train_driver import TrainDriver
 from castor_envs.vehicles.train import TrainDescription
 
 MARGIN = 2.0  # m beyond the path that estimates may use

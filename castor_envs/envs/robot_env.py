@@ -14,7 +14,7 @@ from castor_envs.geometry.kinematics import Geometry
 from castor_envs.motion.controllers import Commands, trailing_angles
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.rendering import Renderer
-from castor_envs.vehicles.presets import load_robot
+from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.robot import RobotDescription
 
 

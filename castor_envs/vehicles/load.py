@@ -1,17 +1,19 @@
 """Robots and trains alike: what a spec or a file describes."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError
 from castor_envs.files import read_json
 from castor_envs.vehicles import robot, train
-from castor_envs.vehicles.presets import preset, preset_names
+from castor_envs.vehicles.presets import any_preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr, train_names
 
 Vehicle = RobotDescription | TrainDescription
+Kind = TypeVar("Kind", RobotDescription, TrainDescription)
+
+_WORDS = {RobotDescription: "robot", TrainDescription: "train"}
 
 
 def vehicle_from_dict(data: Any, source: str = "vehicle") -> Vehicle:
@@ -27,7 +29,7 @@ def vehicle_from_dict(data: Any, source: str = "vehicle") -> Vehicle:
 
 def file_name(vehicle: Vehicle) -> str:
     """Return what the file of a vehicle's description is called beside its logs: ``robot.json`` or ``train.json``."""
-    return "train.json" if isinstance(vehicle, TrainDescription) else "robot.json"
+    return f"{_WORDS[type(vehicle)]}.json"
 
 
 def load_vehicle(spec: Vehicle | str) -> Vehicle:
@@ -36,19 +38,23 @@ def load_vehicle(spec: Vehicle | str) -> Vehicle:
         return spec
     if not isinstance(spec, str):
         raise InputError(f"expected a robot or train, a preset's name or a file, got {type(spec).__name__}")
-    name = spec
-    if name.endswith(".json"):
-        return vehicle_from_dict(read_json(Path(name)), name)
-    if name in train_names():
-        return cfmmr(int(name.rpartition("-")[2]))
-    if name in preset_names():
-        return preset(name)
-    raise InputError(f"unknown robot or train {name!r}{did_you_mean(name, (*preset_names(), *train_names()))}")
+    return vehicle_from_dict(read_json(Path(spec)), spec) if spec.endswith(".json") else any_preset(spec)
+
+
+def load_robot(spec: RobotDescription | str) -> RobotDescription:
+    """Return a robot as `load_vehicle` does; raises InputError for anything else."""
+    return _of_kind(RobotDescription, spec)
 
 
 def load_train(spec: TrainDescription | str) -> TrainDescription:
     """Return a train as `load_vehicle` does; raises InputError for anything else."""
+    return _of_kind(TrainDescription, spec)
+
+
+def _of_kind(kind: type[Kind], spec: Kind | str) -> Kind:
     vehicle = load_vehicle(spec)
-    if not isinstance(vehicle, TrainDescription):
-        raise InputError(f"{vehicle.name!r} is a robot, not a train; trains: {', '.join(train_names())}, or a file")
+    if not isinstance(vehicle, kind):
+        given, needed = _WORDS[type(vehicle)], _WORDS[kind]
+        known = ", ".join(preset_names(kind))
+        raise InputError(f"{vehicle.name!r} is a {given}, not a {needed}; {needed}s: {known}, or a file")
     return vehicle

@@ -1,4 +1,6 @@
-"""Robots to start from, and the one home of every number that no paper gives.
+"""Robots and trains to start from, and the one home of every number that no paper gives.
+
+A preset is a function under `named`: nothing else has to know of it.
 
 Assumptions, and why:
 
@@ -25,13 +27,44 @@ Assumptions, and why:
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import cache, partial
+from typing import TypeVar
 
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
+from castor_envs.vehicles.train import MOST_AXLES, Frame, TrainDescription
+
+Make = TypeVar("Make", bound=Callable[..., RobotDescription | TrainDescription])
 
 WHEEL_COUNTS = 1200.0
 PIVOT_COUNTS = 5143
+FRAME_LENGTH = 0.35
+HALF_TRACK = 0.16
+
+_PRESETS: dict[str, Callable[[], RobotDescription | TrainDescription]] = {}
+
+
+def named(name: str, numbers: Iterable[int] = ()) -> Callable[[Make], Make]:
+    """Make a function a preset: what it returns without arguments is known as `name` wherever a vehicle is asked for.
+
+    With `numbers`, `name` has a place for one of them, as in ``"{}-castor"``, and the function is given it.
+    """
+
+    def register(make: Make) -> Make:
+        for number in numbers:
+            _register(name.format(number), partial(make, number))
+        if not numbers:
+            _register(name, make)
+        return make
+
+    return register
+
+
+def _register(name: str, make: Callable[[], RobotDescription | TrainDescription]) -> None:
+    if name in _PRESETS:
+        raise ValueError(f"two presets are named {name!r}; rename one")
+    _PRESETS[name] = make
 
 
 def disc_inertia(mass: float, radius: float) -> float:
@@ -60,6 +93,27 @@ def split_castor(pivot: tuple[float, float], scale: float = 1.0, mass: float = 1
     )
 
 
+@named("asoc-prototype")
+def asoc_prototype() -> RobotDescription:
+    """Return the one-third prototype on three ASOCs (Doebbler V)."""
+    return dataclasses.replace(n_castor(3), name="ASOC prototype, one-third scale")
+
+
+@named("asoc-full-scale")
+def asoc_full_scale() -> RobotDescription:
+    """Return the 300 kg base on three ASOCs, three times the prototype's lengths (Doebbler II.A)."""
+    angles = [2 * math.pi * i / 3 for i in range(3)]
+    return RobotDescription(
+        name="ASOC full scale, 300 kg",
+        mass=250.0,
+        inertia=disc_inertia(250.0, 0.9),
+        max_wheel_speed=15.0,
+        max_wheel_torque=40.0,
+        castors=tuple(split_castor((0.72 * math.cos(a), 0.72 * math.sin(a)), scale=3.0, mass=50.0 / 3) for a in angles),
+    )
+
+
+@named("{}-castor", range(1, 7))
 def n_castor(n: int) -> RobotDescription:
     """Return a base on n ASOCs (1 to 6), evenly on a circle of 0.24 m; castor 1 on the x axis (Doebbler II.C)."""
     if not 1 <= n <= 6:
@@ -79,24 +133,7 @@ def n_castor(n: int) -> RobotDescription:
     )
 
 
-def asoc_prototype() -> RobotDescription:
-    """Return the one-third prototype on three ASOCs (Doebbler V)."""
-    return dataclasses.replace(n_castor(3), name="ASOC prototype, one-third scale")
-
-
-def asoc_full_scale() -> RobotDescription:
-    """Return the 300 kg base on three ASOCs, three times the prototype's lengths (Doebbler II.A)."""
-    angles = [2 * math.pi * i / 3 for i in range(3)]
-    return RobotDescription(
-        name="ASOC full scale, 300 kg",
-        mass=250.0,
-        inertia=disc_inertia(250.0, 0.9),
-        max_wheel_speed=15.0,
-        max_wheel_torque=40.0,
-        castors=tuple(split_castor((0.72 * math.cos(a), 0.72 * math.sin(a)), scale=3.0, mass=50.0 / 3) for a in angles),
-    )
-
-
+@named("omnimate")
 def omnimate() -> RobotDescription:
     """Return a base on two split castors in line, OmniMate-like."""
     front, rear = (
@@ -120,6 +157,7 @@ def omnimate() -> RobotDescription:
     )
 
 
+@named("differential")
 def differential(radius: float = 0.075, track: float = 0.34, counts_per_rev: float = 2000.0) -> RobotDescription:
     """Return a robot with two driven wheels on one axle; by default LabMate-sized."""
     return RobotDescription(
@@ -140,6 +178,7 @@ def differential(radius: float = 0.075, track: float = 0.34, counts_per_rev: flo
     )
 
 
+@named("tricycle")
 def tricycle() -> RobotDescription:
     """Return a robot with one driven and steered front wheel and two idle rear wheels; origin at the rear axle."""
     radius = 0.075
@@ -198,16 +237,19 @@ def _four_modules(name: str, radius: float, offset: float, lateral: float) -> Ro
     )
 
 
+@named("powered-caster")
 def powered_caster() -> RobotDescription:
     """Return a base on four powered casters, TidyBot++-like: driven steering, one wheel each, with an offset."""
     return _four_modules("four powered casters, TidyBot++-like", radius=0.0508, offset=0.014, lateral=-0.00375)
 
 
+@named("swerve")
 def swerve() -> RobotDescription:
     """Return a swerve drive: four driven-steering modules whose wheels stand under their pivots."""
     return _four_modules("four swerve modules", radius=0.0508, offset=0.0, lateral=0.0)
 
 
+@named("omni3")
 def omni3(
     distance: float = 0.195,
     radii: tuple[float, float, float] = (0.051, 0.051, 0.051),
@@ -239,35 +281,51 @@ def omni3(
     )
 
 
-_PRESETS: dict[str, Callable[[], RobotDescription]] = {
-    "asoc-prototype": asoc_prototype,
-    "asoc-full-scale": asoc_full_scale,
-    **{f"{n}-castor": (lambda n=n: n_castor(n)) for n in range(1, 7)},
-    "omnimate": omnimate,
-    "differential": differential,
-    "tricycle": tricycle,
-    "powered-caster": powered_caster,
-    "swerve": swerve,
-    "omni3": omni3,
-}
+def axle_module(half_track: float = HALF_TRACK) -> RobotDescription:
+    """Return one differential axle module."""
+    robot = differential(track=2 * half_track)
+    return dataclasses.replace(
+        robot,
+        name="axle module",
+        mass=3.0,
+        inertia=0.03,
+        max_wheel_torque=3.0,
+        max_wheel_speed=10.0,
+        castors=(dataclasses.replace(robot.castors[0], mass=2.0, inertia=0.03),),
+    )
 
 
-def preset_names() -> tuple[str, ...]:
-    """Return the names that `preset` knows."""
-    return tuple(_PRESETS)
+@named("cfmmr-{}", range(2, MOST_AXLES + 1))
+def cfmmr(n: int = 3) -> TrainDescription:
+    """Return a train of n axles (2 to 10) like the CFMMR."""
+    if not 2 <= n <= MOST_AXLES:
+        raise InputError(f"a train has 2 to {MOST_AXLES} axles, got {n}")
+    return TrainDescription(
+        name=f"CFMMR, {n} axles", modules=(axle_module(),) * n, frames=(Frame(length=FRAME_LENGTH),) * (n - 1)
+    )
+
+
+def preset_names(kind: type[RobotDescription] | type[TrainDescription] = RobotDescription) -> tuple[str, ...]:
+    """Return the names of all presets of robots, or of trains."""
+    return tuple(name for name in _PRESETS if isinstance(any_preset(name), kind))
+
+
+def train_names() -> tuple[str, ...]:
+    """Return the names of all presets of trains."""
+    return preset_names(TrainDescription)
 
 
 def preset(name: str) -> RobotDescription:
-    """Return a preset robot by name; raises InputError for an unknown one."""
+    """Return a preset robot by name; raises InputError for any other name."""
+    known = any_preset(name) if name in _PRESETS else None
+    if not isinstance(known, RobotDescription):
+        raise InputError(f"unknown robot {name!r}{did_you_mean(name, preset_names())}")
+    return known
+
+
+@cache
+def any_preset(name: str) -> RobotDescription | TrainDescription:
+    """Return a preset robot or train by name; raises InputError for any other name."""
     if name not in _PRESETS:
-        raise InputError(f"unknown robot {name!r}{did_you_mean(name, _PRESETS)}")
+        raise InputError(f"unknown robot or train {name!r}{did_you_mean(name, _PRESETS)}")
     return _PRESETS[name]()
-
-
-def load_robot(robot: RobotDescription | str) -> RobotDescription:
-    """Return a robot given as a description, a preset's name, or the path of a robot file (ending in .json)."""
-    if isinstance(robot, RobotDescription):
-        return robot
-    if not isinstance(robot, str):
-        raise InputError(f"robot must be a RobotDescription, a preset's name or a file, got {type(robot).__name__}")
-    return RobotDescription.load(robot) if robot.endswith(".json") else preset(robot)

@@ -17,10 +17,9 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.load import Vehicle, load_vehicle
-from castor_envs.vehicles.presets import preset_names
+from castor_envs.vehicles.presets import preset_names, train_names
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import train_names
 from estimators.plugins import drives as check_drives
 from estimators.plugins import train_drives
 from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped

@@ -13,8 +13,7 @@ import pytest
 
 from castor_envs import command_line
 from castor_envs.logs.log import Log, write_log
-from castor_envs.vehicles.presets import preset
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr, preset
 from discrepancy import cli
 
 

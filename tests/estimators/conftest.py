@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
-from castor_envs.vehicles.train_presets import cfmmr
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import numpy as np
 from castor_envs.envs.sensed_train import SensedTrain
 from castor_envs.floor import Floor
 from castor_envs.logs.log import Log
+from castor_envs.motion.controllers import TrainDriver
 from castor_envs.motion.paths import TrainPath
-from castor_envs.motion.train_driver import TrainDriver
 from castor_envs.vehicles.train import TrainDescription
 
 REFERENCE_EVERY, REFERENCE_NOISE = 20, 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.tasks.task import Episode, Run
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 
 
 def moving_train(samples=41):

@@ -9,7 +9,7 @@ from benchmarks.scoring import train_metrics
 from benchmarks.scoring.registry import METRICS, STANDING_STILL, score
 from benchmarks.tasks.task import Episode, Run
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 
 STRAIGHT = np.array([[0.7, 0, 0], [0.35, 0, 0], [0, 0, 0]])
 """Three axles in a straight line, as their frames see them too."""

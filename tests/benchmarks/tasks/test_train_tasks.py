@@ -20,9 +20,8 @@ from benchmarks.tasks.static_tests import STATIC_TESTS
 from benchmarks.tasks.task import Episode, Run
 from castor_envs import command_line
 from castor_envs.logs.log import Log, read_log
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr
 from estimators.registry import load_estimator
 from estimators.trains.grpec import GRPECXY
 from estimators.trains.odometry import TrainOdometry

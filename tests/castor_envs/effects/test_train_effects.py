@@ -16,8 +16,8 @@ from castor_envs.effects.train import (
 from castor_envs.errors import InputError
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.posture import PostureSensors, sensed
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import Frame, TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr
 
 TRAIN = cfmmr(3)
 SMALL = [effect for kind in TRAIN_EFFECTS.values() for effect in kind.variants(TRAIN)]

@@ -13,9 +13,8 @@ from castor_envs.geometry.se2 import relative_pose
 from castor_envs.logs.log import read_log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.paths import TrainPath
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr
 
 SHORT = TrainPath("short", ((0.6, 0.8),))
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from castor_envs.errors import InputError
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log, export_kitti, export_tum, pivot_jumps, read_log, write_log
-from castor_envs.vehicles.presets import preset
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr, preset
 
 HEADER = "t,wheel_1l,wheel_1r,ref_x,ref_y,ref_psi"
 DIFFERENTIAL = preset("differential")

@@ -6,8 +6,8 @@ import pytest
 
 from castor_envs.logs.log import read_log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr
 
 
 class ThreeSteps(gym.Env):

@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 from castor_envs.errors import InputError
 from castor_envs.physics.beam import Clamp, chain, half_link
 from castor_envs.physics.train_world import TrainWorld
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import Frame
-from castor_envs.vehicles.train_presets import cfmmr
 
 DEFAULT = dataclasses.replace(cfmmr(2).frames[0], damping=0.0)
 FRAMES = {

@@ -15,8 +15,8 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.geometry.se2 import compose
 from castor_envs.physics.train_world import TrainWorld
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import Frame
-from castor_envs.vehicles.train_presets import cfmmr
 
 G = 9.80665
 RADIUS, HALF_TRACK, LENGTH = 0.075, 0.16, 0.35

@@ -16,9 +16,8 @@ from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.rendering import Renderer, TrainRenderer
 from castor_envs.rendering.drawing.palette import SLIDING, TRUE_PATH
 from castor_envs.rendering.outlines import castor_outlines, chassis_outline, swept_radius
-from castor_envs.vehicles.presets import differential, preset, preset_names
+from castor_envs.vehicles.presets import cfmmr, differential, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
-from castor_envs.vehicles.train_presets import cfmmr
 
 ROOT = FilePath(__file__).parents[3]
 ARENA = (-1.0, 1.0, -1.0, 1.0)
@@ -113,7 +112,7 @@ frame = renderer.draw((0.2, 0.1, 0.5), (0.1, 0.2, 0.3), estimate=(0.2, 0.12, 0.4
 DRAW_TRAIN = """
 import sys
 import numpy as np
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.floor import Floor
 from castor_envs.rendering import TrainRenderer
 assert "pygame" not in sys.modules

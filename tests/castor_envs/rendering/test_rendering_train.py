@@ -9,7 +9,7 @@ from castor_envs.geometry.se2 import compose
 from castor_envs.rendering import TrainRenderer
 from castor_envs.rendering.drawing.palette import BEAM, ESTIMATE, FAINT_PATH, SLIDING, TRUE_PATH, TYRE
 from castor_envs.rendering.train_figure import frame_curve
-from castor_envs.vehicles.train_presets import FRAME_LENGTH, cfmmr
+from castor_envs.vehicles.presets import FRAME_LENGTH, cfmmr
 
 ARENA = (-1.5, 1.5, -1.5, 1.5)
 SIZE = (420, 440)

@@ -12,8 +12,8 @@ from scipy.integrate import quad, solve_ivp
 from castor_envs.effects.train import DeadGauge, GaugeDrift, GaugeGain, GaugeNoise, SensorStops
 from castor_envs.physics.beam import chain_pose
 from castor_envs.sensors.posture import PostureSensors, curvature_at_gauges, posture
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import Frame
-from castor_envs.vehicles.train_presets import cfmmr
 
 LENGTH = 0.35
 FRAME = Frame(length=LENGTH)

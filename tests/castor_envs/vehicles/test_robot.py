@@ -15,7 +15,8 @@ from castor_envs.effects import PivotBias, WheelRadius
 from castor_envs.errors import InputError
 from castor_envs.physics.robot_world import World
 from castor_envs.physics.statics import swung_loads, wheel_loads
-from castor_envs.vehicles.presets import load_robot, n_castor, preset, preset_names
+from castor_envs.vehicles.load import load_robot
+from castor_envs.vehicles.presets import n_castor, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 
 

@@ -13,10 +13,9 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.vehicles.load import file_name, load_train, load_vehicle, vehicle_from_dict
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import axle_module, cfmmr, preset, train_names
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import Frame, TrainDescription
-from castor_envs.vehicles.train_presets import axle_module, cfmmr, train_names
 
 EVERY_EFFECT = (
     GaugeNoise(frame=1, value=0.2),

@@ -20,8 +20,8 @@ from castor_envs.effects.train import (
 )
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr
 from discrepancy.trains.diagnosis import diagnose_train
 from discrepancy.trains.report import as_data, as_lines
 from discrepancy.trains.trial.simulate import log_at_random

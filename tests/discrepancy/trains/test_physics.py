@@ -6,7 +6,7 @@ import pytest
 
 from castor_envs.effects import WheelRadius
 from castor_envs.effects.train import GaugeGain
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from discrepancy.trains.diagnosis import diagnose_train
 from discrepancy.trains.report import as_data, as_lines
 from discrepancy.trains.trial.simulate import log_at_random

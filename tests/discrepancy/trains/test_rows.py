@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.train import AxleSlip
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from discrepancy.trains import bending
 from discrepancy.trains.bending import newtons
 from discrepancy.trains.rows import TrainLog

@@ -7,8 +7,8 @@ import pytest
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs.log import read_log
+from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import cfmmr
 from discrepancy import cli
 from discrepancy.trains.trial import run, scores
 from discrepancy.trains.trial.cases import BOUNDS, MIX, ONE_WAY, draw

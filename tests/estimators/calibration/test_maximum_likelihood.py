@@ -13,8 +13,7 @@ import pytest
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, published_correction, read_session
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.presets import n_castor, preset
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr, n_castor, preset
 from estimators.calibration import pivoting
 from estimators.calibration.log_likelihood import Noise
 from estimators.calibration.maximum_likelihood import calibrate

@@ -11,8 +11,7 @@ import pytest
 
 import estimators
 from castor_envs.errors import InputError
-from castor_envs.vehicles.presets import preset, preset_names
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr, preset, preset_names
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, builtin_names, load_estimator
 from estimators.plugins.source_hash import source_files
 from estimators.registry import declines

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from castor_envs.vehicles.load import load_vehicle
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from estimators import CAST, GRPECXY, EstimatorEntry, TrainOdometry, load_estimator
 from estimators.plugins.conformance import candidates, check, refusal
 from estimators.plugins.train_drives import straight, turning, winding, with_silent_sensors

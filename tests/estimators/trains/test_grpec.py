@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from castor_envs.errors import InputError
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from estimators.trains.grpec import GRPEC, GRPECXY, GRPECDev, GRPECPhi, attached, confidence, errors, select
 
 # Table 1: rows axles 1 to 3, then CON1 and CON2; m and deg.

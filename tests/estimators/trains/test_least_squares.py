@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from benchmarks.tasks.static_tests import STATIC_TESTS
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from estimators.trains.least_squares import TrainLeastSquares, gauss_newton, jacobian, residuals
 from estimators.trains.pose_noise import ODOMETRY_SIGMA, RELATIVE_SIGMA
 

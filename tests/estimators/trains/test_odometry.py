@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from castor_envs.vehicles.presets import axle_module, cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from castor_envs.vehicles.train_presets import axle_module, cfmmr
 from estimators.trains.odometry import TrainOdometry
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.tasks.static_tests import STATIC_TESTS
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from estimators.trains.grpec import errors
 from estimators.trains.pose_noise import ODOMETRY_SIGMA, RELATIVE_SIGMA
 from estimators.trains.rmspec import (

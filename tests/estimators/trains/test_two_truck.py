@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from castor_envs.errors import InputError
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 from estimators.trains.odometry import TrainOdometry
 from estimators.trains.two_truck import TwoTruckIPEC, corrected
 

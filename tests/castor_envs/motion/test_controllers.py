@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from castor_envs.geometry.se2 import relative_pose
+from castor_envs.motion.controllers import TrainDriver
 from castor_envs.motion.paths import TrainPath, named_path
-from castor_envs.motion.train_driver import TrainDriver
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.posture import PostureSensors
-from castor_envs.vehicles.train_presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr
 
 LENGTH, RADIUS, HALF_TRACK, PERIOD = 0.35, 0.075, 0.16, 0.05
 BEND = TrainPath("bend", ((1.0, 0.8), (1.0, -0.5)))
