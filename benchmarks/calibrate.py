@@ -14,7 +14,8 @@ from rich.table import Table
 from benchmarks.scatter import umbmark_scatter
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.files import write_atomically
-from castor_envs.logs.log import Log, read_log
+from castor_envs.logs.csv import read_log
+from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import Direction
 from castor_envs.vehicles.axle import driven_axle
 from castor_envs.vehicles.load import load_vehicle

@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from castor_envs import command_line
 from castor_envs.errors import InputError
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import train_names
 from castor_envs.vehicles.robot import RobotDescription

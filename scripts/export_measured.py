@@ -6,8 +6,8 @@ python scripts/export_measured.py DATA measured
 import argparse
 from pathlib import Path
 
+from castor_envs.logs.csv import write_log
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
-from castor_envs.logs.log import write_log
 
 
 def main() -> None:

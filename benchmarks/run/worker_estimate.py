@@ -20,7 +20,7 @@ from benchmarks.tasks.task import Episode
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
-from castor_envs.logs.log import Log
+from castor_envs.sensors.observation import Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
@@ -29,53 +29,6 @@ from estimators.trains.relative_poses import RelativePoseWarning
 Entry = TypeVar("Entry", EstimatorEntry, CalibrationEntry)
 
 FEWEST_TIMED = 50
-
-
-@dataclass(frozen=True, eq=False)
-class Observations:
-    """All observations of one run, or of several along leading axes: the same numbers as `Log.observations` yields.
-
-    wheel (..., K, driven wheels), pivot (..., K, pivot encoders), time (..., K), gyro (..., K) or None; of a train rps
-    (K, 3F) and rps_age (K, F), for robots None.
-    """
-
-    wheel: Array
-    pivot: Array
-    time: Array
-    gyro: Array | None
-    rps: Array | None = None
-    rps_age: Array | None = None
-
-    @classmethod
-    def of(cls, log: Log) -> "Observations":
-        """Return the observations of a log, without its reference."""
-        increments = np.diff(log.wheel, axis=0, prepend=log.wheel[:1])
-        return cls(increments, log.pivot, log.t, log.gyro, log.rps, log.rps_age)
-
-    @classmethod
-    def stack(cls, members: Sequence["Observations"]) -> "Observations":
-        """Return observations of robots, of equal length, along one new leading axis."""
-        gyro = [member.gyro for member in members if member.gyro is not None]
-        return cls(
-            np.stack([member.wheel for member in members]),
-            np.stack([member.pivot for member in members]),
-            np.stack([member.time for member in members]),
-            np.stack(gyro) if gyro else None,
-        )
-
-    def __len__(self) -> int:
-        return self.time.shape[-1]
-
-    def at(self, k: int) -> dict[str, Array]:
-        """Return observation k, in arrays of its own."""
-        observation = {"wheel": self.wheel[..., k, :].copy(), "time": self.time[..., k, None].copy()}
-        if self.rps is not None and self.rps_age is not None:
-            observation |= {"rps": self.rps[..., k, :].copy(), "rps_age": self.rps_age[..., k, :].copy()}
-        else:
-            observation["pivot"] = self.pivot[..., k, :].copy()
-        if self.gyro is not None:
-            observation["gyro"] = self.gyro[..., k, None].copy()
-        return observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +46,7 @@ class ObservedRun:
 
 def observed_runs(episode: Episode) -> list[ObservedRun]:
     """Return what estimators may see of an episode."""
-    return [ObservedRun(episode.robot, run.start.copy(), Observations.of(run.log), run.samples) for run in episode.runs]
+    return [ObservedRun(episode.robot, run.start.copy(), run.log.observations(), run.samples) for run in episode.runs]
 
 
 @dataclass(frozen=True)

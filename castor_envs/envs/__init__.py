@@ -1,21 +1,57 @@
-"""The Gymnasium environments. This module stays light: an environment's own module is imported when it is made."""
+"""The Gymnasium environments, one a module, found by themselves.
+
+An environment is a class with an ``ID``, as in ``ID = "castor/ASOC-v0"``, in a module of this folder. The IDs are read
+from the source: this module stays light, and an environment's own module is imported when it is made.
+"""
+
+import ast
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
+from gymnasium.vector import SyncVectorEnv
 
-#: For each id, what makes one environment and what makes many at once.
-ENVIRONMENTS = {
-    "castor/ASOC-v0": ("castor_envs.envs.asoc:ASOCEnv", "castor_envs.envs.vector:asoc"),
-    "castor/UMBmark-v0": ("castor_envs.envs.umbmark:UMBmarkEnv", "castor_envs.envs.vector:umbmark"),
-    "castor/CFMMR-v0": ("castor_envs.envs.cfmmr:CFMMREnv", "castor_envs.envs.vector:cfmmr"),
-    "castor/Configuration-v0": (
-        "castor_envs.envs.configuration:ConfigurationEnv",
-        "castor_envs.envs.vector:configuration",
-    ),
-}
+
+def _declared(folder: Path) -> dict[str, str]:
+    """Return the entry points of all environments in a folder's modules, by their IDs."""
+    found: dict[str, str] = {}
+    for path in sorted(folder.glob("[!_]*.py")):
+        for kind in ast.parse(path.read_bytes()).body:
+            for line in kind.body if isinstance(kind, ast.ClassDef) else ():
+                match line:
+                    case ast.Assign(targets=[ast.Name(id="ID")], value=ast.Constant(value=str(name))):
+                        if name in found:
+                            raise ValueError(f"two environments have the ID {name!r}; change that in {path.name}")
+                        found[name] = f"{__name__}.{path.stem}:{kind.name}"
+    return found
+
+
+#: For each ID the entry point, "module:class".
+ENVIRONMENTS = _declared(Path(__file__).parent)
+
+
+def make_many(entry_point: str, num_envs: int, **arguments: Any) -> SyncVectorEnv:
+    """Return `num_envs` environments with the same arguments: what ``gymnasium.make_vec`` makes.
+
+    They run side by side in one process. A step costs mostly the compiled physics of each robot, so there is nothing to
+    gain from arrays over robots, and nothing to lose: seeds, episodes and numbers are those of the single environments,
+    bit for bit.
+    """
+    kind = load_env_creator(entry_point)
+    return SyncVectorEnv([lambda: kind(**arguments)] * num_envs)
+
+
+def __getattr__(name: str) -> Any:
+    """Return what makes many environments of an ID, which the entry point ``castor_envs.envs:castor/ASOC-v0`` names."""
+    if name in ENVIRONMENTS:
+        return partial(make_many, ENVIRONMENTS[name])
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def register_envs() -> None:
     """Register all environments with Gymnasium; doing it again changes nothing."""
-    for name, (entry_point, vector_entry_point) in ENVIRONMENTS.items():
+    for name, entry_point in ENVIRONMENTS.items():
         if name not in gym.registry:
-            gym.register(id=name, entry_point=entry_point, vector_entry_point=vector_entry_point)
+            gym.register(id=name, entry_point=entry_point, vector_entry_point=f"{__name__}:{name}")

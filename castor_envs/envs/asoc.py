@@ -7,16 +7,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from castor_envs.envs.actions import finite
-from castor_envs.envs.robot_env import RobotEnv
-from castor_envs.envs.sensed_robot import Observation
+from castor_envs.envs.base import RobotEnv, check_control
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import Commands
 from castor_envs.motion.trajectories import Trajectory, figure_eight, umbmark
+from castor_envs.sensors.observation import Observation
 from castor_envs.vehicles.robot import RobotDescription
 
 TRAJECTORIES = {"figure-eight": figure_eight, "square": umbmark}
-LOST = 0.5  # m from the reference at which an episode ends
+LOST = 0.5  # m from the target at which an episode ends
 
 
 class ASOCEnv(RobotEnv):
@@ -44,17 +44,17 @@ class ASOCEnv(RobotEnv):
     | `gyro`  | (1,)             | yaw rate, rad/s; only if the robot has a gyro                       |
 
     ## Rewards
-    Minus the tracking error, times the sample period: the distance to the reference (m) plus a quarter of
+    Minus the tracking error, times the sample period: the distance to the target (m) plus a quarter of
     a metre times the heading error's size (rad, wrapped).
 
     ## Starting State
     At rest at the origin, castors trailing for the first leg. The encoders' phases are random.
 
     ## Episode End
-    Terminates when the robot is more than 0.5 m from the reference; truncates at the trajectory's end.
+    Terminates when the robot is more than 0.5 m from the target; truncates at the trajectory's end.
 
     ## Information
-    `pose` (3,): the truth. `reference` (3,): the trajectory's pose now. `position_error` (m),
+    `pose` (3,): the truth. `target` (3,): the trajectory's pose now. `position_error` (m),
     `heading_error` (rad). `command`, `steering_command`: what the motors were told in the last period (rad/s; with
     voltage control the wheels' fraction).
 
@@ -69,6 +69,8 @@ class ASOCEnv(RobotEnv):
     ## Version History
     * v0: first version
     """
+
+    ID = "castor/ASOC-v0"
 
     def __init__(
         self,
@@ -86,8 +88,7 @@ class ASOCEnv(RobotEnv):
             chosen = TRAJECTORIES[trajectory]()
         else:
             chosen = trajectory
-        if control not in ("speed", "voltage"):
-            raise InputError(f"control must be 'speed' or 'voltage', got {control!r}")
+        check_control(control)
         super().__init__(robot, chosen, floor, render_mode, held)
         self._control = control
         motors = len(self.robot.driven_wheels) + len(self.robot.driven_castors)
@@ -121,11 +122,11 @@ class ASOCEnv(RobotEnv):
         return self._sensed.observation, reward, terminated, truncated, info
 
     def _info(self, commands: Commands) -> dict[str, Any]:
-        pose, reference = self._sensed.world.pose, self._reference()
-        away = reference - pose
+        pose, target = self._sensed.pose, self._target()
+        away = target - pose
         return {
             "pose": pose,
-            "reference": reference,
+            "target": target,
             "position_error": float(np.hypot(away[0], away[1])),
             "heading_error": float(np.arctan2(np.sin(away[2]), np.cos(away[2]))),
             "command": commands.wheel,

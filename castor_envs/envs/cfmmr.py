@@ -7,14 +7,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from castor_envs.envs.actions import finite
-from castor_envs.envs.sensed_robot import Observation
-from castor_envs.envs.train_env import TrainEnv
-from castor_envs.errors import InputError
+from castor_envs.envs.base import TrainEnv, check_control
 from castor_envs.floor import Floor
 from castor_envs.motion.paths import TrainPath
+from castor_envs.sensors.observation import Observation
 from castor_envs.vehicles.train import TrainDescription
 
-LOST = 0.5  # m, mean over the axles, from the reference at which an episode ends
+LOST = 0.5  # m, mean over the axles, from the target at which an episode ends
 
 
 class CFMMREnv(TrainEnv):
@@ -49,10 +48,10 @@ class CFMMREnv(TrainEnv):
     At rest, straight, the front axle at the origin. Encoder phases and gauge offsets are random.
 
     ## Episode End
-    Terminates when the axles are more than 0.5 m from the reference in the mean; truncates at the path's end.
+    Terminates when the axles are more than 0.5 m from the target in the mean; truncates at the path's end.
 
     ## Information
-    `pose` (axles, 3): the truth. `reference` (axles, 3): where the axles would be on the path now.
+    `pose` (axles, 3): the truth. `target` (axles, 3): where the axles would be on the path now.
     `position_error` (m) and `heading_error` (rad): mean over the axles. `command` (2 * axles,): what the motors were
     told in the last period (rad/s; with voltage control the fraction).
 
@@ -66,6 +65,8 @@ class CFMMREnv(TrainEnv):
     * v0: first version
     """
 
+    ID = "castor/CFMMR-v0"
+
     def __init__(
         self,
         train: TrainDescription | str = "cfmmr-3",
@@ -75,8 +76,7 @@ class CFMMREnv(TrainEnv):
         floor: Floor | str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if control not in ("speed", "voltage"):
-            raise InputError(f"control must be 'speed' or 'voltage', got {control!r}")
+        check_control(control)
         super().__init__(train, path, floor, render_mode)
         self._control = control
         self._fastest = np.repeat([module.max_wheel_speed for module in self.train.modules], 2)
@@ -104,11 +104,11 @@ class CFMMREnv(TrainEnv):
         return self._sensed.observation, reward, terminated, self._sample >= self._samples, info
 
     def _info(self, command: NDArray[np.float64]) -> dict[str, Any]:
-        pose, reference = self._sensed.world.poses, self._reference()
-        away = reference - pose
+        pose, target = self._sensed.pose, self._target()
+        away = target - pose
         return {
             "pose": pose,
-            "reference": reference,
+            "target": target,
             "position_error": float(np.mean(np.hypot(away[:, 0], away[:, 1]))),
             "heading_error": float(np.mean(np.abs(np.arctan2(np.sin(away[:, 2]), np.cos(away[:, 2]))))),
             "command": command,

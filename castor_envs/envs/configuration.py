@@ -7,11 +7,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from castor_envs.envs.actions import finite
-from castor_envs.envs.sensed_robot import Observation
-from castor_envs.envs.train_env import TrainEnv
+from castor_envs.envs.base import TrainEnv
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import TrainDriver
 from castor_envs.motion.paths import LONGEST_RANDOM, TrainPath
+from castor_envs.sensors.observation import Observation
 from castor_envs.vehicles.train import TrainDescription
 
 MARGIN = 2.0  # m beyond the path that estimates may use
@@ -64,6 +64,8 @@ class ConfigurationEnv(TrainEnv):
     * v0: first version
     """
 
+    ID = "castor/Configuration-v0"
+
     def __init__(
         self,
         train: TrainDescription | str = "cfmmr-3",
@@ -93,7 +95,7 @@ class ConfigurationEnv(TrainEnv):
         shape = (self.train.n_axles, 3)
         flat = np.ravel(action) if np.shape(action) == shape else action
         estimate = finite(flat, self.action_space.shape, "action (the estimate x, y, psi of every axle)").reshape(shape)
-        self._off = estimate - self._sensed.world.poses
+        self._off = estimate - self._sensed.pose
         error = float(np.mean(np.hypot(self._off[:, 0], self._off[:, 1])))
         heading_error = float(np.mean(np.abs(self._off[:, 2])))
         reward, self._error = self._error - error, error
@@ -110,12 +112,12 @@ class ConfigurationEnv(TrainEnv):
 
     def _info(self, command: NDArray[np.float64], heading_error: float) -> dict[str, Any]:
         return {
-            "pose": self._sensed.world.poses,
+            "pose": self._sensed.pose,
             "position_error": self._error,
             "heading_error": heading_error,
             "command": command,
         }
 
-    def _drawn_estimate(self) -> NDArray[np.float64] | None:
+    def _estimate_to_draw(self) -> NDArray[np.float64] | None:
         # The estimate is one sample older than the train that is drawn: it is moved along, so that its error shows.
-        return None if self._off is None else self._sensed.world.poses + self._off
+        return None if self._off is None else self._sensed.pose + self._off

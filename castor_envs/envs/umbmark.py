@@ -7,11 +7,11 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.envs.actions import finite
-from castor_envs.envs.robot_env import RobotEnv
-from castor_envs.envs.sensed_robot import Observation
+from castor_envs.envs.base import RobotEnv
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import Commands, KinematicController
 from castor_envs.motion.trajectories import Corners, Direction, umbmark
+from castor_envs.sensors.observation import Observation
 from castor_envs.vehicles.robot import RobotDescription
 
 MARGIN = 2.0  # m around the square that estimates may use
@@ -70,6 +70,8 @@ class UMBmarkEnv(RobotEnv):
     * v0: first version
     """
 
+    ID = "castor/UMBmark-v0"
+
     def __init__(
         self,
         robot: RobotDescription | str = "asoc-prototype",
@@ -110,7 +112,7 @@ class UMBmarkEnv(RobotEnv):
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
-        self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self._sensed.world.pose
+        self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self._sensed.pose
         error, heading_error = float(np.hypot(self._off[0], self._off[1])), float(self._off[2])
         reward, self._error = self._error - error, error
 
@@ -127,13 +129,13 @@ class UMBmarkEnv(RobotEnv):
 
     def _info(self, commands: Commands, heading_error: float) -> dict[str, Any]:
         return {
-            "pose": self._sensed.world.pose,
+            "pose": self._sensed.pose,
             "position_error": self._error,
             "heading_error": heading_error,
             "command": commands.wheel,
             "steering_command": commands.steering,
         }
 
-    def _drawn_estimate(self) -> ArrayLike | None:
+    def _estimate_to_draw(self) -> ArrayLike | None:
         # The estimate is one sample older than the robot that is drawn: it is moved along, so that its error shows.
-        return None if self._off is None else self._sensed.world.pose + self._off
+        return None if self._off is None else self._sensed.pose + self._off

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from castor_envs.logs.csv import complaint
+from castor_envs.logs.table import complaint
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
 
@@ -83,9 +83,9 @@ class LogColumns(NamedTuple):
         ages = [name for name in self.rps_age if name in names]
         if ages and not any(name in names for name in self.rps):
             raise complaint(path, line, ages[0], f"is the age of {self.rps[0]!r} and the others, which are missing")
-        for part, own in self._asdict().items():
-            required = part in ("t", "wheel", "pivot") or any(name in names for name in own)
-            for name in own if required else ():
+        for part, expected in self._asdict().items():
+            required = part in ("t", "wheel", "pivot") or any(name in names for name in expected)
+            for name in expected if required else ():
                 if name not in names:
                     raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
 
@@ -102,9 +102,9 @@ class LogColumns(NamedTuple):
         if isinstance(vehicle, TrainDescription):
             return
         for name in names:
-            own = re.fullmatch(r"(?:wheel|pivot)_(\d+)(?:[lr]|_\d+)?", name)
-            if own is not None and int(own[1]) > len(vehicle.castors):
-                message = f"{vehicle.name!r} has no castor {int(own[1])}; give the robot that made the log"
+            encoder = re.fullmatch(r"(?:wheel|pivot)_(\d+)(?:[lr]|_\d+)?", name)
+            if encoder is not None and int(encoder[1]) > len(vehicle.castors):
+                message = f"{vehicle.name!r} has no castor {int(encoder[1])}; give the robot that made the log"
                 raise complaint(path, line, name, message)
 
     def _hint(self, missing: str, names: Sequence[str]) -> str:

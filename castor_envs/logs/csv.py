@@ -1,73 +1,188 @@
-"""CSV files, read so that every mistake has a place: ``file:line: column 'x': what is wrong; what to do``."""
+"""Logs as CSV files: what one run of a robot or a train recorded, read and written with a place for every mistake.
 
-import csv
-import math
-from collections.abc import Iterator
+The header comes first, columns stand in any order, columns that the vehicle does not explain are kept aside. A robot:
+
+    t                        s, strictly increasing
+    wheel_1l ...             cumulative encoder counts of every driven wheel
+    pivot_1 ...              counts of every pivot encoder; they may wrap at `pivot_counts_per_rev`
+    cmd_1l ...               rad/s, optional: the command to every driven wheel at row k from t_k to t_k+1
+    cmd_pivot_1 ...          rad/s, optional: the same for the steering motors
+    ref_x, ref_y, ref_psi    m, m, rad (unwrapped), optional: the body's pose by a tracker (in simulation the truth),
+                             blank where none was taken
+    gyro_z                   rad/s, optional
+
+A train has no pivots and no gyro; its axles are numbered and its frames lettered from the front:
+
+    t                        s, strictly increasing
+    wheel_1l ... wheel_Nr    cumulative encoder counts, axle by axle
+    cmd_1l ...               rad/s, optional, as above
+    rps_A_x, rps_A_y, rps_A_phi, rps_B_x ...
+                             m, m, rad, optional: the front axle's pose in the rear axle's frame as the frame's relative
+                             posture sensor reports it; a frame's three are blank where there is no reading
+    rps_age_A ...            s, optional (0): how old that reading is
+    ref_1_x, ref_1_y, ref_1_psi, ref_2_x ...
+                             m, m, rad (unwrapped), optional: the axles' poses, likewise
+
+Commands too may be blank in rows without any. Whatever `read_log` refuses, `write_log` refuses to write.
+"""
+
+import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from castor_envs.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.files import write_atomically
+from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.log import OPTIONAL, REQUIRED, Log, pivot_jumps
+from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
+from castor_envs.vehicles.load import Vehicle
+from castor_envs.vehicles.train import TrainDescription
+
+Array = NDArray[Any]
+_MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
+_FLAT = ("t", "gyro")
 
 
-class Line(NamedTuple):
-    """One line of a file: its number, counted from 1, and its cells as text."""
+def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
+    """Read and check a log of a robot or a train; a train's log without rps columns has rps of NaN.
 
-    number: int
-    cells: list[str]
-
-
-def complaint(path: Path, line: int | None, column: str | None, message: str) -> InputError:
-    """Return the error for a place in a file; `line` and `column` are left out where they are None."""
-    place = f"{path}:{line}" if line is not None else f"{path}"
-    return InputError(f"{place}: column {column!r}: {message}" if column is not None else f"{place}: {message}")
-
-
-def read_lines(path: Path) -> list[Line]:
-    """Return the lines of a CSV file that are not blank.
-
-    Raises InputError if there are none, or the file cannot be read.
+    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns, encoders
+    of castors that the robot does not have, lines of the wrong width, cells that are not finite numbers, half-blank
+    poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
+    `pivot_jumps`), wrapped headings.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = list(_lines(path, file))
-    except OSError as error:
-        raise complaint(path, None, None, f"cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError:
-        raise complaint(path, None, None, "is not text in UTF-8; save it as UTF-8") from None
-    if not lines:
-        raise complaint(path, None, None, "is empty; a CSV file was expected")
-    return lines
+    path = Path(path)
+    header, *rows = read_lines(path)
+    names = [name.strip() for name in header.cells]
+    columns = LogColumns.of(vehicle)
+    columns.check_header(path, header.number, names)
+    columns.check_castors(path, header.number, names, vehicle)
+    for row in rows:
+        check_width(path, row, len(names))
+    place = {name: k for k, name in enumerate(names)}
+    parts: dict[str, Array] = {}
+    for part in (*REQUIRED, *OPTIONAL):
+        present = [(name, place[name]) for name in getattr(columns, part) if name in place]
+        if part in REQUIRED or present:
+            values = np.full((len(rows), len(present)), np.nan)
+            for k, row in enumerate(rows):
+                for group in _groups(part, len(present)):
+                    if part in _MAY_BE_BLANK and _blank(path, row, present[group]):
+                        continue
+                    values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
+            parts[part] = values[:, 0] if part in _FLAT else values
+    if isinstance(vehicle, TrainDescription) and "rps" not in parts:
+        parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
+    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in columns.known}
+    log = Log(**parts, extra=extra)
+    _check_values(path, [row.number for row in rows], log, vehicle)
+    return log
 
 
-def _lines(path: Path, file: Iterator[str]) -> Iterator[Line]:
-    reader = csv.reader(file, strict=True)
-    last = 0
-    try:
-        for cells in reader:
-            if any(cell.strip() for cell in cells):
-                yield Line(last + 1, cells)
-            last = reader.line_num
-    except csv.Error as error:
-        raise complaint(path, last + 1, None, f"is not CSV ({error}); mend the line") from None
+def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle) -> None:
+    """Write a log of a robot or a train, whole or not at all; `read_log` gives back the same numbers, bit for bit.
+
+    Raises InputError for what `read_log` would refuse, ValueError for shapes that do not fit the vehicle.
+    """
+    path, columns = Path(path), LogColumns.of(vehicle)
+    names: list[str] = []
+    cells: list[list[str]] = []
+    for part in (*REQUIRED, *OPTIONAL):
+        values = getattr(log, part)
+        if values is None:
+            continue
+        expected = getattr(columns, part)
+        if values.shape != ((len(log),) if part in _FLAT else (len(log), len(expected))):
+            raise ValueError(f"{part} has shape {values.shape}, {vehicle.name!r} has columns {expected}")
+        text = _count if part in ("wheel", "pivot") else _blank_or_number
+        for name, column in zip(expected, values.reshape(len(log), len(expected)).T, strict=True):
+            names.append(name)
+            cells.append([text(value) for value in column.tolist()])
+    for name, column in log.extra.items():
+        if len(column) != len(log) or name in columns.known or name != name.strip():
+            raise ValueError(f"extra column {name!r}: {len(column)} cells for {len(log)} rows, or a bad name")
+        names.append(name)
+        cells.append(column)
+    columns.check_header(path, 1, names)
+    columns.check_castors(path, 1, names, vehicle)
+    _check_values(path, range(2, len(log) + 2), log, vehicle)
+    rows = [names, *zip(*cells, strict=True)]
+    write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
 
 
-def check_width(path: Path, line: Line, expected: int, kind: str = "columns of the header") -> None:
-    """Raise InputError unless the line has `expected` cells; `kind` says what they are."""
-    if len(line.cells) != expected:
-        message = f"{len(line.cells)} cells where the {kind} are {expected}; mend or remove the line"
-        raise complaint(path, line.number, None, message)
+def _quoted(cell: str) -> str:
+    return '"' + cell.replace('"', '""') + '"' if any(mark in cell for mark in ',"\r\n') else cell
 
 
-def number(path: Path, line: int, column: str, cell: str) -> float:
-    """Return a cell as a finite float; raises InputError for blanks, text, NaN and infinities."""
-    text = cell.strip()
-    try:
-        value = float(text)
-    except ValueError:
-        value = None
-    if value is None or "_" in text:
-        what = f"{text!r} is not a number" if text else "is blank"
-        raise complaint(path, line, column, f"{what}; give a number here")
-    if not math.isfinite(value):
-        raise complaint(path, line, column, f"{text!r} is not finite; give a finite number or remove the line")
-    return value
+def _count(value: float) -> str:
+    return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)
+
+
+def _blank_or_number(value: float) -> str:
+    return "" if np.isnan(value) else repr(value)
+
+
+def _groups(part: str, width: int) -> list[slice]:
+    """Return which of a part's columns may be blank together: a frame's three of rps, of other parts all."""
+    size = 3 if part == "rps" else max(width, 1)
+    return [slice(k, k + size) for k in range(0, width, size)]
+
+
+def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
+    """Return whether all of a row's cells in some columns are blank; some but not all is an error."""
+    blank = [name for name, at in columns if not row.cells[at].strip()]
+    if blank and len(blank) < len(columns):
+        names = ", ".join(name for name, _ in columns)
+        raise complaint(path, row.number, blank[0], f"is blank, but not all of {names}; give all or none")
+    return bool(blank)
+
+
+def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) -> None:
+    """Raise InputError for what single cells do not show: too few rows, unsorted times, jumps."""
+    columns = LogColumns.of(vehicle)
+    if len(log) < 2:
+        raise complaint(path, None, None, f"has {len(log)} rows of numbers; a log needs at least 2")
+    for part in (*REQUIRED, *OPTIONAL):
+        values = getattr(log, part)
+        if values is not None:
+            _check_finite(path, lines, getattr(columns, part), np.asarray(values).reshape(len(log), -1), part)
+    late = np.flatnonzero(np.diff(log.t) <= 0)
+    if late.size:
+        k = late[0] + 1
+        before, now = float(log.t[k - 1]), float(log.t[k])
+        what = f"repeats {now!r}" if now == before else f"goes back from {before!r} to {now!r}"
+        raise complaint(path, lines[k], "t", f"{what}; sort the rows and keep one for each time")
+    pivots = [] if isinstance(vehicle, TrainDescription) else [vehicle.castors[i] for i in vehicle.pivot_encoders]
+    for j, castor in enumerate(pivots):
+        turn = castor.pivot_counts_per_rev or np.nan
+        for k in pivot_jumps(log.pivot[:, j], turn)[:1]:
+            before, now = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
+            raise complaint(
+                path,
+                lines[k],
+                columns.pivot[j],
+                f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans "
+                "over one turn and so does not wrap; mend the count, or sample faster",
+            )
+    if log.rps_age is not None:
+        for k, f in np.argwhere(log.rps_age < 0)[:1]:
+            raise complaint(path, lines[k], columns.rps_age[f], f"is {log.rps_age[k, f]} s; an age is never below 0")
+    if log.reference is not None:
+        for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
+            name = columns.reference[3 * axle + 2]
+            step = float(np.diff(log.reference[k : k + 2, 3 * axle + 2])[0])
+            degrees = (
+                "" if abs(abs(step) - 2 * np.pi) < np.pi / 2 else f" by {step:.4g} rad, or are these degrees? give rad"
+            )
+            raise complaint(path, lines[k + 1], name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
+
+
+def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:
+    bad = ~np.isfinite(values)
+    for group in _groups(part, len(names)) if part in _MAY_BE_BLANK else ():
+        bad[:, group] &= ~np.isnan(values[:, group]).all(axis=1, keepdims=True)
+    for k, j in np.argwhere(bad)[:1]:
+        raise complaint(path, lines[k], names[j], f"{values[k, j]} is not finite; give a finite number")

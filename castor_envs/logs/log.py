@@ -1,50 +1,18 @@
-"""Logs: what one run of a robot or a train recorded, as one CSV file.
+"""A log: what one run of a robot or a train recorded."""
 
-The header comes first, columns stand in any order, columns that the vehicle does not explain are kept aside. A robot:
-
-    t                        s, strictly increasing
-    wheel_1l ...             cumulative encoder counts of every driven wheel
-    pivot_1 ...              counts of every pivot encoder; they may wrap at `pivot_counts_per_rev`
-    cmd_1l ...               rad/s, optional: the command to every driven wheel at row k from t_k to t_k+1
-    cmd_pivot_1 ...          rad/s, optional: the same for the steering motors
-    ref_x, ref_y, ref_psi    m, m, rad (unwrapped), optional: the body's true pose, blank where none was taken
-    gyro_z                   rad/s, optional
-
-A train has no pivots and no gyro; its axles are numbered and its frames lettered from the front:
-
-    t                        s, strictly increasing
-    wheel_1l ... wheel_Nr    cumulative encoder counts, axle by axle
-    cmd_1l ...               rad/s, optional, as above
-    rps_A_x, rps_A_y, rps_A_phi, rps_B_x ...
-                             m, m, rad, optional: the front axle's pose in the rear axle's frame as the frame's relative
-                             posture sensor reports it; a frame's three are blank where there is no reading
-    rps_age_A ...            s, optional (0): how old that reading is
-    ref_1_x, ref_1_y, ref_1_psi, ref_2_x ...
-                             m, m, rad (unwrapped), optional: the axles' true poses, blank where none were taken
-
-Commands too may be blank in rows without any. Whatever `read_log` refuses, `write_log` refuses to write.
-"""
-
-import os
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.files import write_atomically
-from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.csv import Line, check_width, complaint, number, read_lines
-from castor_envs.vehicles.load import Vehicle
-from castor_envs.vehicles.train import TrainDescription
+from castor_envs.sensors.observation import Observations, increments
 
 Array = NDArray[Any]
-_REQUIRED = ("t", "wheel", "pivot")
-_OPTIONAL = ("command", "steering_command", "reference", "gyro", "rps", "rps_age")
-_MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
-_FLAT = ("t", "gyro")
+
+#: The parts of a log that are always there, and those that may be None.
+REQUIRED = ("t", "wheel", "pivot")
+OPTIONAL = ("command", "steering_command", "reference", "gyro", "rps", "rps_age")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +21,7 @@ class Log:
 
     t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe
     wrapped. command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference
-    (K, 3): true x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None.
+    (K, 3): a tracker's x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None.
     extra: the columns that the vehicle does not explain, as text. Arrays of any real numbers are held as float64.
 
     Of a train of N axles and F frames: wheel and command (K, 2N), pivot (K, 0), reference (K, 3N), axle by axle. rps
@@ -73,7 +41,7 @@ class Log:
     extra: dict[str, list[str]] = field(default_factory=dict)
 
     def __post_init__(self):
-        for part in (*_REQUIRED, *_OPTIONAL):
+        for part in (*REQUIRED, *OPTIONAL):
             if getattr(self, part) is not None:
                 values = np.asarray(getattr(self, part), dtype=float)
                 if len(values) != len(self.t):
@@ -87,90 +55,10 @@ class Log:
     def __len__(self) -> int:
         return len(self.t)
 
-    def observations(self) -> Iterator[dict[str, Array]]:
-        """Yield what an estimator sees, sample by sample: increments, never the reference.
-
-        Keys: "wheel" (driven wheels,), counts since the sample before (0 in the first); "pivot" (pivot
-        encoders,), counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one. Of logs with rps: "wheel" and
-        "time" as above, "rps" (3F,), NaN where there is no reading, and "rps_age" (F,), s.
-        """
-        increments = np.diff(self.wheel, axis=0, prepend=self.wheel[:1])
-        for k in range(len(self)):
-            observation = {"wheel": increments[k].copy(), "time": self.t[k : k + 1].copy()}
-            if self.rps is not None and self.rps_age is not None:
-                observation |= {"rps": self.rps[k].copy(), "rps_age": self.rps_age[k].copy()}
-            else:
-                observation["pivot"] = self.pivot[k].copy()
-            if self.gyro is not None:
-                observation["gyro"] = self.gyro[k : k + 1].copy()
-            yield observation
-
-
-def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
-    """Read and check a log of a robot or a train; a train's log without rps columns has rps of NaN.
-
-    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns, encoders
-    of castors that the robot does not have, lines of the wrong width, cells that are not finite numbers, half-blank
-    poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
-    `pivot_jumps`), wrapped headings.
-    """
-    path = Path(path)
-    header, *rows = read_lines(path)
-    names = [name.strip() for name in header.cells]
-    columns = LogColumns.of(vehicle)
-    columns.check_header(path, header.number, names)
-    columns.check_castors(path, header.number, names, vehicle)
-    for row in rows:
-        check_width(path, row, len(names))
-    place = {name: k for k, name in enumerate(names)}
-    parts: dict[str, Array] = {}
-    for part in (*_REQUIRED, *_OPTIONAL):
-        own = [(name, place[name]) for name in getattr(columns, part) if name in place]
-        if part in _REQUIRED or own:
-            values = np.full((len(rows), len(own)), np.nan)
-            for k, row in enumerate(rows):
-                for group in _groups(part, len(own)):
-                    if part in _MAY_BE_BLANK and _blank(path, row, own[group]):
-                        continue
-                    values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in own[group]]
-            parts[part] = values[:, 0] if part in _FLAT else values
-    if isinstance(vehicle, TrainDescription) and "rps" not in parts:
-        parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
-    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in columns.known}
-    log = Log(**parts, extra=extra)
-    _check_values(path, [row.number for row in rows], log, vehicle)
-    return log
-
-
-def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle) -> None:
-    """Write a log of a robot or a train, whole or not at all; `read_log` gives back the same numbers, bit for bit.
-
-    Raises InputError for what `read_log` would refuse, ValueError for shapes that do not fit the vehicle.
-    """
-    path, columns = Path(path), LogColumns.of(vehicle)
-    names: list[str] = []
-    cells: list[list[str]] = []
-    for part in (*_REQUIRED, *_OPTIONAL):
-        values = getattr(log, part)
-        if values is None:
-            continue
-        own = getattr(columns, part)
-        if values.shape != ((len(log),) if part in _FLAT else (len(log), len(own))):
-            raise ValueError(f"{part} has shape {values.shape}, {vehicle.name!r} has columns {own}")
-        text = _count if part in ("wheel", "pivot") else _blank_or_number
-        for name, column in zip(own, values.reshape(len(log), len(own)).T, strict=True):
-            names.append(name)
-            cells.append([text(value) for value in column.tolist()])
-    for name, column in log.extra.items():
-        if len(column) != len(log) or name in columns.known or name != name.strip():
-            raise ValueError(f"extra column {name!r}: {len(column)} cells for {len(log)} rows, or a bad name")
-        names.append(name)
-        cells.append(column)
-    columns.check_header(path, 1, names)
-    columns.check_castors(path, 1, names, vehicle)
-    _check_values(path, range(2, len(log) + 2), log, vehicle)
-    rows = [names, *zip(*cells, strict=True)]
-    write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
+    def observations(self) -> Observations:
+        """Return what an estimator sees, sample by sample: increments of counts, never the reference."""
+        pivot = self.pivot if self.rps is None else None
+        return Observations(increments(self.wheel), self.t, pivot, self.gyro, self.rps, self.rps_age)
 
 
 def pivot_jumps(count: Array, counts_per_rev: float) -> NDArray[np.intp]:
@@ -184,105 +72,3 @@ def pivot_jumps(count: Array, counts_per_rev: float) -> NDArray[np.intp]:
     if np.ptp(count) <= counts_per_rev:
         return np.empty(0, dtype=np.intp)
     return np.flatnonzero(np.abs(np.diff(count)) > counts_per_rev / 2) + 1
-
-
-def export_tum(path: str | os.PathLike[str], t: Array, pose: Array) -> None:
-    """Write poses (N, 3) = x, y, psi at times (N,) as TUM text: t x y z qx qy qz qw.
-
-    Rows without a pose (NaN) are left out.
-    """
-    half = pose[:, 2] / 2
-    zero = np.zeros(len(t))
-    rows = np.column_stack([t, pose[:, 0], pose[:, 1], zero, zero, zero, np.sin(half), np.cos(half)])
-    _write_rows(Path(path), rows[np.isfinite(pose).all(axis=1)])
-
-
-def export_kitti(path: str | os.PathLike[str], pose: Array) -> None:
-    """Write poses (N, 3) = x, y, psi as KITTI text: the 3x4 matrix [R | p] row by row.
-
-    Raises ValueError for a pose that is not finite: KITTI text has no times, so no row can be left out.
-    """
-    if not np.isfinite(pose).all():
-        raise ValueError("KITTI text has no place for rows without a pose; select rows, or export TUM text")
-    x, y, psi = pose.T
-    c, s, zero, one = np.cos(psi), np.sin(psi), np.zeros(len(pose)), np.ones(len(pose))
-    _write_rows(Path(path), np.column_stack([c, -s, zero, x, s, c, zero, y, zero, zero, one, zero]))
-
-
-def _write_rows(path: Path, rows: Array) -> None:
-    write_atomically(path, "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()))
-
-
-def _quoted(cell: str) -> str:
-    return '"' + cell.replace('"', '""') + '"' if any(mark in cell for mark in ',"\r\n') else cell
-
-
-def _count(value: float) -> str:
-    return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)
-
-
-def _blank_or_number(value: float) -> str:
-    return "" if np.isnan(value) else repr(value)
-
-
-def _groups(part: str, width: int) -> list[slice]:
-    """Return which of a part's columns may be blank together: a frame's three of rps, of other parts all."""
-    size = 3 if part == "rps" else max(width, 1)
-    return [slice(k, k + size) for k in range(0, width, size)]
-
-
-def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
-    """Return whether all of a row's cells in some columns are blank; some but not all is an error."""
-    blank = [name for name, at in columns if not row.cells[at].strip()]
-    if blank and len(blank) < len(columns):
-        names = ", ".join(name for name, _ in columns)
-        raise complaint(path, row.number, blank[0], f"is blank, but not all of {names}; give all or none")
-    return bool(blank)
-
-
-def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) -> None:
-    """Raise InputError for what single cells do not show: too few rows, unsorted times, jumps."""
-    columns = LogColumns.of(vehicle)
-    if len(log) < 2:
-        raise complaint(path, None, None, f"has {len(log)} rows of numbers; a log needs at least 2")
-    for part in (*_REQUIRED, *_OPTIONAL):
-        values = getattr(log, part)
-        if values is not None:
-            _check_finite(path, lines, getattr(columns, part), np.asarray(values).reshape(len(log), -1), part)
-    late = np.flatnonzero(np.diff(log.t) <= 0)
-    if late.size:
-        k = late[0] + 1
-        before, now = float(log.t[k - 1]), float(log.t[k])
-        what = f"repeats {now!r}" if now == before else f"goes back from {before!r} to {now!r}"
-        raise complaint(path, lines[k], "t", f"{what}; sort the rows and keep one for each time")
-    pivots = [] if isinstance(vehicle, TrainDescription) else [vehicle.castors[i] for i in vehicle.pivot_encoders]
-    for j, castor in enumerate(pivots):
-        turn = castor.pivot_counts_per_rev or np.nan
-        for k in pivot_jumps(log.pivot[:, j], turn)[:1]:
-            before, now = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
-            raise complaint(
-                path,
-                lines[k],
-                columns.pivot[j],
-                f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans "
-                "over one turn and so does not wrap; mend the count, or sample faster",
-            )
-    if log.rps_age is not None:
-        for k, f in np.argwhere(log.rps_age < 0)[:1]:
-            raise complaint(path, lines[k], columns.rps_age[f], f"is {log.rps_age[k, f]} s; an age is never below 0")
-    if log.reference is not None:
-        for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
-            name = columns.reference[3 * axle + 2]
-            step = float(np.diff(log.reference[k : k + 2, 3 * axle + 2])[0])
-            degrees = (
-                "" if abs(abs(step) - 2 * np.pi) < np.pi / 2 else f" by {step:.4g} rad, or are these degrees? give rad"
-            )
-            raise complaint(path, lines[k + 1], name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
-
-
-def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:
-    bad = ~np.isfinite(values)
-    for group in _groups(part, len(names)) if part in _MAY_BE_BLANK else ():
-        bad[:, group] &= ~np.isnan(values[:, group]).all(axis=1, keepdims=True)
-    for k, j in np.argwhere(bad)[:1]:
-        raise complaint(path, lines[k], names[j], f"{values[k, j]} is not finite; give a finite number")

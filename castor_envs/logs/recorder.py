@@ -7,29 +7,30 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from castor_envs.effects import reference
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import Log, write_log
-from castor_envs.vehicles.load import Vehicle, file_name
-from castor_envs.vehicles.robot import RobotDescription
-from castor_envs.vehicles.train import TrainDescription
+from castor_envs.logs.csv import write_log
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.load import file_name
 
 
 class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     """Records every sample of an episode: counts, pivots or relative poses, commands and, as the reference, the truth.
 
-    Where the robot has effects on the clock of its reference, the reference comes early or late, and is blank after the
-    last sample.
+    Where the vehicle has effects on the clock of its reference, the reference comes early or late, and is blank after
+    the last sample.
 
-    env: one of castor_envs' environments, of robots or of trains, wrapped or not. folder: where each finished episode
+    env: an environment that offers its `vehicle` and what a tracker reports of it, `reference`, as those of castor_envs
+    do; wrapped or not. folder: where each finished episode
     goes as ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None
     keeps the newest episode in memory only (`log`).
     """
 
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:
         super().__init__(env)
-        self._vehicle = _vehicle_of(env)
-        self._real = getattr(env.unwrapped, "real_robot", None)
+        bare: Any = env.unwrapped
+        if not hasattr(bare, "vehicle") or not hasattr(bare, "reference"):
+            raise TypeError(f"RecordLog records environments of castor_envs, not {type(bare).__name__}")
+        self._vehicle, self._reference = bare.vehicle, bare.reference
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
         self._rows: list[dict[str, Array]] = []
@@ -59,14 +60,13 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     def log(self) -> Log:
         """Return the episode recorded so far; the last row's commands, not yet given, are zero."""
         columns = {key: np.array([row[key] for row in self._rows]) for key in self._rows[0]}
-        pose = columns["reference"]
         return Log(
             t=columns["t"],
             wheel=np.cumsum(columns["wheel"], axis=0),
             pivot=columns["pivot"],
             command=columns["command"],
             steering_command=columns["steering_command"] if columns["steering_command"].shape[1] else None,
-            reference=pose if self._real is None else reference(self._real, columns["t"], pose),
+            reference=self._reference(columns["t"], columns["pose"]),
             gyro=columns.get("gyro"),
             rps=columns.get("rps"),
             rps_age=columns.get("rps_age"),
@@ -77,20 +77,11 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
             "t": observation["time"][0],
             "wheel": observation["wheel"],
             "pivot": observation.get("pivot", np.empty(0)),
-            "reference": np.ravel(info["pose"]),
+            "pose": np.ravel(info["pose"]),
         }
         row |= {key: np.zeros_like(command) for key, command in _commands(info).items()}
         row |= {key: observation[key] for key in ("rps", "rps_age") if key in observation}
         return row | ({"gyro": observation["gyro"][0]} if "gyro" in observation else {})
-
-
-def _vehicle_of(env: gym.Env[Any, Any]) -> Vehicle:
-    """Return the train or the robot that an environment of this package simulates; raises TypeError for others."""
-    for name, kind in (("train", TrainDescription), ("robot", RobotDescription)):
-        vehicle = getattr(env.unwrapped, name, None)
-        if isinstance(vehicle, kind):
-            return vehicle
-    raise TypeError(f"RecordLog records environments of castor_envs, not {type(env.unwrapped).__name__}")
 
 
 def _commands(info: dict[str, Any]) -> dict[str, Array]:

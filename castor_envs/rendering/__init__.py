@@ -4,6 +4,5 @@ Pygame is imported when the first renderer is made, not before.
 """
 
 from castor_envs.rendering.renderer import Renderer
-from castor_envs.rendering.train_renderer import TrainRenderer
 
-__all__ = ["Renderer", "TrainRenderer"]
+__all__ = ["Renderer"]

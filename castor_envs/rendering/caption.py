@@ -6,11 +6,11 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.canvas import Canvas
-from castor_envs.rendering.drawing.palette import AXES, CABLE, ESTIMATE, INK, REFERENCE, SLIDING, TRUE_PATH, TYRE, WHITE
+from castor_envs.rendering.drawing.palette import AXES, CABLE, ESTIMATE, INK, SLIDING, TARGET, TRUE_PATH, TYRE, WHITE
 from castor_envs.rendering.drawing.view import View
 
 #: What the legend explains, in its order.
-SYMBOLS = ("true path", "estimate", "reference", "sliding", "cable")
+SYMBOLS = ("true path", "estimate", "target path", "sliding", "cable")
 
 
 def draw_caption(canvas: Canvas, view: View, time: float, shown: set[str]) -> None:
@@ -36,26 +36,20 @@ def draw_caption(canvas: Canvas, view: View, time: float, shown: set[str]) -> No
 
 
 def draw_error(canvas: Canvas, view: View, pose: Array, estimate: Array) -> None:
-    """Write how far the estimate (3,) is from the true pose (3,)."""
-    off = 1000 * math.dist(pose[:2], estimate[:2])
-    turned = math.degrees(math.remainder(estimate[2] - pose[2], math.tau))
-    _write_error(canvas, view, f"estimate off by {off:.1f} mm, {turned:+.2f}°")
-
-
-def draw_mean_error(canvas: Canvas, view: View, poses: Array, estimate: Array) -> None:
-    """Write how far the axles are from where the estimate (N, 3) has them, on average over the true poses (N, 3)."""
-    off = 1000 * float(np.mean(np.hypot(*(estimate - poses)[:, :2].T)))
-    _write_error(canvas, view, f"estimate off by {off:.1f} mm, mean of {len(poses)} axles")
+    """Write how far the estimate is from the true pose, both (3,), or (N, 3) of a train's axles: then on average."""
+    off = 1000 * float(np.mean(np.hypot(*(estimate - pose)[..., :2].T)))
+    if pose.ndim == 1:
+        turned = math.degrees(math.remainder(estimate[2] - pose[2], math.tau))
+        words = f"estimate off by {off:.1f} mm, {turned:+.2f}°"
+    else:
+        words = f"estimate off by {off:.1f} mm, mean of {len(pose)} axles"
+    canvas.text(words, (16 * view.unit, view.bottom - 18 * view.unit), 15 * view.unit, ESTIMATE)
 
 
 def round_length(most: float) -> float:
     """Return the largest of 1, 2 and 5 times a power of ten that is not above `most`."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(factor * power for factor in (1, 2, 5) if factor * power <= most)
-
-
-def _write_error(canvas: Canvas, view: View, words: str) -> None:
-    canvas.text(words, (16 * view.unit, view.bottom - 18 * view.unit), 15 * view.unit, ESTIMATE)
 
 
 def _draw_symbol(canvas: Canvas, name: str, x: float, y: float, u: float) -> None:
@@ -65,9 +59,9 @@ def _draw_symbol(canvas: Canvas, name: str, x: float, y: float, u: float) -> Non
             canvas.line(line, TRUE_PATH, 6 * u)
         case "estimate":
             canvas.line(line, ESTIMATE, 2 * u)
-        case "reference":
+        case "target path":
             for k in range(3):
-                canvas.disc((x + (3 + 9 * k) * u, y), 1.7 * u, REFERENCE)
+                canvas.disc((x + (3 + 9 * k) * u, y), 1.7 * u, TARGET)
         case "sliding":
             canvas.line([(x + 5 * u, y), (x + 19 * u, y)], TYRE, 11 * u)
             canvas.line([(x + 5 * u, y), (x + 19 * u, y)], SLIDING, 8 * u)

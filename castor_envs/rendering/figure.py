@@ -1,5 +1,7 @@
 """The robot's picture, and the ghost of where an estimator believes it is."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,12 +25,19 @@ from castor_envs.rendering.outlines import CastorOutline, castor_outlines, chass
 from castor_envs.vehicles.robot import RobotDescription
 
 
-class Figure:
+class RobotFigure:
     """Draws one robot at any pose; `compact`, with a chassis that only just covers the wheels of its fixed castors."""
 
     def __init__(self, robot: RobotDescription, compact: bool = False) -> None:
         self._robot = robot
+        self.friction = robot.contact.friction
         self._chassis, self._nose = chassis_outline(robot, compact), nose(robot, compact)
+
+    def checked(self, pose: Array, castor_angles: Any, estimate: Array | None, sliding: ArrayLike | None) -> Any:
+        """Return the castor angles; raises ValueError if the pose is not three finite numbers."""
+        if pose.shape != (3,) or not np.all(np.isfinite(pose)):
+            raise ValueError(f"pose must be three finite numbers, got {pose}")
+        return castor_angles
 
     def draw(
         self, canvas: Canvas, view: View, pose: Array, castor_angles: ArrayLike, sliding: ArrayLike | None
@@ -44,8 +53,8 @@ class Figure:
             for wheel, slide in zip(self._robot.wheels, slides, strict=True)
         ]
         for outline in castor_outlines(self._robot, castor_angles):
-            own, colors = colors[: len(outline.tyres)], colors[len(outline.tyres) :]
-            _draw_castor(canvas, view, outline, own, pose)
+            tyres, colors = colors[: len(outline.tyres)], colors[len(outline.tyres) :]
+            _draw_castor(canvas, view, outline, tyres, pose)
         _draw_origin(canvas, view, pose, TRUTH)
 
     def draw_ghost(self, canvas: Canvas, view: View, pose: Array) -> None:

@@ -15,7 +15,7 @@ from castor_envs.rendering.drawing.palette import (
     FADED,
     FAINT_PATH,
     OUTSIDE,
-    REFERENCE,
+    TARGET,
     TRUE_PATH,
     TRUTH,
     WHITE,
@@ -66,24 +66,24 @@ class Scene:
         """Forget all paths, for a new episode."""
         pixel = 1.0 / self.view.scale
         self._truth, self._rear = Path(pixel), Path(pixel)
-        self._estimate, self._reference = Path(pixel), Path(pixel)
+        self._estimate, self._target = Path(pixel), Path(pixel)
 
     def lengthen(
         self,
         truth: ArrayLike,
         estimate: ArrayLike | None,
-        reference: ArrayLike | None,
+        target: ArrayLike | None,
         rear: ArrayLike | None = None,
     ) -> None:
         """Let the paths go on to places in N, (2,) or with more behind them that does not count.
 
-        rear: of a second true path, drawn fainter. reference: a place, or a whole path (k, 2) that replaces the last.
+        rear: of a second true path, drawn fainter. target: a place, or a whole path (k, 2) that replaces the last.
         """
         for path, place in ((self._truth, truth), (self._rear, rear), (self._estimate, estimate)):
             if place is not None:
                 path.lengthen(np.asarray(place, dtype=float)[:2])
-        if reference is not None:
-            self._follow(np.asarray(reference, dtype=float))
+        if target is not None:
+            self._follow(np.asarray(target, dtype=float))
 
     def start(self) -> None:
         """Start a picture: the floor and the paths so far."""
@@ -98,7 +98,7 @@ class Scene:
         shown = {
             "true path": True,
             "estimate": len(self._estimate) > 0,
-            "reference": len(self._reference) > 0,
+            "target path": len(self._target) > 0,
             "sliding": sliding,
             "cable": len(self._floor.cables) > 0,
         }
@@ -112,19 +112,19 @@ class Scene:
         """Close the window, if one is open."""
         self._window.close()
 
-    def _follow(self, reference: Array) -> None:
-        if reference.ndim == 2:
-            self._reference = Path(1.0 / self.view.scale)
-        for row in np.atleast_2d(reference):
+    def _follow(self, target: Array) -> None:
+        if target.ndim == 2:
+            self._target = Path(1.0 / self.view.scale)
+        for row in np.atleast_2d(target):
             if np.all(np.isfinite(row[:2])):
-                self._reference.lengthen(row[:2])
+                self._target.lengthen(row[:2])
 
     def _draw_paths(self) -> None:
         canvas, view = self.canvas, self.view
         u = view.unit
-        if len(self._reference) > 1:
-            for dot in evenly(view.pixel(self._reference.corners), 9 * u):
-                canvas.disc(dot, 1.7 * u, REFERENCE)
+        if len(self._target) > 1:
+            for dot in evenly(view.pixel(self._target.corners), 9 * u):
+                canvas.disc(dot, 1.7 * u, TARGET)
         if len(self._rear):
             canvas.line(view.pixel(self._rear.corners), FAINT_PATH, 4 * u)
         truth = view.pixel(self._truth.corners)

@@ -1,6 +1,7 @@
 """The train's picture, and the ghost of where an estimator believes it is."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +11,7 @@ from castor_envs.rendering.drawing.canvas import Canvas
 from castor_envs.rendering.drawing.palette import BEAM, ESTIMATE, INK
 from castor_envs.rendering.drawing.path import evenly
 from castor_envs.rendering.drawing.view import View
-from castor_envs.rendering.figure import Figure
+from castor_envs.rendering.figure import RobotFigure
 from castor_envs.vehicles.train import TrainDescription
 
 BEAM_WIDTH = 0.022  # m; a description does not say how wide a frame is
@@ -20,8 +21,29 @@ class TrainFigure:
     """Draws one train at any axle poses."""
 
     def __init__(self, train: TrainDescription) -> None:
-        self._modules = [Figure(module, compact=True) for module in train.modules]
+        self._modules = [RobotFigure(module, compact=True) for module in train.modules]
         self._lengths = [frame.length for frame in train.frames]
+        self._names = train.frame_names
+        self.friction = train.modules[0].contact.friction
+
+    def checked(self, poses: Array, frames: Any, estimate: Array | None, sliding: ArrayLike | None) -> list[Array]:
+        """Return the frames' shapes as arrays; raises ValueError for wrong shapes and for what is not finite."""
+        axles = len(self._modules)
+        if poses.shape != (axles, 3) or not np.all(np.isfinite(poses)):
+            raise ValueError(f"pose must be finite, of shape ({axles}, 3), got shape {poses.shape}: {poses}")
+        if estimate is not None and np.shape(estimate) != poses.shape:
+            raise ValueError(f"estimate must have shape {poses.shape}, got {np.shape(estimate)}")
+        if sliding is not None and np.shape(sliding) != (2 * axles,):
+            raise ValueError(f"sliding must have shape ({2 * axles},), got {np.shape(sliding)}")
+        shapes = [np.asarray(frame, dtype=float) for frame in frames]
+        if len(shapes) != len(self._names):
+            raise ValueError(f"frames must be {len(self._names)} polylines, got {len(shapes)}")
+        for name, shape in zip(self._names, shapes, strict=True):
+            if shape.ndim != 2 or shape.shape[1] != 2 or len(shape) < 2 or not np.all(np.isfinite(shape)):
+                raise ValueError(
+                    f"frame {name} must be two or more finite points (k, 2), got shape {shape.shape}: {shape}"
+                )
+        return shapes
 
     def draw(
         self, canvas: Canvas, view: View, poses: Array, frames: Sequence[Array], sliding: ArrayLike | None
@@ -33,8 +55,8 @@ class TrainFigure:
         for frame in frames:
             canvas.line(view.pixel(frame), BEAM, width)
         slides = np.reshape(np.zeros(2 * len(poses), dtype=bool) if sliding is None else sliding, (-1, 2))
-        for module, pose, own in zip(self._modules, poses, slides, strict=True):
-            module.draw(canvas, view, pose, [0.0], own)
+        for module, pose, pair in zip(self._modules, poses, slides, strict=True):
+            module.draw(canvas, view, pose, [0.0], pair)
 
     def draw_ghost(self, canvas: Canvas, view: View, poses: Array) -> None:
         """Draw dashed outlines of the axles at poses (N, 3), joined by dashed frames."""

@@ -24,7 +24,8 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, write_json
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import Log, read_log, write_log
+from castor_envs.logs.csv import read_log, write_log
+from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.diagnose import Examination, examine

@@ -10,7 +10,8 @@ from benchmarks import cli
 from castor_envs import command_line
 from castor_envs.effects import PivotBias, WheelRadius
 from castor_envs.geometry.kinematics import Geometry
-from castor_envs.logs.log import Log, write_log
+from castor_envs.logs.csv import write_log
+from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import pivoting, umbmark

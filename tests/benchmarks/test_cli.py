@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import cli
 from castor_envs import command_line
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.robot import RobotDescription
 
 SCRIPT = Path(sys.executable).with_name("castor-bench")

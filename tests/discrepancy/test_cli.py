@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from castor_envs import command_line
-from castor_envs.logs.log import Log, write_log
+from castor_envs.logs.csv import write_log
+from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, preset
 from discrepancy import cli
 

@@ -1,1 +1,87 @@
-"""Importers: published measurements of other people's robots, read as logs of robots that this package describes."""
+"""Importers: published measurements of other people's robots, read as logs of robots that this package describes.
+
+Each module of this folder is one, found by itself: it states an `IMPORTER`.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from castor_envs.discovery import offers
+from castor_envs.errors import InputError, did_you_mean
+from castor_envs.logs.csv import write_log
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.load import Vehicle, file_name
+
+
+class Session(Protocol):
+    """Runs of one vehicle, as an importer reads them."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """As its makers describe it."""
+        ...
+
+    @property
+    def runs(self) -> Sequence[Log]:
+        """What was recorded, in order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Importer:
+    """How published data become logs.
+
+    name: of the data set. recognises: whether a folder holds such data. find: the sessions in such a folder, by name;
+    it raises InputError where there are none. read: a session found there; it raises InputError for anything missing
+    or garbled.
+    """
+
+    name: str
+    recognises: Callable[[Path], bool]
+    find: Callable[[Path], Mapping[str, Path]]
+    read: Callable[[Path], Session]
+
+
+def importers() -> dict[str, Importer]:
+    """Return all importers by name."""
+    return {importer.name: importer for importer in offers(__name__, "IMPORTER")}
+
+
+def importer(name: str) -> Importer:
+    """Return an importer by name; raises InputError for an unknown one."""
+    known = importers()
+    if name not in known:
+        raise InputError(f"unknown importer {name!r}{did_you_mean(name, known)}")
+    return known[name]
+
+
+def importer_of(source: str | os.PathLike[str]) -> Importer:
+    """Return the importer that recognises a folder; raises InputError if there is none."""
+    source, known = Path(source), importers()
+    if not source.is_dir():
+        raise InputError(f"{source}: no such folder; give the folder that holds the data")
+    for candidate in known.values():
+        if candidate.recognises(source):
+            return candidate
+    raise InputError(f"{source}: no importer recognises what is in it; there are importers of {', '.join(known)}")
+
+
+def import_sessions(
+    source: str | os.PathLike[str], out: str | os.PathLike[str], name: str | None = None
+) -> Iterator[tuple[Path, Session]]:
+    """Write the sessions in `source` as logs; yield, as each is done, its folder below `out` and the session.
+
+    A folder holds ``robot.json`` or ``train.json`` and ``run-1.csv``, ... name: of the importer; None takes the one that
+    recognises the data. Raises InputError for data that cannot be read.
+    """
+    chosen = importer_of(source) if name is None else importer(name)
+    for session_name, path in chosen.find(Path(source)).items():
+        session, folder = chosen.read(path), Path(out) / session_name
+        folder.mkdir(parents=True, exist_ok=True)
+        session.vehicle.save(folder / file_name(session.vehicle))
+        for number, run in enumerate(session.runs, start=1):
+            write_log(folder / f"run-{number}.csv", run, session.vehicle)
+        yield folder, session

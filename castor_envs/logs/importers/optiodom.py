@@ -31,14 +31,18 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from castor_envs.errors import InputError, did_you_mean
-from castor_envs.logs.csv import Line, check_width, complaint, number, read_lines
+from castor_envs.logs.importers import Importer
 from castor_envs.logs.log import Log
+from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
 from castor_envs.vehicles.axle import AxleCorrection, with_axle
 from castor_envs.vehicles.presets import differential, omni3, tricycle
 from castor_envs.vehicles.robot import RobotDescription
 
 STEERING_COUNTS = 800
 """Counts a turn of the tricycle's steering encoder: its angles are multiples of 2 pi / 800 = 0.00785 rad."""
+
+FOLDER = "optiodom"
+"""What the folder of the data is called, below the one that is given."""
 
 _TRUTH = ("time", "x", "y", "heading")
 
@@ -73,6 +77,11 @@ class Session:
     side: float | None
     directions: tuple[Literal["cw", "ccw"], ...]
 
+    @property
+    def vehicle(self) -> RobotDescription:
+        """The robot."""
+        return self.robot
+
 
 # The printed corrections are 0.20146, 0.08395, 0.08405 m and 0.20130, 0.08398, 0.08402 m (wheel base, right and left
 # diameter). The last printed digit of a diameter moves the end points by 0.6 mm, so the factors are kept instead:
@@ -100,7 +109,7 @@ def find_sessions(root: str | os.PathLike[str]) -> dict[str, Path]:
 
     Raises InputError where there is no such folder, or no session in it.
     """
-    place = Path(root) / "optiodom"
+    place = Path(root) / FOLDER
     if not place.is_dir():
         raise InputError(f"{place}: no such folder; give the folder that holds the OptiOdom data as 'optiodom'")
     folders = sorted(path.parent for path in place.rglob("*_metadata.csv"))
@@ -247,3 +256,11 @@ def _read_run(path: Path, kind: str) -> Log:
         pivot=np.round(pivot),
         reference=np.column_stack([truth[:, 1:3], np.unwrap(truth[:, 3])]),
     )
+
+
+IMPORTER = Importer(
+    name="optiodom",
+    recognises=lambda folder: (folder / FOLDER).is_dir(),
+    find=find_sessions,
+    read=read_session,
+)

@@ -10,7 +10,7 @@ SLIPPERY: Color = (86, 180, 233)  # sky blue
 ROUGH: Color = (230, 159, 0)  # orange
 
 FAINT_PATH: Color = (186, 214, 235)  # lighter again: where the last axle of a train went
-REFERENCE: Color = (105, 108, 114)
+TARGET: Color = (105, 108, 114)
 CABLE: Color = (84, 74, 68)
 DECK: Color = (178, 207, 228)
 TYRE: Color = (38, 41, 46)

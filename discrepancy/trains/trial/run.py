@@ -15,7 +15,7 @@ from typing import Any
 
 from castor_envs.errors import InputError
 from castor_envs.files import write_json
-from castor_envs.logs.log import read_log, write_log
+from castor_envs.logs.csv import read_log, write_log
 from castor_envs.motion.paths import SPEED
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from castor_envs.envs.sensed_train import SensedTrain
+from castor_envs.envs.sensed import SensedTrain
 from castor_envs.floor import Floor
 from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import TrainDriver

@@ -29,7 +29,7 @@ from benchmarks.tasks import official_tasks
 from benchmarks.tasks.calibration import SLIP, MeasuredCalibration, SquaresCalibration, TurnsCalibration
 from benchmarks.tasks.task import Episode, odometry_of
 from castor_envs import command_line
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.registry import load_calibration, load_estimator

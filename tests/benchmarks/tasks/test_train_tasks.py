@@ -19,7 +19,8 @@ from benchmarks.tasks import snapshots
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from benchmarks.tasks.task import Episode, Run
 from castor_envs import command_line
-from castor_envs.logs.log import Log, read_log
+from castor_envs.logs.csv import read_log
+from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.train import TrainDescription
 from estimators.registry import load_estimator

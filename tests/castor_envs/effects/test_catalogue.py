@@ -52,7 +52,7 @@ from castor_envs.effects import (
     reference,
     table,
 )
-from castor_envs.envs.sensed_train import SensedTrain
+from castor_envs.envs.sensed import SensedTrain
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.logs.recorder import RecordLog

@@ -27,7 +27,7 @@ from castor_envs.effects import (
     reference,
     slip_of,
 )
-from castor_envs.envs.sensed_robot import SensedRobot
+from castor_envs.envs.sensed import SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch, cable_extra_roll
 from castor_envs.geometry.se2 import compose

@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from castor_envs.envs import ENVIRONMENTS, register_envs
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription

@@ -10,7 +10,7 @@ import pytest
 from castor_envs.effects.train import DeadGauge, SensorStops
 from castor_envs.errors import InputError
 from castor_envs.geometry.se2 import relative_pose
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.paths import TrainPath
 from castor_envs.vehicles.presets import cfmmr, preset

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 
 from castor_envs.errors import InputError
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log, export_kitti, export_tum, pivot_jumps, read_log, write_log
+from castor_envs.logs.csv import read_log, write_log
+from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.logs.trajectory_files import export_kitti, export_tum
 from castor_envs.vehicles.presets import cfmmr, preset
 
 HEADER = "t,wheel_1l,wheel_1r,ref_x,ref_y,ref_psi"

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription

@@ -29,8 +29,9 @@ from castor_envs.effects import (
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.kinematics import Geometry
+from castor_envs.logs.csv import write_log
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
-from castor_envs.logs.log import Log, write_log
+from castor_envs.logs.log import Log
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders

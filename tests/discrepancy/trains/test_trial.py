@@ -6,7 +6,7 @@ import pytest
 
 from castor_envs import command_line
 from castor_envs.errors import InputError
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli

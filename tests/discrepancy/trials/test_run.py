@@ -10,7 +10,7 @@ import pytest
 
 from castor_envs.effects import EncodersSwapped, Track, WheelRadius
 from castor_envs.errors import InputError
-from castor_envs.logs.log import read_log
+from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight import Mistake

@@ -22,7 +22,7 @@ from castor_envs.effects import (
     WheelRadius,
     reference,
 )
-from castor_envs.envs.sensed_robot import SensedRobot
+from castor_envs.envs.sensed import SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.kinematics import Geometry

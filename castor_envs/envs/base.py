@@ -1,0 +1,228 @@
+"""What the environments share: a sensed vehicle that is to follow a course, and its pictures."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, TypeVar
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.envs.sensed import SensedRobot, SensedTrain
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor, load_floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.controllers import Commands, trailing_angles
+from castor_envs.motion.paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
+from castor_envs.motion.trajectories import Trajectory
+from castor_envs.rendering import Renderer
+from castor_envs.sensors.observation import Observation
+from castor_envs.vehicles.load import Vehicle, load_robot, load_train
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
+
+Sensed = TypeVar("Sensed", SensedRobot, SensedTrain)
+
+VIEW_MARGIN = 0.6  # m of floor shown around the course and the robot on it
+CONTROLS = ("speed", "voltage")
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What a vehicle is to follow from the origin.
+
+    duration: s. target: the pose (3,) of a robot, or the poses (N, 3) of a train's axles, at a time, s. line: all of
+    it, (k, 3), to be drawn.
+    """
+
+    duration: float
+    target: Callable[[float], Array]
+    line: Callable[[], Array]
+
+
+class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
+    """A sensed vehicle, a course, and pictures. Environments say what the agent does, and under which ID.
+
+    vehicle: as estimators may know it. _course and _sample: what is followed, and how many periods of it are over.
+    """
+
+    ID: ClassVar[str]
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
+
+    def __init__(self, sensed: Sensed, course: Course, longest: float, render_mode: str | None, margin: float) -> None:
+        """Take a vehicle and a course. longest: duration of any episode's course, s. margin: m shown around it."""
+        self._sensed, self._course, self._margin = sensed, course, margin
+        self.vehicle: Vehicle = sensed.described
+        self.observation_space = sensed.observation_space(longest)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.vehicle.sample_period))}
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
+        self.render_mode = render_mode
+        self._renderer: Renderer | None = None
+        self._show_course()
+
+    def reference(self, t: ArrayLike, pose: Array) -> Array:
+        """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N): for recorders."""
+        return self._sensed.reference(t, pose)
+
+    def _start(self, seed: int | None) -> Observation:
+        """Seed, and put the vehicle at rest at the start of the course."""
+        super().reset(seed=seed)
+        course = self._next_course()
+        self._samples = int(np.ceil(course.duration / self.vehicle.sample_period - 1e-9))
+        self._put_at_start()
+        self._sample = 0
+        if course is not self._course:
+            self._course = course
+            self._show_course()
+        if self._renderer is not None:
+            self._renderer.reset()
+        return self._sensed.observation
+
+    def _next_course(self) -> Course:
+        """Return the course of the episode that begins."""
+        return self._course
+
+    def _put_at_start(self) -> None:
+        """Reset the sensed vehicle to where its course starts."""
+        raise NotImplementedError
+
+    def _target(self) -> Array:
+        """Return where the vehicle should be now, (3,) or (N, 3)."""
+        return self._course.target(self._sample * self.vehicle.sample_period)
+
+    def _estimate_to_draw(self) -> ArrayLike | None:
+        """Return the estimate to draw, (3,) or (N, 3), if the agent makes one."""
+        return None
+
+    def render(self) -> Any:
+        """Return a picture of the newest state and what the agent makes of it, or None in human mode."""
+        return self._draw() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def _show(self) -> None:
+        """In human mode, draw the newest state."""
+        if self.render_mode == "human":
+            self._draw()
+
+    def _show_course(self) -> None:
+        """Make the renderer, if there is to be one, of as much floor as the course needs."""
+        if self.render_mode is None:
+            return
+        self.close()
+        self._line = self._course.line()
+        low, high = self._line[:, :2].min(axis=0) - self._margin, self._line[:, :2].max(axis=0) + self._margin
+        arena = (low[0], high[0], low[1], high[1])
+        fps = self.metadata["render_fps"]
+        mode: Any = self.render_mode
+        self._renderer = Renderer(self.vehicle, self._sensed.floor, mode, fps, arena=arena)
+
+    def _draw(self) -> Any:
+        if self._renderer is None:
+            return None
+        return self._renderer.draw(
+            self._sensed.pose,
+            self._sensed.shape,
+            estimate=self._estimate_to_draw(),
+            target=self._line,
+            time=self._sensed.world.time,
+            sliding=self._sensed.sliding(),
+        )
+
+
+class RobotEnv(VehicleEnv[SensedRobot]):
+    """A robot that follows a trajectory: at rest at the origin first, its castors trailing for the first leg."""
+
+    def __init__(
+        self,
+        robot: RobotDescription | str,
+        trajectory: Trajectory,
+        floor: Floor | str | None,
+        render_mode: str | None,
+        held: int | None = None,
+    ) -> None:
+        floor = load_floor(floor)
+        if not isinstance(trajectory, Trajectory):
+            raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
+        sensed = SensedRobot(load_robot(robot), floor, held)
+        self.robot, self.trajectory = sensed.described, trajectory
+        check_drivable(self.robot, trajectory)
+        course = Course(
+            trajectory.duration,
+            lambda time: trajectory.at(time)[0],
+            lambda: trajectory.at(np.linspace(0.0, trajectory.duration, 400))[0],
+        )
+        margin = VIEW_MARGIN + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
+        super().__init__(sensed, course, course.duration, render_mode, margin)
+
+    def _put_at_start(self) -> None:
+        first = self.trajectory.runs[0].legs[0].motion
+        self._sensed.reset(self.np_random, trailing_angles(Geometry.of(self.robot), first))
+
+    @property
+    def _no_commands(self) -> Commands:
+        return Commands(np.zeros(len(self.robot.driven_wheels)), np.zeros(len(self.robot.driven_castors)))
+
+
+class TrainEnv(VehicleEnv[SensedTrain]):
+    """A train whose axles follow a path, each a frame's length behind the next: at rest and straight first."""
+
+    def __init__(
+        self,
+        train: TrainDescription | str,
+        path: TrainPath | str,
+        floor: Floor | str | None,
+        render_mode: str | None,
+    ) -> None:
+        floor = load_floor(floor)
+        sensed = SensedTrain(load_train(train), floor)
+        self.train = sensed.described
+        self._behind = axles_behind([frame.length for frame in self.train.frames])
+        self._given_path = path
+        self.path = named_path(path, np.random.default_rng(0))  # a random one is drawn anew by `reset`
+        longest = self.path.duration if path != "random" else LONGEST_RANDOM / SPEED + 2.0
+        super().__init__(sensed, self._course_along(self.path), longest, render_mode, VIEW_MARGIN)
+
+    def _course_along(self, path: TrainPath) -> Course:
+        def target(time: float) -> Array:
+            covered, _ = path.run.progress(np.array(time))
+            return path.at(covered - self._behind)[0]
+
+        def line() -> Array:
+            return path.at(np.linspace(-self._behind[-1], path.run.length, 400))[0]
+
+        return Course(path.duration, target, line)
+
+    def _next_course(self) -> Course:
+        if self._given_path != "random":
+            return self._course
+        self.path = named_path(self._given_path, self.np_random)
+        return self._course_along(self.path)
+
+    def _put_at_start(self) -> None:
+        self._sensed.reset(self.np_random)
+
+
+def check_control(control: str) -> None:
+    """Raise InputError for a way to command motors that is none."""
+    if control not in CONTROLS:
+        raise InputError(f"control must be 'speed' or 'voltage', got {control!r}")
+
+
+def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:
+    """Raise InputError if a leg of the trajectory would make a fixed castor of the robot slip sideways."""
+    geometry = Geometry.of(robot)
+    for run in trajectory.runs:
+        for leg in run.legs:
+            slip = geometry.side_slip_of_fixed(np.array(leg.motion))
+            if np.any(np.abs(slip) > 1e-9):
+                castor = int(np.flatnonzero(np.abs(slip) > 1e-9)[0]) + 1
+                raise InputError(
+                    f"robot {robot.name!r} cannot drive the {trajectory.name}: its fixed castor {castor} would slip "
+                    "sideways; choose other corners or another trajectory"
+                )

@@ -1,0 +1,246 @@
+"""A simulated robot or train as its sensors report it: what all environments share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.effects import reader_of, reference
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.controllers import Commands
+from castor_envs.physics.robot_world import World
+from castor_envs.physics.stepper import Drive
+from castor_envs.physics.train_world import TrainWorld
+from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.sensors.observation import Observation, observation
+from castor_envs.sensors.posture import PostureSensors
+from castor_envs.vehicles.load import Vehicle
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
+
+FASTEST_YAW = 100.0  # rad/s: no reading of a gyro goes beyond
+MOST_BENT = 100.0  # rad: no reading of a relative heading goes beyond
+
+
+class SensedVehicle(ABC):
+    """A vehicle in a world, seen through the encoders of its bodies: a robot is one body, a train one for each axle.
+
+    vehicle: with its effects; `described` is what controllers and estimators may know. The state is made anew by the
+    `reset` of subclasses. observation: the newest.
+    """
+
+    world: Any  # World or TrainWorld
+    described: Any  # RobotDescription or TrainDescription
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        bodies: Sequence[RobotDescription],
+        built: Sequence[RobotDescription],
+        floor: Floor,
+    ) -> None:
+        self.vehicle, self.floor = vehicle, floor
+        self.described = vehicle.as_described()
+        self._bodies, self._built = bodies, [Geometry.of(body) for body in built]
+        self.observation: Observation = {}
+
+    @property
+    @abstractmethod
+    def pose(self) -> Array:
+        """The true pose (3,) of a robot, or poses (N, 3) of a train's axles."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> Any:
+        """What a picture needs beside the pose: castor angles (n,) of a robot, outlines of a train's frames."""
+
+    @abstractmethod
+    def reference(self, t: ArrayLike, pose: Array) -> Array:
+        """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N)."""
+
+    @abstractmethod
+    def _sense(self) -> None:
+        """Read all sensors into `observation`."""
+
+    @abstractmethod
+    def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
+        """Return the spaces of what is observed beside "wheel" and "time", which is `latest` (s) at most."""
+
+    def _start_encoders(self, random: np.random.Generator) -> None:
+        """Draw the phases of the wheel encoders."""
+        self._encoders = [Encoders(built, Encoders.random_phase(built, random)) for built in self._built]
+        self._readers = [reader_of(body) for body in self._bodies]
+        self._counts: Array | None = None
+
+    def _read(self, wheel_angles: Array, castors: Sequence[Array]) -> list[tuple[Array, Array]]:
+        """Return the angles of wheels and castors of each body as effects leave them for the encoders to round, rad."""
+        now = np.array([self.world.time])
+        wheels = np.split(wheel_angles, np.cumsum([len(body.wheels) for body in self._bodies])[:-1])
+        read = [
+            reader(now, wheel[None], castor[None])
+            for reader, wheel, castor in zip(self._readers, wheels, castors, strict=True)
+        ]
+        return [(wheel[0], castor[0]) for wheel, castor in read]
+
+    def _increments(self, wheel_angles: Sequence[Array]) -> Array:
+        """Return how far the wheel encoders have counted since they were read last."""
+        counts = np.concatenate(
+            [encoders.wheel(angles) for encoders, angles in zip(self._encoders, wheel_angles, strict=True)]
+        )
+        before = counts if self._counts is None else self._counts
+        self._counts = counts
+        return counts - before
+
+    def sliding(self) -> NDArray[np.bool_]:
+        """Return which wheels (w,) slide: their force is at the friction limit."""
+        wheels = self.world.wheels
+        force = np.hypot(wheels["force_long"], wheels["force_lat"])
+        return (wheels["limit"] > 0) & (force >= wheels["limit"] * (1 - 1e-9))
+
+    def observation_space(self, duration: float) -> spaces.Space[Any]:
+        """Return the space of observations in an episode of at most `duration` s."""
+        period = self.vehicle.sample_period
+        # Twice the fastest turn a period: a wheel pushed by the others may run ahead of its own limit.
+        fastest = np.concatenate(
+            [
+                2 * body.max_wheel_speed * period * built.counts_per_rev[np.array(body.driven_wheels)] / (2 * np.pi) + 1
+                for body, built in zip(self._bodies, self._built, strict=True)
+            ]
+        )
+        latest = duration + period
+        return spaces.Dict(
+            {
+                "wheel": spaces.Box(-fastest, fastest, dtype=np.float64),
+                "time": spaces.Box(0.0, latest, (1,), dtype=np.float64),
+                **self._other_spaces(latest),
+            }
+        )
+
+
+class SensedRobot(SensedVehicle):
+    """A robot in a world, seen through its encoders (and gyro).
+
+    held: the castor (from 1) whose wheels are blocked. sensed_angles: of wheels (w,) and castors (n,), rad, as effects
+    on sensors leave them for the encoders to round.
+    """
+
+    world: World
+    described: RobotDescription
+
+    def __init__(self, robot: RobotDescription, floor: Floor, held: int | None = None) -> None:
+        blind = [
+            castor for castor in robot.castors if castor.steering != "fixed" and castor.pivot_counts_per_rev is None
+        ]
+        if blind:
+            raise InputError(
+                f"robot {robot.name!r}: the castor at {blind[0].pivot} turns but has no pivot encoder; "
+                "give it pivot_counts_per_rev"
+            )
+        if not robot.driven_wheels:
+            raise InputError(f"robot {robot.name!r} has no driven wheel; give one wheel counts_per_rev")
+        self._robot, self._held = robot, held
+        self.world = World(robot, floor, held=held)  # refuses what cannot stand or be computed; `reset` makes it anew
+        super().__init__(robot, (robot,), (robot.as_built(),), floor)
+        self._believed = Geometry.of(self.described)
+
+    def reset(self, random: np.random.Generator, theta: Array) -> None:
+        """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
+        self._random = random
+        self._start_encoders(random)
+        self.world = World(self._robot, self.floor, castor_angles=theta, held=self._held)
+        self._sense()
+
+    def advance(self, commands: Commands, drive: Drive = "servo") -> None:
+        """Drive for one sample period and read the sensors."""
+        self.world.advance(commands.wheel, commands.steering, drive)
+        self._sense()
+
+    @property
+    def pose(self) -> Array:
+        """The true pose (3,)."""
+        return self.world.pose
+
+    @property
+    def shape(self) -> Array:
+        """The castor angles (n,), rad."""
+        return self.world.castor_angles
+
+    def reference(self, t: ArrayLike, pose: Array) -> Array:
+        """Return what a tracker reports of true poses (K, 3): early, late or off where effects say so."""
+        return reference(self._robot, t, pose)
+
+    def _sense(self) -> None:
+        world, gyro = self.world, self._robot.gyro
+        (self.sensed_angles,) = self._read(world.wheel_angles, (world.castor_angles,))
+        wheel, castor = self.sensed_angles
+        yaw_rate = None if gyro is None else world.twist[2] + gyro.bias + gyro.noise * self._random.standard_normal()
+        pivot = self._encoders[0].pivot(castor)
+        self.observation = observation(self._increments((wheel,)), world.time, pivot=pivot, gyro=yaw_rate)
+
+    def measured_castor_angles(self) -> Array:
+        """Theta (n,) as the robot believes it to be, from its pivot encoders."""
+        return castor_angles(self._believed, self.observation["pivot"])
+
+    def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
+        turn = self._built[0].pivot_counts_per_rev[np.array(self._robot.pivot_encoders, dtype=np.intp)]
+        pivot = spaces.Box(np.zeros_like(turn), turn - 1, dtype=np.float64)
+        gyro = spaces.Box(-FASTEST_YAW, FASTEST_YAW, (1,), dtype=np.float64)
+        return {"pivot": pivot} if self._robot.gyro is None else {"pivot": pivot, "gyro": gyro}
+
+
+class SensedTrain(SensedVehicle):
+    """A train in a world, seen through its wheel encoders and relative posture sensors."""
+
+    world: TrainWorld
+    described: TrainDescription
+
+    def __init__(self, train: TrainDescription, floor: Floor) -> None:
+        self._train, self._built_train = train, train.as_built()
+        self.world = TrainWorld(train, floor)  # refuses what cannot stand or be computed; `reset` makes it anew
+        super().__init__(train, train.modules, self._built_train.modules, floor)
+
+    def reset(self, random: np.random.Generator) -> None:
+        """Put the train straight, its front axle at the origin, at rest; draws encoder phases and gauge offsets."""
+        self._start_encoders(random)
+        self._sensors = PostureSensors(self._built_train, random)
+        self.world = TrainWorld(self._train, self.floor)
+        self._sense()
+
+    def advance(self, command: ArrayLike, drive: Drive = "servo") -> None:
+        """Drive for one sample period and read the sensors; command (2N,) as for `TrainWorld.advance`."""
+        self.world.advance(command, drive)
+        self._sense()
+
+    @property
+    def pose(self) -> Array:
+        """The true poses (N, 3) of the axles, front first."""
+        return self.world.poses
+
+    @property
+    def shape(self) -> list[Array]:
+        """The true outlines of the frames, polylines (k, 2), front first."""
+        return self.world.frame_shapes
+
+    def reference(self, t: ArrayLike, pose: Array) -> Array:
+        """Return what a tracker reports of true poses (K, 3N): the truth, for no effect of a train disturbs it."""
+        return pose
+
+    def _sense(self) -> None:
+        read = self._read(self.world.wheel_angles, [built.angle for built in self._built])
+        rps, age = self._sensors.read(self.world.joint_angles, self.world.time)
+        wheel = self._increments([wheel for wheel, _ in read])
+        self.observation = observation(wheel, self.world.time, rps=rps.ravel(), rps_age=age)
+
+    def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
+        frames = self._built_train.frames
+        reach = np.concatenate([[frame.length, frame.length, MOST_BENT] for frame in frames])
+        return {
+            "rps": spaces.Box(-reach, reach, dtype=np.float64),
+            "rps_age": spaces.Box(0.0, latest, (len(frames),), dtype=np.float64),
+        }

@@ -1,0 +1,73 @@
+"""CSV files, read so that every mistake has a place: ``file:line: column 'x': what is wrong; what to do``."""
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from castor_envs.errors import InputError
+
+
+class Line(NamedTuple):
+    """One line of a file: its number, counted from 1, and its cells as text."""
+
+    number: int
+    cells: list[str]
+
+
+def complaint(path: Path, line: int | None, column: str | None, message: str) -> InputError:
+    """Return the error for a place in a file; `line` and `column` are left out where they are None."""
+    place = f"{path}:{line}" if line is not None else f"{path}"
+    return InputError(f"{place}: column {column!r}: {message}" if column is not None else f"{place}: {message}")
+
+
+def read_lines(path: Path) -> list[Line]:
+    """Return the lines of a CSV file that are not blank.
+
+    Raises InputError if there are none, or the file cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            lines = list(_lines(path, file))
+    except OSError as error:
+        raise complaint(path, None, None, f"cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError:
+        raise complaint(path, None, None, "is not text in UTF-8; save it as UTF-8") from None
+    if not lines:
+        raise complaint(path, None, None, "is empty; a CSV file was expected")
+    return lines
+
+
+def _lines(path: Path, file: Iterator[str]) -> Iterator[Line]:
+    reader = csv.reader(file, strict=True)
+    last = 0
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield Line(last + 1, cells)
+            last = reader.line_num
+    except csv.Error as error:
+        raise complaint(path, last + 1, None, f"is not CSV ({error}); mend the line") from None
+
+
+def check_width(path: Path, line: Line, expected: int, kind: str = "columns of the header") -> None:
+    """Raise InputError unless the line has `expected` cells; `kind` says what they are."""
+    if len(line.cells) != expected:
+        message = f"{len(line.cells)} cells where the {kind} are {expected}; mend or remove the line"
+        raise complaint(path, line.number, None, message)
+
+
+def number(path: Path, line: int, column: str, cell: str) -> float:
+    """Return a cell as a finite float; raises InputError for blanks, text, NaN and infinities."""
+    text = cell.strip()
+    try:
+        value = float(text)
+    except ValueError:
+        value = None
+    if value is None or "_" in text:
+        what = f"{text!r} is not a number" if text else "is blank"
+        raise complaint(path, line, column, f"{what}; give a number here")
+    if not math.isfinite(value):
+        raise complaint(path, line, column, f"{text!r} is not finite; give a finite number or remove the line")
+    return value

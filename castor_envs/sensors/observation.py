@@ -1,0 +1,96 @@
+"""What an estimator sees of one sample: the one place where observations are built, live, from logs, and stacked.
+
+Of a robot "wheel" (driven wheels,), counts since the sample before (0 in the first); "pivot" (pivot encoders,),
+absolute counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one. Of a train "wheel" as above, axle by axle;
+"rps" (3 F,), x, y (m), phi (rad) of every frame's front axle in its rear axle's frame, NaN where there is no reading;
+"rps_age" (F,), s since that reading was taken; and "time". Never the truth.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]
+Observation = dict[str, Array]
+
+
+def increments(counts: ArrayLike) -> Array:
+    """Return the counts since the sample before (K, ...), 0 in the first, from cumulative counts (K, ...)."""
+    counts = np.asarray(counts, dtype=float)
+    return np.diff(counts, axis=0, prepend=counts[:1])
+
+
+def observation(
+    wheel: ArrayLike,
+    time: ArrayLike,
+    *,
+    pivot: ArrayLike | None = None,
+    gyro: ArrayLike | None = None,
+    rps: ArrayLike | None = None,
+    rps_age: ArrayLike | None = None,
+) -> Observation:
+    """Return one observation, its arrays its own; what is None is left out.
+
+    wheel (..., driven wheels): increments of counts. time and gyro (...): a number for each robot of a stack. pivot
+    (..., pivot encoders). rps (..., 3 F) and rps_age (..., F).
+    """
+    parts = {
+        "wheel": wheel,
+        "pivot": pivot,
+        "rps": rps,
+        "rps_age": rps_age,
+        "time": np.expand_dims(time, -1),
+        "gyro": None if gyro is None else np.expand_dims(gyro, -1),
+    }
+    return {name: np.array(values, dtype=float) for name, values in parts.items() if values is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All observations of a run of K samples, or of several alike along leading axes. Iterating yields one a sample.
+
+    wheel (..., K, driven wheels): increments of counts. time (..., K), s. pivot (..., K, pivot encoders), gyro
+    (..., K), rps (..., K, 3 F) and rps_age (..., K, F): None where the vehicle has none.
+    """
+
+    wheel: Array
+    time: Array
+    pivot: Array | None = None
+    gyro: Array | None = None
+    rps: Array | None = None
+    rps_age: Array | None = None
+
+    @classmethod
+    def stack(cls, members: Sequence["Observations"]) -> "Observations":
+        """Return the observations of runs of equal length and layout along one new leading axis."""
+        columns = {name: [getattr(member, name) for member in members] for name in cls.__dataclass_fields__}
+        return cls(
+            **{
+                name: None if any(values is None for values in parts) else np.stack(parts)
+                for name, parts in columns.items()
+            }
+        )
+
+    def __len__(self) -> int:
+        return self.time.shape[-1]
+
+    def __iter__(self) -> Iterator[Observation]:
+        return (self.at(k) for k in range(len(self)))
+
+    def at(self, k: int) -> Observation:
+        """Return observation k, in arrays of its own."""
+
+        def sample(values: Array | None) -> Array | None:
+            return None if values is None else values[..., k, :]
+
+        return observation(
+            self.wheel[..., k, :],
+            self.time[..., k],
+            pivot=sample(self.pivot),
+            gyro=None if self.gyro is None else self.gyro[..., k],
+            rps=sample(self.rps),
+            rps_age=sample(self.rps_age),
+        )
