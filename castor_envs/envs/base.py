@@ -92,7 +92,7 @@ class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
         """Return where the vehicle should be now, (3,) or (N, 3)."""
         return self._course.target(self._sample * self.vehicle.sample_period)
 
-    def _estimate_to_draw(self) -> ArrayLike | None:
+    def shown_estimate(self) -> ArrayLike | None:
         """Return the estimate to draw, (3,) or (N, 3), if the agent makes one."""
         return None
 
@@ -128,7 +128,7 @@ class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
         return self._renderer.draw(
             self._sensed.pose,
             self._sensed.shape,
-            estimate=self._estimate_to_draw(),
+            estimate=self.shown_estimate(),
             target=self._line,
             time=self._sensed.world.time,
             sliding=self._sensed.sliding(),

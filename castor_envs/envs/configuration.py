@@ -118,6 +118,7 @@ class ConfigurationEnv(TrainEnv):
             "command": command,
         }
 
-    def _estimate_to_draw(self) -> NDArray[np.float64] | None:
+    def shown_estimate(self) -> NDArray[np.float64] | None:
+        """Return the last estimate, moved along."""
         # The estimate is one sample older than the train that is drawn: it is moved along, so that its error shows.
         return None if self._off is None else self._sensed.pose + self._off

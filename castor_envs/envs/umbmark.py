@@ -136,6 +136,7 @@ class UMBmarkEnv(RobotEnv):
             "steering_command": commands.steering,
         }
 
-    def _estimate_to_draw(self) -> ArrayLike | None:
+    def shown_estimate(self) -> ArrayLike | None:
+        """Return the last estimate, moved along."""
         # The estimate is one sample older than the robot that is drawn: it is moved along, so that its error shows.
         return None if self._off is None else self._sensed.pose + self._off

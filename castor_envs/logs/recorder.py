@@ -19,8 +19,8 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     Where the vehicle has effects on the clock of its reference, the reference comes early or late, and is blank after
     the last sample.
 
-    env: an environment that offers its `vehicle` and what a tracker reports of it, `reference`, as those of castor_envs
-    do; wrapped or not. folder: where each finished episode
+    env: an environment that offers its `vehicle`, as those of castor_envs do, and maybe `reference(t, pose)`, what a
+    tracker reports of true poses; wrapped or not. folder: where each finished episode
     goes as ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None
     keeps the newest episode in memory only (`log`).
     """
@@ -28,9 +28,10 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:
         super().__init__(env)
         bare: Any = env.unwrapped
-        if not hasattr(bare, "vehicle") or not hasattr(bare, "reference"):
-            raise TypeError(f"RecordLog records environments of castor_envs, not {type(bare).__name__}")
-        self._vehicle, self._reference = bare.vehicle, bare.reference
+        if not hasattr(bare, "vehicle"):
+            raise TypeError(f"RecordLog needs an environment with a `vehicle`; {type(bare).__name__} has none")
+        self._vehicle = bare.vehicle
+        self._reference = getattr(bare, "reference", lambda t, pose: pose)
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
         self._rows: list[dict[str, Array]] = []

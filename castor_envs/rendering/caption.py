@@ -35,14 +35,18 @@ def draw_caption(canvas: Canvas, view: View, time: float, shown: set[str]) -> No
             x += canvas.text(name, (x, y), 14 * u, INK) + 16 * u
 
 
-def draw_error(canvas: Canvas, view: View, pose: Array, estimate: Array) -> None:
-    """Write how far the estimate is from the true pose, both (3,), or (N, 3) of a train's axles: then on average."""
+def error_text(pose: Array, estimate: Array) -> str:
+    """Say how far an estimate is from the true pose, both (3,), or (N, 3) of a train's axles: then on average."""
     off = 1000 * float(np.mean(np.hypot(*(estimate - pose)[..., :2].T)))
-    if pose.ndim == 1:
-        turned = math.degrees(math.remainder(estimate[2] - pose[2], math.tau))
-        words = f"estimate off by {off:.1f} mm, {turned:+.2f}°"
-    else:
-        words = f"estimate off by {off:.1f} mm, mean of {len(pose)} axles"
+    if pose.ndim > 1:
+        return f"estimate off by {off:.1f} mm, mean of {len(pose)} axles"
+    turned = math.degrees(math.remainder(estimate[2] - pose[2], math.tau))
+    return f"estimate off by {off:.1f} mm, {turned:+.2f}°"
+
+
+def draw_error(canvas: Canvas, view: View, pose: Array, estimate: Array) -> None:
+    """Write how far the estimate is from the true pose."""
+    words = error_text(pose, estimate)
     canvas.text(words, (16 * view.unit, view.bottom - 18 * view.unit), 15 * view.unit, ESTIMATE)
 
 

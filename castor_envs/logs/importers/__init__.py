@@ -74,8 +74,8 @@ def import_sessions(
 ) -> Iterator[tuple[Path, Session]]:
     """Write the sessions in `source` as logs; yield, as each is done, its folder below `out` and the session.
 
-    A folder holds ``robot.json`` or ``train.json`` and ``run-1.csv``, ... name: of the importer; None takes the one that
-    recognises the data. Raises InputError for data that cannot be read.
+    A folder holds ``robot.json`` or ``train.json`` and ``run-1.csv``, ... name: of the importer; None takes the one
+    that recognises the data. Raises InputError for data that cannot be read.
     """
     chosen = importer_of(source) if name is None else importer(name)
     for session_name, path in chosen.find(Path(source)).items():

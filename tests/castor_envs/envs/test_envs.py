@@ -17,6 +17,7 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.rendering.drawing.palette import ESTIMATE
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -154,7 +155,7 @@ def test_observations_do_not_hold_the_truth():
     assert env.unwrapped.robot.effects == ()
 
 
-def test_a_driving_agent_that_does_nothing_loses_the_reference():
+def test_a_driving_agent_that_does_nothing_loses_the_target():
     env = gym.make("castor/ASOC-v0")
     env.reset(seed=0)
     terminated = truncated = False
@@ -278,16 +279,43 @@ def test_actions_that_are_no_numbers_are_refused(name):
         env.step(np.full(size, np.nan))
 
 
-def test_the_picture_shows_the_error_of_the_estimate_it_was_given(monkeypatch):
-    env = gym.make("castor/UMBmark-v0", render_mode="rgb_array")
+@pytest.mark.parametrize("name", ["castor/UMBmark-v0", "castor/Configuration-v0"])
+def test_pictures_show_the_error_of_the_estimate_that_was_given(name):
+    """It was given a sample ago: it is moved along with the vehicle, which is 12 mm further on."""
+    env = gym.make(name, render_mode="rgb_array")
     _, info = env.reset(seed=0)
+    assert env.unwrapped.shown_estimate() is None
+    without = env.render()
     for _ in range(60):
         _, _, _, _, info = env.step(info["pose"] + [0.03, 0.04, 0.0])
-    drawn = {}
-    draw = env.unwrapped._renderer.draw
-    monkeypatch.setattr(
-        env.unwrapped._renderer, "draw", lambda pose, *a, **k: (drawn.update(k, pose=pose), draw(pose, *a, **k))[1]
-    )
-    env.render()
-    assert np.hypot(*(drawn["estimate"] - drawn["pose"])[:2]) == pytest.approx(info["position_error"])
+    np.testing.assert_allclose(env.unwrapped.shown_estimate() - info["pose"], 0 * info["pose"] + [0.03, 0.04, 0.0])
     assert info["position_error"] == pytest.approx(0.05)
+    ghost = np.all(env.render() == ESTIMATE, axis=-1)
+    assert ghost.any()
+    assert not np.all(without == ESTIMATE, axis=-1).any()
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_many_environments_at_once_are_the_single_ones_and_their_spec_is_data(name):
+    many = gym.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
+    observation, info = many.reset(seed=5)
+    for k in range(2):
+        alone, alone_info = gym.make(name).reset(seed=5 + k)
+        for key, values in alone.items():
+            np.testing.assert_array_equal(observation[key][k], values)
+        np.testing.assert_array_equal(info["pose"][k], alone_info["pose"])
+    many.close()
+    assert gym.envs.registration.EnvSpec.from_json(gym.spec(name).to_json()).id == name
+
+
+def test_what_is_seen_live_is_what_the_log_of_it_gives():
+    for name, parts in (("castor/ASOC-v0", {"pivot"}), ("castor/CFMMR-v0", {"rps", "rps_age"})):
+        env = RecordLog(gym.make(name))
+        action = np.full(env.action_space.shape, 0.3, dtype=np.float32)
+        seen = [env.reset(seed=3)[0], *(env.step(action)[0] for _ in range(20))]
+        logged = list(env.log().observations())
+        assert len(logged) == len(seen)
+        for live, again in zip(seen, logged, strict=True):
+            assert live.keys() == again.keys() == {"wheel", "time"} | parts
+            for key in live:
+                np.testing.assert_array_equal(live[key], again[key])

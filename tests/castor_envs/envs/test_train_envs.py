@@ -96,7 +96,7 @@ def test_effects_reach_the_sensors_and_not_the_description():
     assert np.ptp([o["rps"][3] for o in seen if o["time"][0] > 0.6]) == 0.0
 
 
-def test_a_train_that_is_not_driven_loses_the_reference():
+def test_a_train_that_is_not_driven_loses_the_target():
     env = gym.make("castor/CFMMR-v0")
     env.reset(seed=0)
     total, terminated, truncated = 0.0, False, False
@@ -111,10 +111,10 @@ def test_a_train_that_is_not_driven_loses_the_reference():
 def test_the_path_is_followed_when_its_wheel_rates_are_commanded():
     """Rolling at v and v times the curvature keeps every axle on the path, but for slip."""
     env = gym.make("castor/CFMMR-v0", path=SHORT)
-    env.reset(seed=0)
+    observation, _ = env.reset(seed=0)
     truncated = False
     while not truncated:
-        t = env.unwrapped._sample * 0.05 + 0.025
+        t = observation["time"][0] + 0.025
         peak, length = 0.25, 0.6
         covered = 0.125 * t**2 if t < 1 else 0.125 + peak * (t - 1) if t < 2.4 else length - 0.125 * (3.4 - t) ** 2
         speed = min(peak, 0.25 * t, 0.25 * (3.4 - t))
@@ -123,7 +123,7 @@ def test_the_path_is_followed_when_its_wheel_rates_are_commanded():
             s = covered - 0.35 * axle
             turn = speed * (0.8 if 0 < s < 0.6 else 0.0)
             rates += [(speed - 0.16 * turn) / 0.075, (speed + 0.16 * turn) / 0.075]
-        _, _, terminated, truncated, info = env.step(np.array(rates, dtype=np.float32) / 10.0)
+        observation, _, terminated, truncated, info = env.step(np.array(rates, dtype=np.float32) / 10.0)
         assert not terminated
     assert info["position_error"] < 0.02
 
@@ -162,7 +162,8 @@ def test_every_path_gives_observations_within_their_space(name, path):
         ("castor/CFMMR-v0", {"path": 3}, "path"),
         ("castor/CFMMR-v0", {"control": "torque"}, "control"),
         ("castor/CFMMR-v0", {"floor": 5}, "floor"),
-        ("castor/ASOC-v0", {"robot": cfmmr(3)}, "TrainDescription"),
+        ("castor/ASOC-v0", {"robot": cfmmr(3)}, "not a robot"),
+        ("castor/ASOC-v0", {"robot": "cfmmr-3"}, "not a robot"),
     ],
 )
 def test_wrong_arguments_are_refused(name, arguments, said):

@@ -15,7 +15,7 @@ from castor_envs.errors import InputError
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log, pivot_jumps
-from castor_envs.logs.trajectory_files import export_kitti, export_tum
+from castor_envs.logs.trajectory_files import export_kitti, export_trajectory, export_tum
 from castor_envs.vehicles.presets import cfmmr, preset
 
 HEADER = "t,wheel_1l,wheel_1r,ref_x,ref_y,ref_psi"
@@ -376,6 +376,24 @@ def test_rows_without_a_pose_are_left_out_of_tum_and_refused_by_kitti(tmp_path):
     assert len(np.loadtxt(tmp_path / "tum.txt")) == len(log) - 1
     with pytest.raises(ValueError, match="without a pose"):
         export_kitti(tmp_path / "kitti.txt", log.reference)
+
+
+def test_a_trajectory_is_exported_in_the_format_asked_for(tmp_path):
+    log = some_log()
+    assert log.reference is not None
+    export_trajectory(tmp_path / "a", log.t, log.reference)
+    export_tum(tmp_path / "b", log.t, log.reference)
+    export_trajectory(tmp_path / "c", log.t[3:], log.reference[3:], "kitti")
+    export_kitti(tmp_path / "d", log.reference[3:])
+    assert (tmp_path / "a").read_text() == (tmp_path / "b").read_text()
+    assert (tmp_path / "c").read_text() == (tmp_path / "d").read_text()
+    with pytest.raises(InputError, match="'tum' or 'kitti'"):
+        export_trajectory(tmp_path / "e", log.t, log.reference, "csv")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="no pose"):
+        export_trajectory(tmp_path / "e", log.t, np.full_like(log.reference, np.nan))
+    with pytest.raises(ValueError, match="shape"):
+        export_trajectory(tmp_path / "e", log.t[1:], log.reference)
+    assert not (tmp_path / "e").exists()
 
 
 @pytest.mark.skipif(shutil.which("evo_traj") is None, reason="the program evo_traj (pip install evo) is not there")

@@ -10,7 +10,10 @@ import pytest
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.kinematics import Geometry, forward
+from castor_envs.logs.csv import read_log
+from castor_envs.logs.importers import import_sessions, importer, importer_of
 from castor_envs.logs.importers.optiodom import direction, find_sessions, published_correction, read_session
+from castor_envs.vehicles.load import load_robot
 from estimators.calibration.log_likelihood import LogLikelihood
 
 METADATA = {
@@ -120,6 +123,25 @@ def test_sessions_are_found_by_name(tmp_path):
     (tmp_path / "bare" / "optiodom").mkdir(parents=True)
     with pytest.raises(InputError, match=r"holds no session"):
         find_sessions(tmp_path / "bare")
+
+
+def test_sessions_are_recognised_and_written_as_logs(tmp_path):
+    write_session(tmp_path / "data", "10"), write_session(tmp_path / "data", "20", runs=(RUN,))
+    assert importer_of(tmp_path / "data") == importer("optiodom")
+    written = dict(import_sessions(tmp_path / "data", tmp_path / "out"))
+    assert [folder.relative_to(tmp_path / "out").as_posix() for folder in written] == ["10", "20"]
+    for folder, session in written.items():
+        assert load_robot(str(folder / "robot.json")) == session.vehicle
+        for number, run in enumerate(session.runs, start=1):
+            log = read_log(folder / f"run-{number}.csv", session.vehicle)
+            np.testing.assert_array_equal(log.wheel, run.wheel)
+            np.testing.assert_array_equal(log.reference, run.reference)
+    with pytest.raises(InputError, match="no importer recognises"):
+        importer_of(tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        importer_of(tmp_path / "gone")
+    with pytest.raises(InputError, match="did you mean 'optiodom'"):
+        importer("optidom")
 
 
 def changed(**values):

@@ -17,7 +17,7 @@ class ThreeSteps(gym.Env):
     observation_space = gym.spaces.Dict({})
 
     def __init__(self):
-        self.train = cfmmr(3)
+        self.vehicle = cfmmr(3)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)

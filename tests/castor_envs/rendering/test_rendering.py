@@ -13,7 +13,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.rendering import Renderer, TrainRenderer
+from castor_envs.rendering import Renderer
 from castor_envs.rendering.drawing.palette import SLIDING, TRUE_PATH
 from castor_envs.rendering.outlines import castor_outlines, chassis_outline, swept_radius
 from castor_envs.vehicles.presets import cfmmr, differential, preset, preset_names
@@ -51,7 +51,7 @@ def new_renderer():
 def picture(renderer, pose, angles=None, **more):
     """Return a picture without history, as signed integers."""
     renderer.reset()
-    angles = np.zeros(len(renderer.robot.castors)) if angles is None else angles
+    angles = np.zeros(len(renderer.vehicle.castors)) if angles is None else angles
     return renderer.draw(pose, angles, **more).astype(int)
 
 
@@ -114,9 +114,9 @@ import sys
 import numpy as np
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.floor import Floor
-from castor_envs.rendering import TrainRenderer
+from castor_envs.rendering import Renderer
 assert "pygame" not in sys.modules
-renderer = TrainRenderer(cfmmr(2), Floor(), "rgb_array", 20, size=(320, 300), arena=(-1, 1, -1, 1))
+renderer = Renderer(cfmmr(2), Floor(), "rgb_array", 20, size=(320, 300), arena=(-1, 1, -1, 1))
 poses = np.array([(0.35, 0.0, 0.0), (0.0, 0.0, 0.0)])
 frame = renderer.draw(poses, [poses[::-1, :2]], estimate=poses + 0.1, time=1.5)
 """
@@ -125,13 +125,13 @@ frame = renderer.draw(poses, [poses[::-1, :2]], estimate=poses + 0.1, time=1.5)
 @pytest.mark.parametrize("name", preset_names())
 def test_pictures_are_height_by_width_by_color(new_renderer, name):
     renderer = new_renderer(name, CROWDED)
-    robot = renderer.robot
+    robot = renderer.vehicle
     for sliding in (None, np.arange(len(robot.wheels)) % 2 == 0):
         frame = renderer.draw(
             (0.1, 0.2, 0.3),
             np.linspace(0, 2, len(robot.castors)),
             estimate=(0.12, 0.2, 0.31),
-            reference=(0.1, 0.2, 0.3),
+            target=(0.1, 0.2, 0.3),
             time=3.0,
             sliding=sliding,
         )
@@ -146,7 +146,7 @@ def test_same_calls_make_the_same_pixels(new_renderer):
         renderer = new_renderer(floor=CROWDED)
         for t in np.linspace(0.0, 1.0, 15):
             pose = np.array([math.cos(4 * t) / 2, t - 0.5, 5 * t])
-            yield renderer.draw(pose, (t, 2 * t, 3 * t), estimate=pose + 0.02 * t, reference=pose, time=t)
+            yield renderer.draw(pose, (t, 2 * t, 3 * t), estimate=pose + 0.02 * t, target=pose, time=t)
 
     for one, other in zip(film(), film(), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -161,7 +161,7 @@ def test_same_pixels_in_another_process_without_a_display(new_renderer, tmp_path
 
 def test_trains_are_the_same_in_another_process_without_a_display(tmp_path):
     poses = np.array([(0.35, 0.0, 0.0), (0.0, 0.0, 0.0)])
-    renderer = TrainRenderer(cfmmr(2), Floor(), "rgb_array", 20, size=SIZE, arena=ARENA)
+    renderer = Renderer(cfmmr(2), Floor(), "rgb_array", 20, size=SIZE, arena=ARENA)
     frame = renderer.draw(poses, [poses[::-1, :2]], estimate=poses + 0.1, time=1.5)
     assert frame is not None
     code = DRAW_TRAIN + "import hashlib, pygame\nassert not pygame.display.get_init()\n"
@@ -214,8 +214,8 @@ def mirrored(robot):
 @pytest.mark.parametrize("name", ["asoc-prototype", "powered-caster", "tricycle"])
 def test_a_mirrored_robot_makes_a_mirrored_picture(new_renderer, name):
     renderer = new_renderer(name)
-    reflected = new_renderer(mirrored(renderer.robot))
-    angles = np.linspace(0.4, 2.0, len(renderer.robot.castors))
+    reflected = new_renderer(mirrored(renderer.vehicle))
+    angles = np.linspace(0.4, 2.0, len(renderer.vehicle.castors))
     rows = round(renderer.view.bottom)
     frame = picture(renderer, (0.2, 0.15, 0.6), angles)[40 : rows - 40]
     other = picture(reflected, (0.2, -0.15, -0.6), -angles)[40 : rows - 40]
@@ -292,7 +292,7 @@ def test_only_sliding_wheels_change_color(new_renderer):
     assert not near(picture(renderer, pose, angles, sliding=np.zeros(6, dtype=bool))[:bottom], SLIDING).any()
     for wheel in range(6):
         frame = picture(renderer, pose, angles, sliding=np.arange(6) == wheel)[:bottom]
-        outline = castor_outlines(renderer.robot, angles)[wheel // 2].tyres[wheel % 2]
+        outline = castor_outlines(renderer.vehicle, angles)[wheel // 2].tyres[wheel % 2]
         c, s = math.cos(0.4), math.sin(0.4)
         expected = renderer.view.pixel(polygon_center(outline) @ np.array([(c, s), (-s, c)]))
         assert np.hypot(*(mask_center(near(frame, SLIDING)) - expected)) < 1.5
@@ -304,7 +304,7 @@ def test_the_trail_stays_until_reset(new_renderer):
     clean = picture(renderer, (0.0, 0.7, 0.0))
     renderer.reset()
     for x in np.linspace(-0.8, 0.8, 30):
-        renderer.draw((x, -0.7, 0.0), np.zeros(3), estimate=(x, -0.65, 0.0), reference=(x, -0.75, 0.0))
+        renderer.draw((x, -0.7, 0.0), np.zeros(3), estimate=(x, -0.65, 0.0), target=(x, -0.75, 0.0))
     frame = renderer.draw((0.0, 0.7, 0.0), np.zeros(3))
     rows, columns = np.nonzero(near(frame[:bottom], TRUE_PATH))
     left, right = renderer.view.pixel([(-0.8, -0.7), (0.8, -0.7)])
@@ -315,11 +315,11 @@ def test_the_trail_stays_until_reset(new_renderer):
     np.testing.assert_array_equal(renderer.draw((0.0, 0.7, 0.0), np.zeros(3)), clean)
 
 
-def test_a_whole_reference_looks_like_one_that_grew(new_renderer):
+def test_a_whole_target_looks_like_one_that_grew(new_renderer):
     way = np.stack([np.linspace(-0.8, 0.8, 30), np.full(30, -0.7), np.zeros(30)], axis=1)
     grown, whole = new_renderer(), new_renderer()
-    last = [grown.draw((0.0, 0.0, 0.0), np.zeros(3), reference=place) for place in way][-1]
-    np.testing.assert_array_equal(last, whole.draw((0.0, 0.0, 0.0), np.zeros(3), reference=way))
+    last = [grown.draw((0.0, 0.0, 0.0), np.zeros(3), target=place) for place in way][-1]
+    np.testing.assert_array_equal(last, whole.draw((0.0, 0.0, 0.0), np.zeros(3), target=way))
     without = new_renderer().draw((0.0, 0.0, 0.0), np.zeros(3))
     y = round(whole.view.pixel((0.0, -0.7))[1])
     assert np.any(last[y - 2 : y + 3] != without[y - 2 : y + 3])
@@ -342,7 +342,7 @@ def test_an_estimate_that_is_not_finite_is_not_drawn(new_renderer, wild):
 def test_places_far_outside_do_no_harm(new_renderer):
     renderer = new_renderer(floor=Floor(cables=(Cable(center=(0, 0), direction=0, length=1e5, diameter=0.01),)))
     for far in (1e3, -1e9, 1e15):
-        renderer.draw((0.0, 0.0, 0.0), np.zeros(3), estimate=(far, -far, far), reference=(far, far, 0.0))
+        renderer.draw((0.0, 0.0, 0.0), np.zeros(3), estimate=(far, -far, far), target=(far, far, 0.0))
     assert renderer.draw((-1e8, 1e8, 0.0), np.zeros(3)).shape == (SIZE[1], SIZE[0], 3)
 
 
