@@ -29,19 +29,17 @@ Commands too may be blank in rows without any. Whatever `read_log` refuses, `wri
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.files import write_atomically
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import OPTIONAL, REQUIRED, Log, pivot_jumps
 from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
 
-Array = NDArray[Any]
 _MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
 _FLAT = ("t", "gyro")
 

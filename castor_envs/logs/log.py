@@ -1,14 +1,12 @@
 """A log: what one run of a robot or a train recorded."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.sensors.observation import Observations, increments
-
-Array = NDArray[Any]
 
 #: The parts of a log that are always there, and those that may be None.
 REQUIRED = ("t", "wheel", "pivot")

@@ -2,15 +2,13 @@
 
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
-
-Array = NDArray[Any]
+from castor_envs.geometry.arrays import Array
 
 
 def export_trajectory(

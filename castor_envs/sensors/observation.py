@@ -8,12 +8,12 @@ absolute counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one. Of 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[Any]
+from castor_envs.geometry.arrays import Array
+
 Observation = dict[str, Array]
 
 

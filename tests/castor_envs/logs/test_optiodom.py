@@ -126,7 +126,8 @@ def test_sessions_are_found_by_name(tmp_path):
 
 
 def test_sessions_are_recognised_and_written_as_logs(tmp_path):
-    write_session(tmp_path / "data", "10"), write_session(tmp_path / "data", "20", runs=(RUN,))
+    for name in ("10", "20"):
+        write_session(tmp_path / "data", name)
     assert importer_of(tmp_path / "data") == importer("optiodom")
     written = dict(import_sessions(tmp_path / "data", tmp_path / "out"))
     assert [folder.relative_to(tmp_path / "out").as_posix() for folder in written] == ["10", "20"]
