@@ -23,7 +23,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.robots.cast import CAST
 from estimators.robots.ipec import IPEC
 
-Step = Literal["arc", "euler"]
+Step = Literal["arc", "euler", "euler-axle"]
 WheelEncoders = Literal["honest", "lossy"]
 
 #: Runs each way computed at a time: enough for numpy, few enough for the processor's cache.
@@ -39,7 +39,8 @@ class Conditions:
     - encoders: "honest": counts are rounded from the angle itself, as counters do; "lossy": every increment between
       two samples is rounded and its remainder lost, as a simulation does that forgets to carry it
     - step: "arc": a castor's exact motion between two samples; "euler": straight along the heading at their end, as
-      Borenstein's text has it
+      Borenstein's text has it, and the pivot's swing about the axle across that heading too; "euler-axle": the axle
+      as in "euler", the swing exact
     """
 
     assumed: Assumptions = field(default_factory=Assumptions)

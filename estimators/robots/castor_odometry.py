@@ -6,7 +6,7 @@ the pivot from the wheel axis". A castor with two driven wheels is a differentia
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 
-Step = Literal["arc", "midpoint", "euler"]
+Step = Literal["arc", "midpoint", "euler", "euler-axle"]
 
 
 class CastorSteps(NamedTuple):
@@ -40,14 +40,16 @@ class CastorOdometry:
 
     - "arc": the wheels turn evenly between samples, so the foot runs on a circle; no further approximation
     - "midpoint": straight along the heading half way
-    - "euler": straight along the heading at the end (heading first, as Borenstein's text has it)
+    - "euler": straight along the heading at the end (heading first, as Borenstein's text has it), and the pivot's swing
+      about the axle, offset times turn, is taken across that heading too
+    - "euler-axle": the axle as in "euler", the pivot's swing about it exact
 
     Raises InputError where a castor lacks two driven standard wheels, or has no pivot encoder and is not fixed.
     """
 
     def __init__(self, geometry: Geometry, castors: Sequence[int], step: Step = "arc") -> None:
-        if step not in ("arc", "midpoint", "euler"):
-            raise InputError(f"unknown step {step!r}; known: arc, midpoint, euler")
+        if step not in get_args(Step):
+            raise InputError(f"unknown step {step!r}; known: {', '.join(get_args(Step))}")
         driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
         encoded = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
         used = np.array(castors)
@@ -70,8 +72,8 @@ class CastorOdometry:
         self._angle_zero = np.where(fixed, geometry.angle[..., used], -geometry.pivot_zero[..., used])
         self._angle: Array | None = None
 
-        self._exact = step == "arc"
-        self._direction = 1.0 if step == "euler" else 0.5
+        self._exact_roll, self._exact_swing = step == "arc", step in ("arc", "euler-axle")
+        self._direction = 1.0 if step.startswith("euler") else 0.5
 
     def advance(self, observation: Observation) -> CastorSteps:
         """Take one sample and return what the castors did since the one before."""
@@ -80,17 +82,22 @@ class CastorOdometry:
         turn = self._turn_left * left + self._turn_right * right
         along = self._roll_left * left + self._roll_right * right
         across = self._offset * turn
-        if self._exact:
-            # The foot's chord is sinc(turn / 2) ds long, and e+ - e- = sinc(turn / 2) turn n_mid: one factor.
+        if self._exact_swing:
+            # The swing is e+ - e- = sinc(turn / 2) turn n_mid; the chord of the foot's arc is sinc(turn / 2) ds long.
             chord = _sinc(0.5 * turn)
-            along, across = chord * along, chord * across
+            across = chord * across
+            if self._exact_roll:
+                along = chord * along
 
         after = self._angles(observation)
         before = after if self._angle is None else self._angle
         self._angle = after
         bearing = before + self._direction * turn
         cos, sin = np.cos(bearing), np.sin(bearing)
-        return CastorSteps(cos * along - sin * across, sin * along + cos * across, turn, after - before)
+        swing_cos, swing_sin = cos, sin
+        if self._exact_swing and not self._exact_roll:  # the axle goes one way, the swing looks half way
+            swing_cos, swing_sin = np.cos(before + 0.5 * turn), np.sin(before + 0.5 * turn)
+        return CastorSteps(cos * along - swing_sin * across, sin * along + swing_cos * across, turn, after - before)
 
     def _angles(self, observation: Observation) -> Array:
         """Return theta (..., n): gamma minus the model's beta; of a fixed castor the angle it is mounted at."""

@@ -136,6 +136,15 @@ def test_lossy_encoders_and_euler_steps_are_ten_times_worse_after_calibration(ou
         assert 7 < ratio < 20
 
 
+def test_how_the_pivots_swing_is_taken_decides_about_the_third_castor(ours):
+    """Euler's step turns the swing by the end heading too, or not: two castors hardly notice, three do."""
+    for name in ("IPEC-1", "CAST-1"):
+        swung, exact = (ours[step, "calibrated", name] for step in ("lossy-euler", "lossy-euler-axle"))
+        assert exact == pytest.approx(swung, rel=0.1)
+    assert ours["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=3.0)
+    assert ours["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.8, abs=3.0)
+
+
 def test_phases_do_not_matter_to_lossy_encoders():
     one, many = (
         errors_of_sets(Conditions(Assumptions(runs=runs), sets=2, encoders="lossy"), CALIBRATED) for runs in (1, 3)
@@ -258,12 +267,12 @@ def test_json_has_ratios_and_standard_errors_and_claims_no_agreement(castor_benc
     assert "agrees" not in first
 
 
-def test_people_read_print_beside_both_simulations(castor_bench):
+def test_people_read_print_beside_every_simulation(castor_bench):
     code, out, err = castor_bench("tables", "--table", "doebbler-2", "--sets", 2)
     assert (code, err) == (0, "")
     for row in TABLE_2.values():
         for error, _ in row.values():
-            assert out.count(f" {error:.1f} | ") == 2
+            assert out.count(f" {error:.1f} | ") == len(COLUMNS)
     assert "nothing here is tuned to print" in out
     assert "printed 5.5 / 5.5 / 8.0, 1.27 / 1.84" in out
     assert "Where the metrics fail" not in out

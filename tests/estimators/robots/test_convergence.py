@@ -61,6 +61,7 @@ def test_second_order(estimator, centred, motion_of, drive):
         (CAST(0), False),
         (CAST(1), True),
         (CAST(0, step="euler"), True),
+        (CAST(0, step="euler-axle"), True),
         (CASTArc(0, step="euler"), True),
         (IPEC(1, step="euler"), True),
         (DeadReckoning(2, step="euler"), True),
