@@ -8,7 +8,7 @@ what a plug-in needs.
 
 from estimators.protocol import Estimator, Observation
 from estimators.registry import EstimatorEntry, builtin_names, load_estimator
-from estimators.robots.cast import CAST
+from estimators.robots.cast import CAST, SmallTurnWarning
 from estimators.robots.cast_arc import CASTArc
 from estimators.robots.dead_reckoning import DeadReckoning
 from estimators.robots.ipec import IPEC
@@ -35,6 +35,7 @@ __all__ = [
     "InlierLeastSquares",
     "Observation",
     "RelativePoseWarning",
+    "SmallTurnWarning",
     "TrainLeastSquares",
     "TrainOdometry",
     "TwoTruckIPEC",

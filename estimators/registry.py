@@ -14,6 +14,7 @@ in the modules of `estimators.robots`, `estimators.trains` and `estimators.calib
 ``ESTIMATORS`` and ``METHODS`` (names to classes); a new one is a new module.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -27,6 +28,7 @@ from castor_envs.vehicles.train import TrainDescription
 from estimators.calibration.protocol import CalibrationMethod
 from estimators.plugins.find import PlugInKind, find
 from estimators.protocol import Estimator
+from estimators.robots.cast import SmallTurnWarning
 
 ROBOTS, TRAINS = "estimators.robots", "estimators.trains"
 ESTIMATOR = PlugInKind("estimator", "castor.estimators", ("reset", "update"), (ROBOTS, TRAINS), "ESTIMATORS", True)
@@ -121,9 +123,14 @@ def load_calibration(spec: str) -> CalibrationEntry:
 
 
 def reset_at_origin(estimator: Estimator, vehicle: Vehicle) -> None:
-    """Reset an estimator on a robot or a train, all poses 0: raises what its `reset` does where it declines."""
+    """Reset an estimator on a robot or a train, all poses 0: raises what its `reset` does where it declines.
+
+    What it says of small turns is not shown: it only answers whether it serves.
+    """
     shape = (vehicle.n_axles, 3) if isinstance(vehicle, TrainDescription) else (3,)
-    estimator.reset(vehicle, np.zeros(shape))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SmallTurnWarning)
+        estimator.reset(vehicle, np.zeros(shape))
 
 
 def declines(error: BaseException, vehicle: Any) -> str | None:

@@ -75,15 +75,15 @@ def _notes(ours: Errors, length: float) -> tuple[str, ...]:
     gains = "; ".join(f"{name} {_gains(errors)}" for name, errors in tables.items())
     return (
         "Honest: counters that carry their remainder. Lossy: every 20 Hz increment is rounded and its remainder lost. "
-        "Euler: straight along the castor's heading at the end of the step; the pivot, which stands an offset ahead of the "
-        "axle, also swings across that heading (offset times turn). Swing exact: the axle goes by Euler's step, the pivot "
-        "swings about it from the heading before to the one after. The paper does not say which it took. By default all "
-        "else is as in the kinematic tasks.",
+        "Euler: straight along the castor's heading at the end of the step; the pivot, which stands an offset ahead of "
+        "the axle, swings across that heading too (offset times turn). Swing exact: the axle goes by Euler's step, the "
+        "pivot swings about it from the heading before to the one after. The paper does not say which it took. By "
+        "default all else is as in the kinematic tasks.",
         "The calibrated row does not follow from the errors that Table I says calibration leaves. By default lossy "
         "encoders with Euler steps bring errors of its order, hardly different from set to set: a floor of the "
         "simulation, not of calibration. That floor depends on details that the paper does not give: how the swing is "
-        "taken decides whether three castors come out worse than two or far better, and neither has the printed ratio. A "
-        "value near print there proves nothing, and nothing here is tuned to print.",
+        "taken decides whether three castors come out worse than two or far better, and neither has the printed ratio. "
+        "A value near print there proves nothing, and nothing here is tuned to print.",
         f"E_max,syst in % of the path, IPEC-1 / CAST-1 / CAST-0. {shares}.",
         f"Gain by calibration, IPEC-1 / CAST-1 / CAST-0, then CAST-1 over CAST-0 before and after: {gains}.",
     )

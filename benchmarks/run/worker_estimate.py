@@ -24,6 +24,7 @@ from castor_envs.sensors.observation import Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
+from estimators.robots.cast import SmallTurnWarning
 from estimators.trains.relative_poses import RelativePoseWarning
 
 Entry = TypeVar("Entry", EstimatorEntry, CalibrationEntry)
@@ -164,13 +165,15 @@ def _follow(
     """Return the poses (..., K, 3) of a new estimator; append the CPU time of each update, ns, to `spent`.
 
     robot: a single vehicle, or the geometry of a stack of robots. start (..., 3): the leading axes are those of the
-    stack, or a train's axles. What estimators say of relative poses that they cannot use is not shown.
+    stack, or a train's axles. What estimators say of relative poses that they cannot use, or of small turns, is not
+    shown.
     """
     poses = np.empty((*start.shape[:-1], len(observations), 3))
     where = "when constructed"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RelativePoseWarning)
+            warnings.simplefilter("ignore", SmallTurnWarning)
             estimator = entry.factory()
             where = "in reset"
             estimator.reset(robot, start.copy())

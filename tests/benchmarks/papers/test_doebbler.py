@@ -60,6 +60,7 @@ def followed(estimator, robot, log):
     )
 
 
+@pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 @pytest.mark.parametrize("corners", ["turn", "fixed"])
 @pytest.mark.parametrize("errors", [UNCALIBRATED, CALIBRATED], ids=["uncalibrated", "calibrated"])
 def test_every_set_is_the_tasks_case_followed_run_by_run(errors, corners):
@@ -141,8 +142,8 @@ def test_how_the_pivots_swing_is_taken_decides_about_the_third_castor(ours):
     for name in ("IPEC-1", "CAST-1"):
         swung, exact = (ours[step, "calibrated", name] for step in ("lossy-euler", "lossy-euler-axle"))
         assert exact == pytest.approx(swung, rel=0.1)
-    assert ours["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=3.0)
-    assert ours["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.8, abs=3.0)
+    assert ours["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=2.0)
+    assert ours["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.2, abs=2.0)
 
 
 def test_phases_do_not_matter_to_lossy_encoders():

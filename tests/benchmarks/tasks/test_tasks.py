@@ -128,6 +128,7 @@ def test_the_encoders_count_what_an_independent_roll_turns(rolled):
             assert np.max(np.abs(np.angle(turned))) < math.pi / 5143 * 1.01
 
 
+@pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 @pytest.mark.parametrize("task", [UNCALIBRATED_TASK, CALIBRATED_TASK], ids=lambda task: task.name)
 def test_estimators_agree_with_an_independent_implementation(task):
     for case in range(2):

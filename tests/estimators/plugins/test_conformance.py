@@ -258,6 +258,7 @@ def test_what_is_right_is_not_blamed(kind):
     assert len(failed(kind)) == 1
 
 
+@pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 @pytest.mark.parametrize(
     ("spec", "robot"),
     [

@@ -77,6 +77,7 @@ def test_builtin_names_are_those_that_apply(robot, names):
     assert builtin_names(preset(robot)) == names.split()
 
 
+@pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 @pytest.mark.parametrize("robot", preset_names())
 def test_applicable_says_what_reset_would(robot):
     robot = preset(robot)

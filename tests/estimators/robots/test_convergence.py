@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.presets import differential, preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import CAST, IPEC, CASTArc, DeadReckoning
+from estimators.robots.castor_odometry import CastorOdometry
+
+pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 
 
 def order(estimator, motion, drive):
@@ -175,3 +179,19 @@ def test_straight_steps_go_along_the_heading_they_are_named_for(step, at, noise,
     expected = [ahead * np.cos(direction), ahead * np.sin(direction), 0.5 + turn]
     estimate = drive(DeadReckoning(step=step), robot, observations, (0.0, 0.0, 0.5))[-1]
     np.testing.assert_allclose(estimate, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("step", ["euler", "euler-axle"])
+def test_a_pivot_ahead_of_its_axle_swings_across_the_end_heading_or_exactly(step, noise):
+    """From heading theta the axle rolls s along the heading after a turn; the offset goes from one to the other."""
+    robot = preset("asoc-prototype")
+    still, moving = noise(robot, steps=2, counts=100)
+    odometry = CastorOdometry(Geometry.of(robot), (0, 1, 2), step)
+    odometry.advance(still)
+    found = odometry.advance(moving)
+    left, right = (moving["wheel"] / 1200 * 2 * np.pi * 0.0381).reshape(3, 2).T
+    turn, ahead = (right - left) / 0.116, (right + left) / 2
+    before = np.exp(1j * still["pivot"] / 5143 * 2 * np.pi)
+    after = before * np.exp(1j * turn)
+    swing = {"euler": 1j * after * turn, "euler-axle": after - before}[step]
+    np.testing.assert_allclose(found.x + 1j * found.y, ahead * after + 0.072 * swing, atol=1e-14)

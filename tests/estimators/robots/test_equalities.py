@@ -14,6 +14,8 @@ from estimators import CAST, IPEC, CASTArc
 from estimators.robots.cast import centred_solution, design_matrix, normal_inverse
 from estimators.robots.castor_odometry import CastorOdometry
 
+pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
+
 lengths = st.floats(-1.0, 1.0)
 angles = st.floats(-10.0, 10.0)
 

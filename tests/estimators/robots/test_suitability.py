@@ -59,6 +59,7 @@ def test_unsuitable_robot_is_refused(estimator, robot, message):
         estimator.reset(robot, np.zeros(3))
 
 
+@pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 @pytest.mark.parametrize("robot", [NO_ENCODER, ONE_WHEEL, IDLE, THREE, OMNI])
 @pytest.mark.parametrize("estimator", [DeadReckoning(1), IPEC(2), CAST(2), CASTArc(2)])
 def test_castors_left_out_need_not_suit(estimator, robot, drive):

@@ -11,6 +11,8 @@ from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators import CAST, IPEC, CASTArc, DeadReckoning
 
+pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
+
 ESTIMATORS = [
     DeadReckoning(1),
     DeadReckoning(2),
