@@ -30,6 +30,7 @@ from benchmarks.tasks import official_tasks, select_tasks
 from benchmarks.tasks.task import Task, odometry_of
 from castor_envs import command_line
 from castor_envs.errors import InputError
+from castor_envs.logs.importers import import_sessions
 from castor_envs.vehicles.load import load_robot, load_train, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.registry import (
@@ -234,6 +235,19 @@ def calibrate(
     true pose at start and end.
     """
     calibrate_logs(logs, robot, out, method, side, pivots, scatter, as_json_text, _console())
+
+
+@app.command("import")
+def import_data(
+    source: Annotated[Path, typer.Argument(help="The folder that holds published measurements, as OptiOdom's.")],
+    out: Annotated[Path, typer.Option("--out", help="The folder that logs go to.")] = Path("measured"),
+) -> None:
+    """Write published measurements as logs and robot files, a folder for each session."""
+    try:
+        for folder, session in import_sessions(source, out):
+            print(f"{folder}: {session.vehicle.name}, {len(session.runs)} runs")
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
 
 
 @app.command("list")

@@ -80,7 +80,6 @@ def import_sessions(
     chosen = importer_of(source) if name is None else importer(name)
     for session_name, path in chosen.find(Path(source)).items():
         session, folder = chosen.read(path), Path(out) / session_name
-        folder.mkdir(parents=True, exist_ok=True)
         session.vehicle.save(folder / file_name(session.vehicle))
         for number, run in enumerate(session.runs, start=1):
             write_log(folder / f"run-{number}.csv", run, session.vehicle)
