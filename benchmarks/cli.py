@@ -21,7 +21,7 @@ from benchmarks.papers.comparison import Effort, compute_tables
 from benchmarks.papers.views import draw, show_tables
 from benchmarks.progress import SilentProgress, TerminalProgress
 from benchmarks.results.episodes import write_episode
-from benchmarks.results.rows import check_results_folder, names_of
+from benchmarks.results.rows import check_results_folder
 from benchmarks.run.check import Load, check_apart, load_apart
 from benchmarks.run.evaluate import Competitor
 from benchmarks.run.plan import Assignment
@@ -138,10 +138,6 @@ def leaderboard(
     if not (results / "rows").is_dir():
         raise InputError(f"no results in {results}; run castor-bench run first, or name the folder with --results")
     board = boards.build(tasks, results, cases)
-    if board.corrupt:
-        raise InputError(
-            f"damaged results: {names_of(board.corrupt)}; castor-bench run computes them again, or delete them"
-        )
     if as_json_text:
         print(json.dumps(as_json(board), indent=2, allow_nan=False))
     elif as_markdown_text:

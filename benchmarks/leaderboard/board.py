@@ -1,7 +1,7 @@
 """From stored rows to a leaderboard: who is compared with whom, on what, and what is left out and why."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,11 +73,18 @@ class TaskBoard:
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """All boards. other_versions: of these tasks, of which there are rows that are not shown."""
+    """All boards of a folder of rows.
+
+    other_versions: of these tasks, of which there are rows that are not shown. refused: files of rows that cannot be
+    used, with the reason; refused_episodes: those of recorded episodes. older_formats: of rows that are not shown.
+    """
 
     boards: tuple[TaskBoard, ...]
     other_versions: tuple[tuple[str, int], ...]
-    corrupt: tuple[CorruptFileError, ...]
+    refused: tuple[CorruptFileError, ...]
+    refused_episodes: tuple[CorruptFileError, ...]
+    older_formats: tuple[str, ...]
+    folder: Path
 
 
 def build(
@@ -95,41 +102,84 @@ def build(
     estimators not in it the source with the newest row is shown. left_out: estimators that a run left out of tasks, by
     task.
     """
-    store, episodes = ResultsStore(results), EpisodeStore(results)
+    store, episodes, refused_episodes = ResultsStore(results), EpisodeStore(results), []
     boards = []
     for task in tasks:
-        rows = list(store.rows(task.name, task.version))
+        rows = [row for row in store.rows(task.name, task.version) if _usable(task, row, store)]
         if cases is not None:
             wanted = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
             rows = [row for row in rows if row.case in wanted]
         reason = (missing or {}).get(task.name) or task.missing
-        boards.append(_board(task, rows, store, episodes, reason, sources or {}, (left_out or {}).get(task.name, ())))
+        recorded = _recorded(task, {row.case for row in rows}, episodes, refused_episodes)
+        boards.append(_board(task, rows, store, recorded, reason, sources or {}, (left_out or {}).get(task.name, ())))
     current = {task.name: task.version for task in tasks}
     others = tuple((name, version) for name, version in store.versions() if current.get(name, version) != version)
-    return Leaderboard(tuple(boards), others, tuple(store.corrupt))
+    refused = {error.path: error for error in store.corrupt}
+    return Leaderboard(
+        tuple(boards),
+        others,
+        tuple(refused.values()),
+        tuple(refused_episodes),
+        tuple(sorted(store.older_formats)),
+        store.root,
+    )
+
+
+def _usable(task: Task, row: Row, store: ResultsStore) -> bool:
+    """Return whether a task's board can use a row; one that it cannot use is refused in `store`."""
+    reason = None
+    if row.failure is None and task.metric not in row.scores:
+        reason = f"has no score {task.metric}, by which {task.name} ranks"
+    elif task.missing is None and not _is_case(task, row.case):
+        reason = f"holds case {row.case!r}, which {task.name} does not have"
+    if reason is not None:
+        path = store.path(row.task, row.version, row.estimator, row.source_hash, row.case)
+        store.corrupt.append(CorruptFileError(path, reason))
+    return reason is None
+
+
+def _is_case(task: Task, case: Case) -> bool:
+    """Return whether a task may have a case: any seed where cases are seeds, else a name of its list."""
+    official = task.cases()
+    if isinstance(official[0], int):
+        return isinstance(case, int) and case >= 0
+    return case in official
+
+
+def _recorded(
+    task: Task, cases: Iterable[Case], episodes: EpisodeStore, refused: list[CorruptFileError]
+) -> dict[Case, str]:
+    """Return the digests of stored episodes; those that cannot be used are added to `refused`."""
+    digests: dict[Case, str] = {}
+    for case in sorted(cases, key=_case_order):
+        try:
+            digest = episodes.digest(task.name, task.version, case)
+        except CorruptFileError as error:
+            refused.append(error)
+            continue
+        if digest is not None:
+            digests[case] = digest
+    return digests
 
 
 def _board(
     task: Task,
     rows: list[Row],
     store: ResultsStore,
-    episodes: EpisodeStore,
+    recorded: dict[Case, str],
     missing: str | None,
     current: Mapping[str, str],
     left_out: Sequence[NotServed],
 ) -> TaskBoard:
-    recorded: dict[Case, str | None] = {}
     by_source: dict[str, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
-        if row.case not in recorded:
-            recorded[row.case] = _digest(episodes, task, row.case) or row.episode
-        if row.episode == recorded[row.case]:
+        if row.episode == recorded.setdefault(row.case, row.episode):
             by_source[row.estimator][row.source_hash].append(row)
     newest, superseded = {}, []
     for name, sources in sorted(by_source.items()):
         latest = current.get(name)
         if latest not in sources:
-            latest = max(sources, key=lambda source: max(row.origin.get("created", "") for row in sources[source]))
+            latest = max(sources, key=lambda source: max(row.origin.created for row in sources[source]))
         newest[name] = sources[latest]
         superseded += [(name, source, len(own)) for source, own in sources.items() if source != latest]
     declining = [name for name, own in newest.items() if all(row.refusal is not None for row in own)]
@@ -142,7 +192,7 @@ def _board(
         for name, own in newest.items()
         if len(own) == len(cases) and all(row.failure is None for row in own) and not _stands_still(own)
     }
-    placed = ranks(ranking)
+    placed = ranks(ranking, METRICS[task.metric].rounding)
     entries = [_entry(task, name, own, placed.get(name), cases, store) for name, own in newest.items()]
     entries.sort(key=lambda entry: _entry_order(entry, task.metric))
     return TaskBoard(
@@ -175,9 +225,9 @@ def _entry(
         estimator=name,
         source_hash=source_hash,
         scores={
-            metric: interval([row.scores[metric] for row in good])
-            for metric in METRICS
-            if good and all(metric in row.scores for row in good)
+            key: interval([row.scores[key] for row in good], metric.within)
+            for key, metric in METRICS.items()
+            if good and all(key in row.scores for row in good)
         },
         time_per_update_us=store.load_time(task.name, task.version, name, source_hash),
         done=len(good),
@@ -192,13 +242,6 @@ def _stands_still(rows: list[Row]) -> bool:
     return (
         sum(row.scores.get("ate", 0.0) - row.scores.get(STANDING_STILL, float("inf")) for row in rows) >= 0 < len(rows)
     )
-
-
-def _digest(episodes: EpisodeStore, task: Task, case: Case) -> str | None:
-    try:
-        return episodes.digest(task.name, task.version, case)
-    except CorruptFileError:
-        return None
 
 
 def _case_order(case: Case) -> tuple[bool, int, str]:

@@ -89,11 +89,12 @@ def different(scores: ArrayLike, rounding: float = 0.0) -> NDArray[np.bool_]:
     """Return which estimators' means differ significantly, (estimators, estimators), by scores (estimators, cases).
 
     Each pair's statistic is u = abs(mean d) / rms d of its paired differences d, from 0 to 1; it grows with Student's
-    t, t^2 = (n - 1) u^2 / (1 - u^2), and is defined without any scatter too (u = 1). If two estimators are equally good,
-    the sign of d is a coin's in each case, so u is compared with what flipped signs give, the same flips for all pairs.
+    t, t^2 = (n - 1) u^2 / (1 - u^2), and without any scatter it is 1. If two estimators are equally good, the sign of d
+    is a coin's in each case, so u is compared with what flipped signs give, the same flips for all pairs.
+
     A pair differs if at most 5 % of the flips bring the largest u of all pairs that are not more significant up to its
-    own (Westfall and Young's step-down maximum, 1993): the probability that any two equally good ones are told apart
-    is at most 5 % however many there are, and with few cases too, if the differences are distributed symmetrically.
+    own (Westfall and Young's step-down maximum, 1993). The probability that any two equally good ones are told apart
+    is then at most 5 %, however many there are and with few cases too, if differences are distributed symmetrically.
     """
     table = np.asarray(scores, dtype=float)
     estimators, cases = table.shape

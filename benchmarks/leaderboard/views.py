@@ -1,5 +1,6 @@
 """A leaderboard for people (terminal, Markdown: mm and degrees) and for programs (JSON: SI, units in the keys)."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -8,6 +9,8 @@ from rich.table import Table
 from benchmarks.leaderboard.board import Entry, Leaderboard, TaskBoard
 from benchmarks.leaderboard.columns import board_columns, fitting
 from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
+from benchmarks.results.archives import CorruptFileError
+from benchmarks.results.rows import older_rows
 from benchmarks.scoring.registry import METRICS, Metric
 
 FORMAT = "castor-leaderboard/1"
@@ -20,6 +23,11 @@ def as_json(leaderboard: Leaderboard) -> dict[str, Any]:
         "interval_level": LEVEL,
         "tasks": [_board_json(board) for board in leaderboard.boards],
         "not_shown": [{"task": task, "version": version} for task, version in leaderboard.other_versions],
+        "older_formats": list(leaderboard.older_formats),
+        "refused": [
+            {"path": str(error.path), "reason": error.reason}
+            for error in (*leaderboard.refused, *leaderboard.refused_episodes)
+        ],
     }
 
 
@@ -148,7 +156,7 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
     if intervals is not None and not few:
         meaning.append(f"{intervals} {100 * LEVEL:.0f} % intervals")
     if any(entry.rank is not None for entry in board.entries):
-        shared = "who does not differ significantly (paired) from the best of a rank shares it"
+        shared = "who does not differ significantly (paired, 5 % family-wise) from the best of a rank shares it"
         meaning.append("too few to show a difference" if few else shared)
     if board.odometry is not None:
         meaning.append(f"odometry with the calibrated robot: {board.odometry}")
@@ -170,4 +178,21 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
 
 
 def _general_notes(leaderboard: Leaderboard) -> list[str]:
-    return [f"not shown: rows of {task} version {version}" for task, version in leaderboard.other_versions]
+    notes = [f"not shown: rows of {task} version {version}" for task, version in leaderboard.other_versions]
+    if leaderboard.older_formats:
+        what = "are not shown; run the tasks again, or remove the folder"
+        notes.append(older_rows(leaderboard.older_formats, leaderboard.folder, what))
+    if leaderboard.refused:
+        notes.append(
+            f"rows refused: {_listed(leaderboard.refused)}; castor-bench run computes them again, or delete them"
+        )
+    if leaderboard.refused_episodes:
+        listed = _listed(leaderboard.refused_episodes)
+        notes.append(f"episodes refused: {listed}; castor-bench run records them again")
+    return notes
+
+
+def _listed(refused: Sequence[CorruptFileError], most: int = 3) -> str:
+    """Return refused files with the reasons, in one line; of many the first few."""
+    more = f"; and {len(refused) - most} more (--json lists all)" if len(refused) > most else ""
+    return "; ".join(map(str, refused[:most])) + more

@@ -4,33 +4,86 @@ import json
 import re
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PositiveInt, TypeAdapter
+from pydantic.dataclasses import dataclass
 
-from benchmarks.results.archives import CorruptFileError, read_archive, read_metadata, write_archive
-from benchmarks.results.provenance import provenance, world_digest
+from benchmarks.results.archives import (
+    CorruptFileError,
+    OlderFormatError,
+    read_archive,
+    read_metadata,
+    write_archive,
+)
+from benchmarks.results.provenance import Origin, provenance, world_digest
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.description import CONFIG, Positive
 from castor_envs.vehicles.load import file_name as vehicle_file_name
 from castor_envs.vehicles.load import vehicle_from_dict
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
 from estimators.registry import load_estimator
 
-FORMAT = "castor-episode/1"
+FORMAT = "castor-episode/2"
 BELIEFS_FORMAT = "castor-beliefs/1"
 RECORDINGS_FORMAT = "castor-recordings/1"
 _PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age")
 
 
+_CASE_NAME = r"[A-Za-z0-9_-][A-Za-z0-9_.-]*"
+StoredCase = Annotated[int, Field(ge=-(2**63), lt=2**63)] | Annotated[str, Field(pattern=f"^{_CASE_NAME}$")]
+"""A case in a file's metadata: a seed that fits into 64 bits, or a name that fits into a file's."""
+Hash = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+Name = Annotated[str, Field(min_length=1)]
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class _RunMetadata:
+    direction: Literal["cw", "ccw"] | None
+    baseline: bool
+    sound: tuple[PositiveInt, ...]
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class _RecordingMetadata:
+    held: PositiveInt | None
+    side: Positive | None
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class _CalibrationMetadata:
+    recordings: tuple[_RecordingMetadata, ...]
+    odometry: Annotated[str, Field(pattern="^[a-z0-9-]+$")]  # a name: a file must not say which code to load
+    odometry_source: Hash
+    true_robot: dict[str, Any] | None
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class _Metadata:
+    format: str
+    task: Name
+    task_version: int
+    case: StoredCase
+    digest: Hash
+    robot: dict[str, Any]
+    runs: tuple[_RunMetadata, ...]
+    origin: Origin
+    calibration: _CalibrationMetadata | None = None
+
+
+_ADAPTER = TypeAdapter(_Metadata)
+
+
 def file_name(case: Case) -> str:
     """Return the file name of a case; raises ValueError for a name that does not fit into one."""
-    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", str(case)):
+    if not re.fullmatch(_CASE_NAME, str(case)):
         raise ValueError(f"case {case!r}: use letters, digits and _ . - only")
     return f"{case}.npz"
 
@@ -51,66 +104,66 @@ class EpisodeStore:
         None if it is not there, or if another version of the world or of the tasks recorded it, or for another version
         of the odometry that follows calibrated robots: then it is recorded again, and if it differs, so do its rows.
         """
+        path = self.path(task, version, case)
         try:
-            metadata = read_metadata(self.path(task, version, case), FORMAT)
-        except FileNotFoundError:
+            metadata = read_metadata(path, FORMAT, _ADAPTER)
+        except (FileNotFoundError, OlderFormatError):
             return None
+        _check_place(path, metadata, task, version, case)
         try:
-            digest, world = str(metadata["digest"]), metadata["origin"].get("world")
-            calibration = metadata.get("calibration")
-            current = world == world_digest() and (
-                calibration is None or calibration["odometry_source"] == _source_now(calibration["odometry"])
+            calibration = metadata.calibration
+            current = metadata.origin.world == world_digest() and (
+                calibration is None or calibration.odometry_source == _source_now(calibration.odometry)
             )
-        except (KeyError, AttributeError, TypeError, InputError):
-            raise CorruptFileError(self.path(task, version, case), "does not hold an episode") from None
-        return digest if current else None
+        except InputError as error:
+            raise CorruptFileError(path, str(error)) from None
+        return metadata.digest if current else None
 
     def load(self, task: str, version: int, case: Case) -> Episode:
         """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""
         path = self.path(task, version, case)
-        metadata, arrays = read_archive(path, FORMAT)
+        metadata, arrays = read_archive(path, FORMAT, _ADAPTER)
+        _check_place(path, metadata, task, version, case)
         try:
             runs = tuple(
                 Run(
                     _log(arrays, f"{k}"),
-                    direction=entry["direction"],
-                    baseline=entry["baseline"],
+                    direction=entry.direction,
+                    baseline=entry.baseline,
                     belief=arrays.get(f"{k}.belief"),
-                    sound=tuple(entry.get("sound", ())),
+                    sound=entry.sound,
                 )
-                for k, entry in enumerate(metadata["runs"])
+                for k, entry in enumerate(metadata.runs)
             )
-            calibration = _calibration(metadata, arrays, str(path))
-            episode = Episode(vehicle_from_dict(metadata["robot"], str(path)), runs, calibration)
-        except (KeyError, TypeError, ValueError, InputError):
+            calibration = _calibration(metadata.calibration, arrays, str(path))
+            episode = Episode(vehicle_from_dict(metadata.robot, str(path)), runs, calibration)
+            digest = episode.digest
+        except Exception:  # arrays of any shape and kind may stand there
             raise CorruptFileError(path, "does not hold an episode") from None
-        if episode.digest != metadata["digest"]:
+        if digest != metadata.digest:
             raise CorruptFileError(path, "does not hold what its digest says")
         return episode
 
     def save(self, task: Task, case: Case, episode: Episode) -> None:
         """Store an episode; columns that the vehicle does not explain are left out."""
-        metadata: dict[str, Any] = {
-            "format": FORMAT,
-            "task": task.name,
-            "task_version": task.version,
-            "case": case,
-            "digest": episode.digest,
-            "robot": episode.robot.to_dict(),
-            "runs": [
-                {"direction": run.direction, "baseline": run.baseline, "sound": list(run.sound)} for run in episode.runs
-            ],
-            "origin": provenance(),
-        }
+        calibration = episode.calibration
+        metadata = _Metadata(
+            format=FORMAT,
+            task=task.name,
+            task_version=task.version,
+            case=case,
+            digest=episode.digest,
+            robot=episode.robot.to_dict(),
+            runs=tuple(
+                _RunMetadata(direction=run.direction, baseline=run.baseline, sound=tuple(run.sound))
+                for run in episode.runs
+            ),
+            origin=provenance(),
+            calibration=None if calibration is None else _calibration_metadata(calibration),
+        )
         logs = {f"{k}": run.log for k, run in enumerate(episode.runs)}
-        if (calibration := episode.calibration) is not None:
-            metadata["calibration"] = {
-                "recordings": [{"held": one.held, "side": one.side} for one in calibration.recordings],
-                "odometry": calibration.odometry,
-                "odometry_source": calibration.odometry_source,
-                "true_robot": None if calibration.true_robot is None else calibration.true_robot.to_dict(),
-            }
-            logs |= {f"recording-{k}": one.log for k, one in enumerate(calibration.recordings)}
+        if calibration is not None:
+            logs |= {f"recording-{k}": recording.log for k, recording in enumerate(calibration.recordings)}
         arrays = {
             f"{name}.{part}": _compact(getattr(log, part))
             for name, log in logs.items()
@@ -118,7 +171,7 @@ class EpisodeStore:
             if getattr(log, part) is not None
         }
         arrays |= {f"{k}.belief": run.belief for k, run in enumerate(episode.runs) if run.belief is not None}
-        write_archive(self.path(task.name, task.version, case), metadata, arrays)
+        write_archive(self.path(task.name, task.version, case), _ADAPTER, metadata, arrays)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
@@ -157,16 +210,31 @@ def _log(arrays: dict[str, Any], name: str) -> Log:
     return Log(**{part: arrays[f"{name}.{part}"] for part in _PARTS if f"{name}.{part}" in arrays})
 
 
-def _calibration(metadata: dict[str, Any], arrays: dict[str, Any], path: str) -> Calibration | None:
-    stored = metadata.get("calibration")
+def _check_place(path: Path, metadata: _Metadata, task: str, version: int, case: Case) -> None:
+    """Raise CorruptFileError for an episode that stands where another one belongs."""
+    if (metadata.task, metadata.task_version, metadata.case) != (task, version, case):
+        held = f"{metadata.task} version {metadata.task_version}, case {metadata.case!r}"
+        raise CorruptFileError(path, f"holds the episode of {held}, which does not belong here")
+
+
+def _calibration_metadata(calibration: Calibration) -> _CalibrationMetadata:
+    true = calibration.true_robot
+    return _CalibrationMetadata(
+        recordings=tuple(_RecordingMetadata(held=r.held, side=r.side) for r in calibration.recordings),
+        odometry=calibration.odometry,
+        odometry_source=calibration.odometry_source,
+        true_robot=None if true is None else true.to_dict(),
+    )
+
+
+def _calibration(stored: _CalibrationMetadata | None, arrays: dict[str, Any], path: str) -> Calibration | None:
     if stored is None:
         return None
     recordings = tuple(
-        Recording(_log(arrays, f"recording-{k}"), entry["held"], entry["side"])
-        for k, entry in enumerate(stored["recordings"])
+        Recording(_log(arrays, f"recording-{k}"), entry.held, entry.side) for k, entry in enumerate(stored.recordings)
     )
-    true = None if stored["true_robot"] is None else RobotDescription.from_dict(stored["true_robot"], path)
-    return Calibration(recordings, stored["odometry"], stored["odometry_source"], true)
+    true = None if stored.true_robot is None else RobotDescription.from_dict(stored.true_robot, path)
+    return Calibration(recordings, stored.odometry, stored.odometry_source, true)
 
 
 def _compact(array: NDArray) -> NDArray:

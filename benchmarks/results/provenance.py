@@ -7,27 +7,44 @@ import platform
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
+
+from pydantic import AwareDatetime, NonNegativeInt
+from pydantic.dataclasses import dataclass
 
 import benchmarks.tasks
 import castor_envs
+from castor_envs.vehicles.description import CONFIG
 
 _PACKAGES = ("castor-envs", "numpy", "pymunk", "numba")
 
 
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Machine:
+    """A kind of machine: its platform and how many processors it has, where that is known."""
+
+    platform: str
+    cpu_count: NonNegativeInt | None
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Origin:
+    """Where a stored file comes from: when it was made (with its time zone), by which packages and world, on what."""
+
+    created: AwareDatetime
+    versions: dict[str, str]
+    world: str
+    machine: Machine
+
+
 @cache
-def _fixed() -> dict[str, Any]:
+def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for package in _PACKAGES:
         try:
             versions[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             versions[package] = "not installed"
-    return {
-        "versions": versions,
-        "world": world_digest(),
-        "machine": {"platform": platform.platform(), "cpu_count": os.cpu_count()},
-    }
+    return versions
 
 
 @cache
@@ -42,6 +59,11 @@ def world_digest() -> str:
     return seen.hexdigest()[:16]
 
 
-def provenance() -> dict[str, Any]:
+def provenance() -> Origin:
     """Return the time (UTC), package versions and machine, for the metadata of a file written now."""
-    return {"created": datetime.now(UTC).isoformat(timespec="microseconds"), **_fixed()}
+    return Origin(
+        created=datetime.now(UTC),
+        versions=_versions(),
+        world=world_digest(),
+        machine=Machine(platform=platform.platform(), cpu_count=os.cpu_count()),
+    )

@@ -10,27 +10,31 @@ is killed leaves whole files only, and the next one computes what is missing.
 """
 
 import contextlib
-import json
 import os
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, NonNegativeFloat, TypeAdapter, model_validator
+from pydantic.dataclasses import dataclass as checked_dataclass
 
-from benchmarks.results.archives import CorruptFileError, read_archive, write_archive
-from benchmarks.results.episodes import file_name
+from benchmarks.results.archives import CorruptFileError, OlderFormatError, checked, read_archive, write_archive
+from benchmarks.results.episodes import Hash, Name, StoredCase, file_name
+from benchmarks.results.provenance import Origin, provenance
 from benchmarks.tasks.task import Case
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import write_json
 from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.description import CONFIG, Positive
 from castor_envs.vehicles.robot import RobotDescription
 
-ROW_FORMAT = "castor-row/1"
-TIME_FORMAT = "castor-time/1"
+ROW_FORMAT = "castor-row/2"
+TIME_FORMAT = "castor-time/2"
 NOT_SERVED = "not applicable: "
 """What a row's failure begins with where the estimator declined the robot; the estimator's reason follows."""
 LEFT_OVER = 3600.0
@@ -61,7 +65,7 @@ class Row:
     scores: dict[str, float] = field(default_factory=dict)
     estimates: tuple[Array, ...] = ()
     calibrated: RobotDescription | None = None
-    origin: dict[str, Any] = field(default_factory=dict)
+    origin: Origin = field(default_factory=provenance)
 
     @property
     def refusal(self) -> str | None:
@@ -71,60 +75,96 @@ class Row:
         return self.failure.removeprefix(NOT_SERVED)
 
 
+@checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
+class _Metadata:
+    """A row but for its estimates, as it is stored; a row that failed has a reason and no scores."""
+
+    format: str
+    task: Name
+    task_version: int
+    estimator: Name
+    source_hash: Hash
+    case: StoredCase
+    episode: Hash
+    robot_hash: Hash
+    status: Literal["ok", "failed"]
+    failure: Annotated[str, Field(min_length=1)] | None
+    timeout_s: Positive | None
+    scores: dict[str, NonNegativeFloat]
+    origin: Origin
+    calibrated: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        failed = self.status == "failed"
+        if failed != (self.failure is not None) or failed == bool(self.scores):
+            raise ValueError("status, failure and scores contradict each other")
+        return self
+
+
+@checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
+class _TimeMetadata:
+    format: str
+    time_per_update_us: NonNegativeFloat
+    origin: Origin
+
+
+_ADAPTER = TypeAdapter(_Metadata)
+_TIME_ADAPTER = TypeAdapter(_TimeMetadata)
+
+
 class ResultsStore:
-    """The rows under a results folder. Reading collects unreadable files in `corrupt` instead of passing over them."""
+    """The rows under a results folder.
+
+    Reading collects files that cannot be used in `corrupt` instead of passing over them, and the formats of rows of an
+    older one in `older_formats`.
+    """
 
     def __init__(self, results: Path):
         self.root = results / "rows"
         self.corrupt: list[CorruptFileError] = []
+        self.older_formats: set[str] = set()
 
     def folder(self, task: str, version: int, estimator: str, source_hash: str) -> Path:
         """Return the folder of an estimator's rows in a task."""
         return self.root / f"{task}@{version}" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', estimator)}-{source_hash}"
 
-    def _path(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Path:
+    def path(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Path:
+        """Return the file of a row."""
         return self.folder(task, version, estimator, source_hash) / file_name(case)
 
     def save(self, row: Row) -> None:
         """Store a row."""
-        metadata = {
-            "format": ROW_FORMAT,
-            "task": row.task,
-            "task_version": row.version,
-            "estimator": row.estimator,
-            "source_hash": row.source_hash,
-            "case": row.case,
-            "episode": row.episode,
-            "robot_hash": row.robot_hash,
-            "status": "ok" if row.failure is None else "failed",
-            "failure": row.failure,
-            "timeout_s": row.timeout,
-            "scores": row.scores,
-            "origin": row.origin,
-        }
-        if row.calibrated is not None:
-            metadata["calibrated"] = row.calibrated.to_dict()
+        metadata = _Metadata(
+            format=ROW_FORMAT,
+            task=row.task,
+            task_version=row.version,
+            estimator=row.estimator,
+            source_hash=row.source_hash,
+            case=row.case,
+            episode=row.episode,
+            robot_hash=row.robot_hash,
+            status="ok" if row.failure is None else "failed",
+            failure=None if row.failure is None else _utf8(row.failure),
+            timeout_s=row.timeout,
+            scores=row.scores,
+            origin=row.origin,
+            calibrated=None if row.calibrated is None else row.calibrated.to_dict(),
+        )
         folder = self.folder(row.task, row.version, row.estimator, row.source_hash)
         estimates = {f"estimate_{k}": estimate for k, estimate in enumerate(row.estimates)}
-        write_archive(folder / file_name(row.case), metadata, estimates)
+        write_archive(folder / file_name(row.case), _ADAPTER, metadata, estimates)
 
     def load(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Row | None:
         """Return a stored row, None if there is none or it cannot be read (then it is in `corrupt`)."""
-        row = self._read(self._path(task, version, estimator, source_hash, case))
-        wanted = (task, version, estimator, source_hash, case)
-        if row is None or (row.task, row.version, row.estimator, row.source_hash, row.case) != wanted:
-            return None
-        return row
+        return self._read(self.path(task, version, estimator, source_hash, case), task, version)
 
     def rows(self, task: str, version: int) -> Iterator[Row]:
         """Yield all rows of a task version, estimator by estimator."""
         for path in sorted((self.root / f"{task}@{version}").glob("*/*.npz")):
             if not path.name.startswith("."):
-                row = self._read(path)
-                if row is None or (row.task, row.version) != (task, version):
-                    continue
-                # A copy under another name is no row of its own.
-                if path == self._path(task, version, row.estimator, row.source_hash, row.case):
+                row = self._read(path, task, version)
+                if row is not None:
                     yield row
 
     def versions(self) -> list[tuple[str, int]]:
@@ -133,36 +173,44 @@ class ResultsStore:
         return [(match[1], int(match[2])) for match in found if match]
 
     def save_time(
-        self, task: str, version: int, estimator: str, source_hash: str, time_us: float, origin: dict[str, Any]
+        self, task: str, version: int, estimator: str, source_hash: str, time_us: float, origin: Origin
     ) -> None:
         """Store the median CPU time of an update, microseconds."""
-        metadata = {"format": TIME_FORMAT, "time_per_update_us": time_us, "origin": origin}
+        metadata = _TimeMetadata(format=TIME_FORMAT, time_per_update_us=time_us, origin=origin)
         path = self.folder(task, version, estimator, source_hash) / "time.json"
-        write_atomically(path, json.dumps(metadata, indent=2, allow_nan=False) + "\n")
+        write_json(path, _TIME_ADAPTER.dump_python(metadata, mode="json"))
 
     def load_time(self, task: str, version: int, estimator: str, source_hash: str) -> float | None:
         """Return the stored time of an update, microseconds, None if there is none."""
         path = self.folder(task, version, estimator, source_hash) / "time.json"
         try:
-            metadata = json.loads(path.read_text(encoding="utf-8"))
-            if metadata["format"] != TIME_FORMAT:
-                raise ValueError
-            return float(metadata["time_per_update_us"])
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError):
-            self.corrupt.append(CorruptFileError(path, "is damaged or incomplete"))
-            return None
-
-    def _read(self, path: Path) -> Row | None:
-        try:
-            metadata, arrays = read_archive(path, ROW_FORMAT)
-            return _row(path, metadata, arrays)
-        except FileNotFoundError:
+            text = path.read_text(encoding="utf-8")
+            return checked(path, text, TIME_FORMAT, _TIME_ADAPTER).time_per_update_us
+        except (FileNotFoundError, OlderFormatError):
             return None
         except CorruptFileError as error:
             self.corrupt.append(error)
-            return None
+        except (OSError, UnicodeDecodeError):
+            self.corrupt.append(CorruptFileError(path, "is damaged or incomplete"))
+        return None
+
+    def _read(self, path: Path, task: str, version: int) -> Row | None:
+        try:
+            row = _row(path, *read_archive(path, ROW_FORMAT, _ADAPTER))
+            # A copy under another name is no row of its own.
+            if path != self.path(task, version, row.estimator, row.source_hash, row.case) or (
+                (row.task, row.version) != (task, version)
+            ):
+                held = f"{row.task} version {row.version}, {row.estimator} at {row.source_hash}, case {row.case!r}"
+                raise CorruptFileError(path, f"holds a row of {held}, which does not belong here")
+            return row
+        except FileNotFoundError:
+            pass
+        except OlderFormatError as error:
+            self.older_formats.add(error.form)
+        except CorruptFileError as error:
+            self.corrupt.append(error)
+        return None
 
 
 def check_results_folder(results: Path, write: bool = True) -> None:
@@ -187,30 +235,44 @@ def remove_leftovers(results: Path, older_than: float = LEFT_OVER) -> None:
                     path.unlink()
 
 
-def names_of(corrupt: Sequence[CorruptFileError], most: int = 3) -> str:
-    """Return the paths of unreadable files in one line."""
-    names = list(dict.fromkeys(str(error.path) for error in corrupt))
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def older_rows(formats: Iterable[str], folder: Path, what: str) -> str:
+    """Return what is said of rows of older formats in a folder; what: what becomes of them."""
+    return f"rows of an older format ({', '.join(sorted(formats))}) in {folder} {what}"
 
 
-def _row(path: Path, metadata: dict[str, Any], arrays: dict[str, NDArray]) -> Row:
+def _utf8(text: str) -> str:
+    """Return text without what no file can hold: half of a surrogate pair, which a plug-in's message may have."""
+    return text.encode(errors="replace").decode()
+
+
+def _row(path: Path, metadata: _Metadata, arrays: dict[str, NDArray]) -> Row:
+    names = [f"estimate_{k}" for k in range(len(arrays))]
+    if sorted(arrays) != sorted(names) or not all(map(_poses, arrays.values())):
+        raise CorruptFileError(path, "does not hold poses as estimates")
     try:
-        calibrated = metadata.get("calibrated")
-        return Row(
-            task=metadata["task"],
-            version=metadata["task_version"],
-            estimator=metadata["estimator"],
-            source_hash=metadata["source_hash"],
-            case=metadata["case"],
-            episode=metadata["episode"],
-            robot_hash=metadata["robot_hash"],
-            failure=metadata["failure"],
-            timeout=metadata["timeout_s"],
-            scores={str(name): float(value) for name, value in metadata["scores"].items()},
-            estimates=tuple(arrays[f"estimate_{k}"] for k in range(len(arrays))),
-            calibrated=None if calibrated is None else RobotDescription.from_dict(calibrated, str(path)),
-            origin=dict(metadata["origin"]),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError):  # InputError is a ValueError
-        raise CorruptFileError(path, "does not hold a row") from None
+        stored = metadata.calibrated
+        calibrated = None if stored is None else RobotDescription.from_dict(stored, str(path))
+    except (InputError, RecursionError):
+        raise CorruptFileError(path, "does not hold a calibrated robot") from None
+    return Row(
+        task=metadata.task,
+        version=metadata.task_version,
+        estimator=metadata.estimator,
+        source_hash=metadata.source_hash,
+        case=metadata.case,
+        episode=metadata.episode,
+        robot_hash=metadata.robot_hash,
+        failure=metadata.failure,
+        timeout=metadata.timeout_s,
+        scores=metadata.scores,
+        estimates=tuple(arrays[name] for name in names),
+        calibrated=calibrated,
+        origin=metadata.origin,
+    )
+
+
+def _poses(array: NDArray) -> bool:
+    """Return whether an array holds poses, (M, 3) of a robot or (N, M, 3) of a train."""
+    return (
+        array.dtype == np.float64 and array.ndim in (2, 3) and array.shape[-1] == 3 and bool(np.isfinite(array).all())
+    )

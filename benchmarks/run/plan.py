@@ -12,7 +12,7 @@ from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
-from benchmarks.results.rows import ResultsStore, check_results_folder, remove_leftovers
+from benchmarks.results.rows import ResultsStore, check_results_folder, older_rows, remove_leftovers
 from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
 from benchmarks.run.processes import Done, Job, run_jobs
 from benchmarks.run.record import record_missing
@@ -88,8 +88,10 @@ class _Run:
         )
         Estimating(works, self.rows, self.timeout, self.progress).run(self.processes)
         self._time(plan)
-        for path in dict.fromkeys(error.path for error in self.rows.corrupt):
-            self.progress.warn(f"{path} was damaged; it has been computed again")
+        for error in {error.path: error for error in self.rows.corrupt}.values():
+            self.progress.warn(f"{error}; it has been computed again")
+        if self.rows.older_formats:
+            self.progress.warn(older_rows(self.rows.older_formats, self.rows.root, "have been computed again"))
         return {**missing, **problems}
 
     def _to_record(self, assignment: Assignment, case: Case) -> bool:
@@ -120,7 +122,8 @@ class _Run:
         key = (task.name, task.version, entry.name, entry.source_hash, case)
         if key not in self.found:
             row = self.rows.load(*key)
-            self.found[key] = None if row is None else (row.episode, row.timeout)
+            unusable = row is None or (row.failure is None and task.metric not in row.scores)
+            self.found[key] = None if unusable else (row.episode, row.timeout)
         found = self.found[key]
         if found is None or (episode is not None and found[0] != episode):
             return True

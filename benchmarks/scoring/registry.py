@@ -1,5 +1,6 @@
 """From an episode and estimated trajectories to scores: which metrics there are, and how people are shown them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,8 +34,17 @@ class Metric:
         """Return a value in SI as text in the unit for people; what only rounding leaves is 0."""
         if value is None:
             return "–"
-        shown = value * self.factor
-        return f"{shown if abs(shown) > 1e-6 else 0.0:#.4g}".rstrip(".")
+        return f"{value * self.factor if abs(value) > self.rounding else 0.0:#.4g}".rstrip(".")
+
+    @property
+    def rounding(self) -> float:
+        """What rounding may leave of 0, in SI: 1e-6 of the unit for people, 1e-9 m: poses of 10 m round to 2e-15."""
+        return 1e-6 / self.factor
+
+    @property
+    def within(self) -> tuple[float, float]:
+        """Where its mean can lie: errors are not negative, and what is no error is a share, at most 1."""
+        return (0.0, math.inf if self.ranks else 1.0)
 
 
 _MM = {"unit": "m", "shown_unit": "mm", "factor": 1e3}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from rich.console import Console
 from benchmarks.leaderboard.board import build
 from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
 from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.scoring.registry import score
 
@@ -22,7 +24,7 @@ class Board:
     def __init__(self, results, task):
         self.results, self.task, self.store = results, task, ResultsStore(results)
 
-    def put(self, estimator, errors, source_hash="0" * 16, created="2020", failures=None, cases=CASES, **changes):
+    def put(self, estimator, errors, source_hash="0" * 16, created=2020, failures=None, cases=CASES, **changes):
         for case, error in zip(cases, errors, strict=True):
             reason = (failures or {}).get(case)
             row = Row(
@@ -32,10 +34,10 @@ class Board:
                 source_hash=source_hash,
                 case=case,
                 episode="e" * 16,
-                robot_hash="r" * 16,
+                robot_hash="d" * 16,
                 failure=reason,
                 scores={} if reason else {"E_max_syst": error, "ate": error / 2},
-                origin={"created": created},
+                origin=dataclasses.replace(provenance(), created=datetime(created, 1, 1, tzinfo=UTC)),
             )
             self.store.save(dataclasses.replace(row, **changes))
 
@@ -80,8 +82,8 @@ def test_who_has_not_run_all_cases_is_not_ranked(board):
 
 
 def test_edited_sources_are_not_mixed(board):
-    board.put("mine", HARD[:5], "a" * 16, created="2021", cases=range(5))
-    board.put("mine", HARD, "b" * 16, created="2022")
+    board.put("mine", HARD[:5], "a" * 16, created=2021, cases=range(5))
+    board.put("mine", HARD, "b" * 16, created=2022)
     (shown,) = build([board.task], board.results).boards
     assert [(entry.source_hash, entry.done) for entry in shown.entries] == [("b" * 16, 8)]
     assert shown.superseded == (("mine", "a" * 16, 5),)
@@ -111,7 +113,7 @@ def test_damaged_rows_are_named(board):
     path = next(board.results.glob("rows/*/*/4.npz"))
     path.write_bytes(b"")
     leaderboard = build([board.task], board.results)
-    assert [error.path for error in leaderboard.corrupt] == [path]
+    assert [error.path for error in leaderboard.refused] == [path]
 
 
 def test_files_that_a_kill_left_half_written_are_no_rows(board):
@@ -120,7 +122,7 @@ def test_files_that_a_kill_left_half_written_are_no_rows(board):
     (folder / ".5.npz.x8d.tmp").write_bytes(b"half")
     (folder / ".5.npz").write_bytes(b"half")
     leaderboard = build([board.task], board.results)
-    assert not leaderboard.corrupt
+    assert not leaderboard.refused
     assert len(leaderboard.boards[0].cases) == 8
 
 
@@ -200,7 +202,7 @@ def wide(board):
     """A board whose table takes over 100 columns."""
     for k, name in enumerate(("dead-reckoning-1", "cast-arc-0", "a_plug_in_of_mine:WithALongName")):
         board.put(name, HARD * (1.2345 + k), source_hash=str(k) * 16)
-        board.store.save_time("arcs", 1, name, str(k) * 16, 123.4, {})
+        board.store.save_time("arcs", 1, name, str(k) * 16, 123.4, provenance())
         for case in CASES:
             row = board.store.load("arcs", 1, name, str(k) * 16, case)
             more = {"end_point_position": 0.1234, "end_point_heading": 0.01234, "rpe_translation": 0.01234}
@@ -267,7 +269,7 @@ def test_a_board_of_refusals_alone_says_so(board, capsys):
 
 
 def test_ranks_are_explained_where_there_are_any(board):
-    explained = "who does not differ significantly (paired) from the best of a rank shares it"
+    explained = "who does not differ significantly (paired, 5 % family-wise) from the best of a rank shares it"
     board.put("picky", HARD, failures={6: "lost"})
     assert explained not in as_markdown(build([board.task], board.results))
     board.put("whole", HARD)

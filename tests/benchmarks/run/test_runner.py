@@ -129,9 +129,9 @@ def test_one_lost_member_of_a_stack_is_lost_alone(all_sorts):
 def test_rows_say_where_they_come_from(all_sorts):
     _, task, rows, _ = all_sorts
     row = rows["followers:Follower", 2]
-    assert set(row.origin) == {"created", "versions", "world", "machine"}
-    assert {"python", "numpy", "pymunk", "numba", "castor-envs"} <= set(row.origin["versions"])
-    assert set(row.origin["machine"]) == {"platform", "cpu_count"}
+    assert row.origin.created.tzinfo is not None
+    assert {"python", "numpy", "pymunk", "numba", "castor-envs"} <= set(row.origin.versions)
+    assert row.origin.machine.platform
     assert row.robot_hash == task.record(2).robot.hash()
     assert row.episode == task.record(2).digest
 
