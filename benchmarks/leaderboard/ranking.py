@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from castor_envs.geometry.arrays import Array
 
@@ -56,7 +56,7 @@ def interval(scores: ArrayLike, within: tuple[float, float] = (-math.inf, math.i
     limits = np.zeros(2)
     if deviation > 0:
         skewness = float(np.mean(((values - mean) / deviation) ** 3))
-        limit = stats.t.ppf((1 + LEVEL) / 2, n - 1) / math.sqrt(n)
+        limit = stdtrit(n - 1, (1 + LEVEL) / 2) / math.sqrt(n)
         limits = _before_transformation(np.array([limit, -limit]), skewness, n)
     low, high = np.clip((mean - limits * deviation * math.sqrt(n / (n - 1))) * scale, *within)
     return Interval(mean * scale, float(low), float(high))
