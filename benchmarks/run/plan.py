@@ -122,8 +122,8 @@ class _Run:
         key = (task.name, task.version, entry.name, entry.source_hash, case)
         if key not in self.found:
             row = self.rows.load(*key)
-            unusable = row is None or (row.failure is None and task.metric not in row.scores)
-            self.found[key] = None if unusable else (row.episode, row.timeout)
+            usable = row is not None and (row.failure is not None or task.metric in row.scores)
+            self.found[key] = (row.episode, row.timeout) if row is not None and usable else None
         found = self.found[key]
         if found is None or (episode is not None and found[0] != episode):
             return True
