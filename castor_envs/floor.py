@@ -11,29 +11,34 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs.errors import InputError
 from castor_envs.vehicles import description
-from castor_envs.vehicles.description import CONFIG, Positive, Vector
+from castor_envs.vehicles.description import CONFIG, Angle, Extent, FrictionOrNone, Place
 
 FORMAT = "castor-floor/1"
+
+#: Rise over run along one axis: 45 degrees, where friction 1 no longer holds anything; the steepest streets have 0.35.
+Slope = Annotated[float, Field(ge=-1.0, le=1.0)]
+#: m/s2: a small asteroid's to four times Jupiter's.
+Gravity = Annotated[float, Field(ge=1e-3, le=1e2)]
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Patch:
     """A rectangle with its own friction: centre and size (m, along and across), turned by `angle` (rad)."""
 
-    center: Vector
-    size: tuple[Positive, Positive]
-    friction: Annotated[float, Field(ge=0)]
-    angle: float = 0.0
+    center: tuple[Place, Place]
+    size: tuple[Extent, Extent]
+    friction: FrictionOrNone
+    angle: Angle = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Cable:
     """A round cable on the floor: centre and length (m), direction (rad, of its axis), diameter (m)."""
 
-    center: Vector
-    direction: float
-    length: Positive
-    diameter: Positive
+    center: tuple[Place, Place]
+    direction: Angle
+    length: Extent
+    diameter: Extent
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -46,9 +51,9 @@ class Floor:
 
     patches: tuple[Patch, ...] = ()
     cables: tuple[Cable, ...] = ()
-    slope: Vector = (0.0, 0.0)
+    slope: tuple[Slope, Slope] = (0.0, 0.0)
     climbing: bool = True
-    gravity: Positive = 9.80665
+    gravity: Gravity = 9.80665
 
     @property
     def normal_gravity(self) -> float:
@@ -56,7 +61,7 @@ class Floor:
         return self.gravity / math.sqrt(1.0 + self.slope[0] ** 2 + self.slope[1] ** 2)
 
     @property
-    def downhill_gravity(self) -> Vector:
+    def downhill_gravity(self) -> tuple[float, float]:
         """Gravity's part along the floor, m/s2."""
         return -self.slope[0] * self.normal_gravity, -self.slope[1] * self.normal_gravity
 

@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from castor_envs import command_line
 from castor_envs.errors import InputError
+from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import train_names
@@ -264,7 +265,7 @@ def _show(console: Console, entry: dict[str, Any]) -> None:
     )
     console.print(f"reference poses: {entry['reference_rows'] or 'none'}; commands: {_yes(entry['commands'])}")
     if entry["unknown_columns"]:
-        console.print(f"columns that the robot does not explain: {', '.join(entry['unknown_columns'])}")
+        console.print(f"columns that the robot does not explain: {listed(entry['unknown_columns'])}")
     if entry["constant"]:
         console.print(f"channels that never change: {', '.join(entry['constant'])}")
     broken = [channel["name"] for channel in entry["channels"] if channel["unit"] == "counts" and not channel["whole"]]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from castor_envs.effects.base import Effect, Reader
 from castor_envs.effects.clocks import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
@@ -42,9 +42,11 @@ from castor_envs.effects.encoders import (
 from castor_envs.effects.floor import Bump, FloorSlope, FrictionPatch
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip
+from castor_envs.vehicles.description import explain
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
@@ -121,9 +123,15 @@ def apply_effects(robot: "RobotDescription", effects: tuple[Effect, ...]) -> "Ro
 
 
 def floor_of(robot: "RobotDescription", floor: Floor) -> Floor:
-    """Return the floor as it really is under the robot: with its effects on the floor, in order."""
+    """Return the floor as it really is under the robot: with its effects on the floor, in order.
+
+    Raises InputError where an effect makes it one that cannot be.
+    """
     for effect in robot.effects:
-        floor = effect.floor(robot, floor)
+        try:
+            floor = effect.floor(robot, floor)
+        except ValidationError as error:
+            raise InputError(f"effect {effect.name} is too large for this floor: {explain(error)}") from None
     return floor
 
 

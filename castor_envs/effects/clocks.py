@@ -17,7 +17,7 @@ from castor_envs.effects.base import (
     wheel_encoders,
 )
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.description import CONFIG
+from castor_envs.vehicles.description import CONFIG, Seed
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
@@ -128,7 +128,7 @@ class SampleJitter(Effect):
 
     name: Literal["sample_jitter"] = "sample_jitter"
     value: Annotated[float, Field(ge=0.0, le=0.1)]
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     title = "jitter of sampling"
     unit = "s"
     step = 1e-3

@@ -20,7 +20,7 @@ from castor_envs.effects.base import (
     wheel_encoders,
 )
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.description import CONFIG, NotNegative, Positive
+from castor_envs.vehicles.description import CONFIG, Duration, DurationOrNone, RateOrNone, Seed
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
@@ -165,7 +165,7 @@ class TickLoss(Effect):
     castor: Number
     wheel: Number
     value: Annotated[float, Field(ge=0.0, le=0.5)]
-    above: NotNegative
+    above: RateOrNone
     direction: Direction = "forward"
     title = "counts lost at speed"
     unit = "1"
@@ -210,10 +210,10 @@ class TickLossBursts(Effect):
     castor: Number
     wheel: Number
     value: Annotated[float, Field(ge=0.0, le=1.0)]
-    period: Positive
-    width: Positive
-    start: NotNegative = 0.0
-    seed: Annotated[int, Field(ge=0)] | None = None
+    period: Annotated[float, Field(ge=1e-3, le=1e9)]
+    width: Duration
+    start: DurationOrNone = 0.0
+    seed: Seed | None = None
     title = "counts lost in bursts"
     unit = "1"
     step = 0.1

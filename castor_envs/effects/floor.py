@@ -15,7 +15,7 @@ from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.steps import Motion, Slip, contact_paths, contact_places
 from castor_envs.physics.contact_motion import creep
-from castor_envs.vehicles.description import CONFIG, Positive
+from castor_envs.vehicles.description import CONFIG, FINEST, Extent, Place
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.robot import RobotDescription
@@ -62,10 +62,10 @@ class Bump(Effect):
     """
 
     name: Literal["bump"] = "bump"
-    x: float
-    y: float
+    x: Place
+    y: Place
     direction: Angle
-    length: Positive = 100.0
+    length: Extent = 100.0
     value: Annotated[float, Field(ge=0.0, le=0.1)]
     title = "cable or threshold on the floor"
     unit = "m"
@@ -88,8 +88,8 @@ class Bump(Effect):
         return robot
 
     def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
-        """Return the floor with the cable on it."""
-        if self.value == 0.0:
+        """Return the floor with the cable on it, if there is any to speak of."""
+        if self.value < FINEST:
             return floor
         cable = Cable(center=(self.x, self.y), direction=self.direction, length=self.length, diameter=self.value)
         return dataclasses.replace(floor, cables=(*floor.cables, cable))
@@ -127,10 +127,10 @@ class FrictionPatch(Effect):
     """
 
     name: Literal["friction_patch"] = "friction_patch"
-    x: float
-    y: float
-    length: Positive
-    width: Positive
+    x: Place
+    y: Place
+    length: Extent
+    width: Extent
     angle: Angle = 0.0
     value: Annotated[float, Field(ge=0.0, le=1.0)]
     title = "slippery place on the floor"

@@ -13,7 +13,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from castor_envs.errors import InputError
-from castor_envs.vehicles.description import CONFIG, NotNegative
+from castor_envs.vehicles.description import CONFIG, DurationOrNone
 
 if TYPE_CHECKING:
     from castor_envs.vehicles.train import Frame, TrainDescription
@@ -182,7 +182,7 @@ class SensorStops(EffectOfTrain):
     """A frame's relative posture sensor repeats its last reading after `value` seconds; its age tells."""
 
     frame: Number
-    value: NotNegative
+    value: DurationOrNone
     name: Literal["sensor_stops"] = "sensor_stops"
     title = "posture sensor stops"
     unit = "s"

@@ -10,6 +10,9 @@ from castor_envs.logs.table import complaint
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
 
+#: Names of a header that an error lists: more than any robot of the presets needs.
+SHOWN = 20
+
 
 class LogColumns(NamedTuple):
     """The names of a vehicle's log columns, part by part, each in the order of the same part of a `Log`."""
@@ -67,17 +70,21 @@ class LogColumns(NamedTuple):
 
         t, wheels and pivots are required; of the other parts all columns or none.
         """
+        places: dict[str, int] = {}
         for k, name in enumerate(names):
             if not name.strip():
                 message = f"the column at place {k + 1} has no name; name or remove it"
                 raise complaint(path, line, None, message)
-            first = names.index(name)
+            first = places.setdefault(name, k)
             if first < k:
                 message = f"appears twice, at places {first + 1} and {k + 1}; rename or remove one"
                 raise complaint(path, line, name, message)
         if len(names) == 1:
             raise complaint(path, line, None, "the header has a single column; separate columns by commas")
-        for name in filter(self._foreign, names):
+        known = self.known
+        for name in names:
+            if name in known or not self._foreign(name):
+                continue
             message = "belongs to a train of other axles than given; give the robot or train that made the log"
             raise complaint(path, line, name, message)
         ages = [name for name in self.rps_age if name in names]
@@ -90,9 +97,7 @@ class LogColumns(NamedTuple):
                     raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
 
     def _foreign(self, name: str) -> bool:
-        """Return whether a column is one that this vehicle would have if it were, or were longer, a train."""
-        if name in self.known:
-            return False
+        """Return whether an unknown column is one that this vehicle would have if it were, or were longer, a train."""
         train = re.fullmatch(r"rps_(age_)?[A-J](_x|_y|_phi)?|ref_\d+_(x|y|psi)", name) is not None
         return train or (bool(self.rps) and re.fullmatch(r"wheel_\d+[lr]", name) is not None)
 
@@ -108,8 +113,15 @@ class LogColumns(NamedTuple):
                 raise complaint(path, line, name, message)
 
     def _hint(self, missing: str, names: Sequence[str]) -> str:
-        unknown = {name.lower(): name for name in names if name not in self.known}
+        known = self.known
+        unknown = {name.lower(): name for name in names if name not in known}
         near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
         if near:
             return f"did you mean {unknown[near[0]]!r}? rename it"
-        return f"the header has {', '.join(names)}; add the column, or give the robot or train that made the log"
+        return f"the header has {listed(names)}; add the column, or give the robot or train that made the log"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names of columns as people read them; of more than `SHOWN` the first ones and how many there are."""
+    more = f", ... ({len(names)} columns)" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more

@@ -43,14 +43,29 @@ from castor_envs.vehicles.train import TrainDescription
 _MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
 _FLAT = ("t", "gyro")
 
+#: What no number of a log is beyond, either way, by part. t: 64 bits of nanoseconds since 1970, so that a clock in
+#: another unit is still read, and told by the diagnosis. Counts: below 2^53 all whole numbers, and so all increments,
+#: are exact. Rates: some fifty times a turbocharger's. Ages: 30 years.
+MOST = {
+    "t": 2.0**63,
+    "wheel": 2.0**53,
+    "pivot": 2.0**53,
+    "command": 1e6,
+    "steering_command": 1e6,
+    "gyro": 1e6,
+    "rps_age": 1e9,
+}
+#: The same of positions, m: UTM northings in millimetres; and of headings, rad: 2778 turns in degrees.
+MOST_POSITION, MOST_HEADING = 1e10, 1e6
+
 
 def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     """Read and check a log of a robot or a train; a train's log without rps columns has rps of NaN.
 
     Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns, encoders
-    of castors that the robot does not have, lines of the wrong width, cells that are not finite numbers, half-blank
-    poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
-    `pivot_jumps`), wrapped headings.
+    of castors that the robot does not have, lines of the wrong width, cells that are not finite numbers or beyond
+    `MOST`, half-blank poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a
+    turn (see `pivot_jumps`), wrapped headings.
     """
     path = Path(path)
     header, *rows = read_lines(path)
@@ -74,7 +89,8 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
             parts[part] = values[:, 0] if part in _FLAT else values
     if isinstance(vehicle, TrainDescription) and "rps" not in parts:
         parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
-    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in columns.known}
+    known = columns.known
+    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}
     log = Log(**parts, extra=extra)
     _check_values(path, [row.number for row in rows], log, vehicle)
     return log
@@ -146,7 +162,9 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
     for part in (*REQUIRED, *OPTIONAL):
         values = getattr(log, part)
         if values is not None:
-            _check_finite(path, lines, getattr(columns, part), np.asarray(values).reshape(len(log), -1), part)
+            rows = np.asarray(values).reshape(len(log), -1)
+            _check_finite(path, lines, getattr(columns, part), rows, part)
+            _check_size(path, lines, getattr(columns, part), rows, part)
     late = np.flatnonzero(np.diff(log.t) <= 0)
     if late.size:
         k = late[0] + 1
@@ -184,3 +202,13 @@ def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], valu
         bad[:, group] &= ~np.isnan(values[:, group]).all(axis=1, keepdims=True)
     for k, j in np.argwhere(bad)[:1]:
         raise complaint(path, lines[k], names[j], f"{values[k, j]} is not finite; give a finite number")
+
+
+def _check_size(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:
+    most = np.array(
+        [MOST.get(part, MOST_HEADING if name.endswith(("_psi", "_phi")) else MOST_POSITION) for name in names]
+    )
+    for k, j in np.argwhere(np.abs(values) > most)[:1]:
+        raise complaint(
+            path, lines[k], names[j], f"{values[k, j]:g} is beyond +-{most[j]:g}; mend the number or its unit"
+        )

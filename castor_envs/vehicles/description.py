@@ -6,15 +6,60 @@ import os
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, write_json
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Vector = tuple[float, float]
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+#: The smallest length of a part, m: a micrometre, finer than anything on wheels is made.
+FINEST = 1e-6
+
+
+def _nothing_or_made(length: float) -> float:
+    if 0 < length < FINEST:
+        raise ValueError(f"Input should be 0, or greater than or equal to {FINEST:g}")
+    return length
+
+
+# What numbers in files may be. Each bound is far beyond anything that rolls, and close enough to it that products and
+# squares of numbers within bounds neither overflow nor vanish: a mistake of units or a slip of the keyboard is refused
+# where it stands, before physics meets it. SI units and radians.
+#
+#: A length of a robot's part, up to a kilometre; 0 only where a part may be without it (`LengthOrNone`).
+Length = Annotated[float, Field(ge=FINEST, le=1e3)]
+LengthOrNone = Annotated[float, Field(ge=0, le=1e3), AfterValidator(_nothing_or_made)]
+#: A coordinate in a robot's own frame, up to a kilometre either way.
+Coordinate = Annotated[float, Field(ge=-1e3, le=1e3)]
+Vector = tuple[Coordinate, Coordinate]
+#: A coordinate on the floor: 10 000 km either way, the range of UTM northings. A size there: as wide.
+Place = Annotated[float, Field(ge=-1e7, le=1e7)]
+Extent = Annotated[float, Field(ge=FINEST, le=1e7)]
+#: An angle: 1591 turns either way, which leaves it as exact as 1e-12 rad, and takes degrees as well.
+Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
+#: A mass, kg: a milligram to ten thousand tonnes, what the largest wheeled transporters carry. A rotational inertia,
+#: kg m2: of a milligram at a millimetre to ten thousand tonnes at a kilometre.
+Mass = Annotated[float, Field(ge=1e-6, le=1e7)]
+Inertia = Annotated[float, Field(ge=1e-12, le=1e13)]
+#: A time, s: a microsecond to 30 years; 0 where it may be none.
+Duration = Annotated[float, Field(ge=1e-6, le=1e9)]
+DurationOrNone = Annotated[float, Field(ge=0, le=1e9)]
+#: A rate of turning, rad/s: to a million, some fifty times a turbocharger's; the limit of a motor: from a turn in ten
+#: minutes.
+RateLimit = Annotated[float, Field(ge=0.01, le=1e6)]
+RateOrNone = Annotated[float, Field(ge=0, le=1e6)]
+#: A torque limit of a motor, N m: nanonewtons at a metre to a hundred times a ship's engine.
+Torque = Annotated[float, Field(ge=1e-9, le=1e9)]
+#: A friction coefficient; rubber on anything stays below 5. 0 where something may be without friction.
+Friction = Annotated[float, Field(ge=1e-12, le=1e3)]
+FrictionOrNone = Annotated[float, Field(ge=0, le=1e3)]
+#: A slip stiffness: force for a unit of slip, divided by load; tyres have 5 to 100, steel on steel some 1000.
+Stiffness = Annotated[float, Field(ge=1e-3, le=1e6)]
+#: Encoder counts a turn of a wheel: less than one behind a gear, to finer than 32-bit encoders.
+Counts = Annotated[float, Field(ge=1e-3, le=1e10)]
+#: A seed of random numbers, 64 bits.
+Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
 T = TypeVar("T")
 

@@ -6,7 +6,7 @@ radians throughout.
 """
 
 import dataclasses
-import math
+import itertools
 import os
 from typing import Annotated, Any, Literal, Self
 
@@ -15,9 +15,28 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs.effects import Effect, apply_effects
 from castor_envs.vehicles import description
-from castor_envs.vehicles.description import CONFIG, NotNegative, Positive, Vector
+from castor_envs.vehicles.description import (
+    CONFIG,
+    FINEST,
+    Angle,
+    Coordinate,
+    Counts,
+    Duration,
+    DurationOrNone,
+    Friction,
+    Inertia,
+    Length,
+    LengthOrNone,
+    Mass,
+    RateLimit,
+    Stiffness,
+    Torque,
+    Vector,
+)
 
 FORMAT = "castor-robot/1"
+#: rad: rollers whose axes lie nearer than 4 degrees to the way across would let the wheel push nowhere.
+STEEPEST_ROLLER = 1.5
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -30,12 +49,12 @@ class Wheel:
     rolling direction (0: ordinary omni wheel, pi/4: Mecanum).
     """
 
-    radius: Positive
-    lateral: float = 0.0
-    inertia: Positive = 1e-4
-    counts_per_rev: Positive | None = 1200.0
+    radius: Length
+    lateral: Coordinate = 0.0
+    inertia: Inertia = 1e-4
+    counts_per_rev: Counts | None = 1200.0
     grip: Literal["standard", "omni"] = "standard"
-    roller_angle: Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)] = 0.0
+    roller_angle: Annotated[float, Field(ge=-STEEPEST_ROLLER, le=STEEPEST_ROLLER)] = 0.0
 
     @property
     def driven(self) -> bool:
@@ -63,12 +82,12 @@ class Castor:
     pivot: Vector
     wheels: Annotated[tuple[Wheel, ...], Field(min_length=1)]
     steering: Literal["free", "driven", "fixed"] = "free"
-    angle: float = 0.0
-    offset: NotNegative = 0.0
-    mass: Positive = 1.0
-    inertia: Positive = 0.005
-    pivot_counts_per_rev: Annotated[int, Field(gt=2)] | None = None
-    pivot_zero: float = 0.0
+    angle: Angle = 0.0
+    offset: LengthOrNone = 0.0
+    mass: Mass = 1.0
+    inertia: Inertia = 0.005
+    pivot_counts_per_rev: Annotated[int, Field(gt=2, le=2**32)] | None = None
+    pivot_zero: Angle = 0.0
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -82,6 +101,8 @@ class Castor:
             raise ValueError("two wheels of one castor have the same lateral position")
         if list(self.wheels) != sorted(self.wheels, key=lambda wheel: -wheel.lateral):
             raise ValueError("wheels go from left (largest lateral) to right")
+        if any(left.lateral - right.lateral < FINEST for left, right in itertools.pairwise(self.wheels)):
+            raise ValueError(f"two wheels of one castor stand less than {FINEST:g} m apart")
         return self
 
 
@@ -94,19 +115,22 @@ class Contact:
     up, m. damping: of the bristles, as a time (damping coefficient / bristle stiffness), s.
     """
 
-    friction: Positive = 0.8
-    slip_stiffness_long: Positive = 80.0
-    slip_stiffness_lat: Positive = 80.0
-    relaxation_length: Positive = 0.01
-    damping: NotNegative = 1e-3
+    friction: Friction = 0.8
+    slip_stiffness_long: Stiffness = 80.0
+    slip_stiffness_lat: Stiffness = 80.0
+    relaxation_length: Length = 0.01
+    damping: DurationOrNone = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Gyro:
-    """A yaw-rate gyro: white noise (rad/s, one standard deviation a sample) and constant bias (rad/s)."""
+    """A yaw-rate gyro: white noise (rad/s, one standard deviation a sample) and constant bias (rad/s).
 
-    noise: NotNegative = 0.0
-    bias: float = 0.0
+    Either far above that of any gyro; a reading stays within the 100 rad/s that environments' observations hold.
+    """
+
+    noise: Annotated[float, Field(ge=0, le=5)] = 0.0
+    bias: Annotated[float, Field(ge=-10, le=10)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -121,14 +145,14 @@ class RobotDescription:
 
     name: Annotated[str, Field(min_length=1)]
     castors: Annotated[tuple[Castor, ...], Field(min_length=1)]
-    sample_period: Positive = 0.05
-    mass: Positive = 10.0
-    inertia: Positive = 0.5
+    sample_period: Duration = 0.05
+    mass: Mass = 10.0
+    inertia: Inertia = 0.5
     center_of_mass: Vector = (0.0, 0.0)
-    max_wheel_speed: Positive = 20.0
-    max_wheel_torque: Positive = 1.0
-    max_steering_speed: Positive = 10.0
-    max_steering_torque: Positive = 5.0
+    max_wheel_speed: RateLimit = 20.0
+    max_wheel_torque: Torque = 1.0
+    max_steering_speed: RateLimit = 10.0
+    max_steering_torque: Torque = 5.0
     contact: Contact = Contact()
     gyro: Gyro | None = None
     effects: tuple[Effect, ...] = ()

@@ -17,11 +17,14 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs.effects.train import TrainEffect, apply_train_effects
 from castor_envs.vehicles import description
-from castor_envs.vehicles.description import CONFIG, NotNegative
+from castor_envs.vehicles.description import CONFIG, Coordinate, DurationOrNone
 from castor_envs.vehicles.robot import RobotDescription
 
 FORMAT = "castor-train/1"
 MOST_AXLES = 10
+
+#: A factor of a gauge: a hundred times either way is another gauge.
+Gain = Annotated[float, Field(ge=-100, le=100)]
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -44,14 +47,14 @@ class Frame:
     linear_density: Annotated[float, Field(ge=1e-6, le=1e4)] = 0.5
     damping: Annotated[float, Field(ge=0, le=1e3)] = 0.001
     links: Annotated[int, Field(ge=3, le=24)] = 6
-    gauges: Annotated[tuple[float, ...], Field(min_length=1)] | None = None
+    gauges: Annotated[tuple[Coordinate, ...], Field(min_length=1)] | None = None
     gauge_noise: Annotated[float, Field(ge=0, le=10)] = 0.1
     gauge_offset: Annotated[float, Field(ge=0, le=10)] = 0.4
-    gauge_gains: tuple[float, ...] = ()
+    gauge_gains: tuple[Gain, ...] = ()
     gauge_drift: Annotated[float, Field(ge=-10, le=10)] = 0.0
     dead_gauges: tuple[Annotated[int, Field(ge=1)], ...] = ()
     foreshortening_left_out: Annotated[float, Field(ge=0, le=1)] = 0.0
-    rps_stops: NotNegative | None = None
+    rps_stops: DurationOrNone | None = None
 
     @property
     def gauge_positions(self) -> tuple[float, ...]:
