@@ -18,7 +18,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.inference.findings import WEAKEST_FIRST, Diagnosis, Left
 from discrepancy.inference.forward_selection import diagnose
-from discrepancy.preflight import Mistake, Preflight, preflight
+from discrepancy.preflight import Mistake, Preflight, check_logs, preflight
 from discrepancy.report import pictures
 from discrepancy.report.page import html_of
 from discrepancy.report.text import Data, as_data, mistake_data
@@ -66,6 +66,8 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     themselves. replayed: whether to drive the full simulation as the logs.
     Raises InputError for logs of which nothing can be said before they, or the robot file, are mended.
     """
+    for given in (logs, held_out, clean):
+        check_logs(given)
     checked, kept, before = (
         preflight(robot, list(some.values()), list(some)) if some else Preflight(()) for some in (logs, held_out, clean)
     )

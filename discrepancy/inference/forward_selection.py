@@ -50,6 +50,17 @@ EXERCISED, SHOWN = 25.0, 10.0
 away from them."""
 
 
+UNSEEN = (
+    "the encoders of robot {!r} do not tell its motion: they and wheels that do not slip sideways hold {} of its 3 "
+    "directions (forward, to the side, turning); give the encoders that it has in the robot file, pivots too"
+)
+CONTRADICTION = (
+    "the logs cannot be made to fit robot {!r}, or show too little motion; look for channels that are swapped, "
+    "reversed or dead, counts per turn or dimensions that are wrong by a factor, reference poses not in m and rad, and "
+    "counts or poses that jump: castor-diagnose inspect shows them"
+)
+
+
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def diagnose(
     robot: RobotDescription,
@@ -64,6 +75,30 @@ def diagnose(
     beyond them is named. before: the robot as it made these, if its description was another.
     Raises InputError for logs that the robot cannot have made, or that show nothing.
     """
+    _check_seen(robot, logs[0])
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit
+            return _diagnosed(robot, logs, held_out, clean, before)
+    except np.linalg.LinAlgError:
+        raise InputError(CONTRADICTION.format(robot.name)) from None
+
+
+def _check_seen(robot: RobotDescription, log: Log) -> None:
+    """Raise InputError for a robot whose motion its encoders leave open."""
+    parity = parity_residual(robot, log)
+    held = len(parity.wheels) + len(parity.castors) - parity.redundancy
+    if held < 3:
+        raise InputError(UNSEEN.format(robot.name, held))
+
+
+def _diagnosed(
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    held_out: Sequence[Log],
+    clean: Sequence[Log],
+    before: RobotDescription | None,
+) -> Diagnosis:
+    """Return what `diagnose` does."""
     for some in (logs, held_out, clean):
         blind = [log for log in some if log.reference is None or not np.isfinite(log.reference).any()]
         if blind and parity_residual(robot, blind[0]).redundancy == 0:

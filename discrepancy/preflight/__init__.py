@@ -17,6 +17,7 @@ from discrepancy.preflight.misfit import Misfit, Misfits
 from discrepancy.preflight.reading import Reading
 from discrepancy.preflight.sanity import (
     Named,
+    check_logs,
     dead_channels,
     not_finite,
     remarks,
@@ -25,7 +26,7 @@ from discrepancy.preflight.sanity import (
 )
 from discrepancy.preflight.search import MUCH, SEEN, YAW, Candidate, Found, search
 
-__all__ = ["Mistake", "Preflight", "preflight"]
+__all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
 
 OUTLIER, OUTLIER_PART = 8.0, 0.2
 """A pose is off if odometry misses it by so many times the usual, and by this part of the way."""

@@ -1,10 +1,11 @@
 """What single channels, times and reference poses show, without any model of motion."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
@@ -28,6 +29,18 @@ FAST, OFTEN = 3.0, 0.05
 WORDS = range(8, 33)
 """Bits of counters that wrap."""
 
+FEWEST_ROWS = 10
+"""Rows below which a log's noise cannot be told from what the robot does."""
+
+FAR_OFF, LONGEST_GAP = 1e3, 86400.0
+"""Times that samples may be closer or further apart than the robot file says; s between two of them, a day."""
+
+FARTHEST = 1e3
+"""m: what lies on the floor is looked for on a grid of centimetres that reaches from the origin to the robot."""
+
+MOVED = 0.05
+"""m and rad: a reference that ranges further than any tracker's noise has moved."""
+
 TOLD = 3
 """Places that are named of each kind."""
 
@@ -40,6 +53,40 @@ class Named:
     log: Log
 
 
+def check_logs(logs: Mapping[str, Log]) -> None:
+    """Raise InputError, by its name, for a log from which nothing can be told.
+
+    That is one of hardly any rows, in which no encoder count changes, or whose reference is far from its origin.
+    """
+    for name, log in logs.items():
+        if len(log) < FEWEST_ROWS:
+            raise InputError(
+                f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and tells little from less "
+                f"than {SHORT:g} s"
+            )
+        _check_reach(name, log)
+        if np.any(np.ptp(log.wheel, axis=0) > 0) or np.any(np.ptp(log.pivot, axis=0) > 0):
+            continue
+        message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
+        taken = log.reference[np.isfinite(log.reference).all(axis=1)] if log.reference is not None else np.zeros((0, 3))
+        if len(taken) and np.any(np.ptp(taken, axis=0) > MOVED):
+            message += " (the reference does move: if the robot did, its encoders are not connected)"
+        raise InputError(f"{name}: {message}")
+
+
+def _check_reach(name: str, log: Log) -> None:
+    """Raise InputError for reference positions that are too far from the origin of their frame."""
+    if log.reference is None:
+        return
+    far = np.where(np.isfinite(log.reference), np.abs(log.reference), 0.0)[:, :2]
+    row, axis = np.unravel_index(int(np.argmax(far)), far.shape)
+    if far[row, axis] > FARTHEST:
+        raise InputError(
+            f"{name}: ref_{'xy'[axis]} is {log.reference[row, axis]:g} m in row {row + 1}, and a diagnosis takes "
+            f"positions within {FARTHEST:g} m of the origin; mend it, or subtract the place where the robot started"
+        )
+
+
 def dead_channels(robot: RobotDescription, logs: Sequence[Log]) -> frozenset[int]:
     """Return the channels, wheels before pivots, that never change in any log though others do."""
     counts = [np.concatenate([log.wheel, log.pivot], axis=1) for log in logs]
@@ -48,7 +95,7 @@ def dead_channels(robot: RobotDescription, logs: Sequence[Log]) -> frozenset[int
 
 
 def time_mistakes(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
-    """Yield times in another unit than seconds."""
+    """Yield times in another unit than seconds, or that cannot be those of one drive of this robot."""
     period = float(np.median(np.diff(one.log.t)))
     for unit, size in UNITS.items():
         if 0.2 < period / size / robot.sample_period < 5:
@@ -56,6 +103,19 @@ def time_mistakes(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
                 f"{one.name}: t is in {unit}, not in s: samples are {period:g} apart, and the robot file says "
                 f"{robot.sample_period:g} s; divide t by {size:g}"
             )
+            return
+    if not 1 / FAR_OFF < period / robot.sample_period < FAR_OFF:
+        yield Mistake(
+            f"{one.name}: samples are {period:g} s apart, and the robot file says {robot.sample_period:g} s; "
+            "correct t, or sample_period"
+        )
+        return
+    longest = int(np.argmax(np.diff(one.log.t)))
+    if (gap := float(np.diff(one.log.t)[longest])) > LONGEST_GAP:
+        yield Mistake(
+            f"{one.name}: nothing for {gap:g} s after row {longest + 1} (t {one.log.t[longest]:.6g} s); correct t, or "
+            "split the log there"
+        )
 
 
 def not_finite(robot: RobotDescription, one: Named) -> Iterator[Mistake]:

@@ -201,7 +201,7 @@ def _drift(every: _Steps, second: _Steps, window: int) -> Array:
     sums, coherent = (
         part[:size].reshape(n, window, *part.shape[1:]).sum(axis=1) for part in (every.residual, abs(every.pointing))
     )
-    blocks = [part[:size].reshape(n, window, rows, -1) for part in (every.start, every.end)]
+    blocks = [part[:size].reshape(n, window, *part.shape[1:]) for part in (every.start, every.end)]
     met = np.concatenate([blocks[0][:, :1], blocks[1][:, :-1] + blocks[0][:, 1:], blocks[1][:, -1:]], axis=1)
     variance = (np.sum(met**2, axis=(1, 3)) + np.sum(coherent**2, axis=-1)) / 12
     curved = np.zeros((n, rows))

@@ -22,7 +22,6 @@ HEADER = "t,wheel_1l,wheel_1r,ref_x,ref_y,ref_psi"
 DIFFERENTIAL = preset("differential")
 ASOC = preset("1-castor")
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
 small = st.floats(-1e6, 1e6)
 
 
@@ -33,7 +32,7 @@ def robots_and_logs(draw):
     columns = LogColumns.of(robot)
     n = draw(st.integers(2, 5))
     t = sorted(draw(st.lists(small, min_size=n, max_size=n, unique=True)))
-    counts = st.integers(-(2**60), 2**60).map(float) | finite
+    counts = st.integers(-(2**53), 2**53).map(float) | st.floats(-(2.0**53), 2.0**53)
 
     def rows(width, values):
         return np.array(draw(st.lists(st.lists(values, min_size=width, max_size=width), min_size=n, max_size=n)))
@@ -52,10 +51,10 @@ def robots_and_logs(draw):
         t=np.array(t),
         wheel=rows(len(columns.wheel), counts),
         pivot=rows(len(columns.pivot), st.integers(0, max(turn - 1, 0))).reshape(n, -1),
-        command=maybe_blank(len(columns.command), finite),
-        steering_command=maybe_blank(len(columns.steering_command), finite),
+        command=maybe_blank(len(columns.command), small),
+        steering_command=maybe_blank(len(columns.steering_command), small),
         reference=maybe_blank(3, st.floats(-1.5, 1.5)),
-        gyro=rows(1, finite)[:, 0] if draw(st.booleans()) else None,
+        gyro=rows(1, small)[:, 0] if draw(st.booleans()) else None,
         extra=extra,
     )
 
@@ -89,17 +88,17 @@ def trains_and_logs(draw):
         return np.array(draw(st.lists(st.lists(values, min_size=width, max_size=width), min_size=n, max_size=n)))
 
     blank = np.array(draw(st.lists(st.booleans(), min_size=n, max_size=n)))
-    reference, command, rps = rows(3 * axles, st.floats(-1.5, 1.5)), rows(2 * axles, finite), rows(3 * frames, finite)
+    reference, command, rps = rows(3 * axles, st.floats(-1.5, 1.5)), rows(2 * axles, small), rows(3 * frames, small)
     reference[blank], command[~blank] = np.nan, np.nan
     rps.reshape(n, frames, 3)[rows(frames, st.booleans())] = np.nan
     return train, Log(
         t=np.cumsum(rows(1, st.floats(0.01, 10))[:, 0]),
-        wheel=rows(2 * axles, st.integers(-(2**60), 2**60).map(float) | small),
+        wheel=rows(2 * axles, st.integers(-(2**53), 2**53).map(float) | small),
         pivot=np.empty((n, 0)),
         command=command if draw(st.booleans()) else None,
         reference=reference if draw(st.booleans()) else None,
         rps=rps,
-        rps_age=np.abs(rows(frames, finite)) if draw(st.booleans()) else None,
+        rps_age=np.abs(rows(frames, small)) if draw(st.booleans()) else None,
     )
 
 
@@ -447,3 +446,60 @@ def test_ages_of_nothing_are_refused(tmp_path):
     path.write_text("t,wheel_1l,wheel_1r,wheel_2l,wheel_2r,rps_age_A\n0,0,0,0,0,0\n1,0,0,0,0,0\n")
     with pytest.raises(InputError, match="is the age of 'rps_A_x' and the others, which are missing"):
         read_log(path, cfmmr(2))
+
+
+FULL_HEADER = "t,wheel_1l,wheel_1r,pivot_1,cmd_1l,cmd_1r,ref_x,ref_y,ref_psi,gyro_z"
+BEYOND = [
+    *((column, value) for column in FULL_HEADER.split(",") for value in ("1e200", "-1e308", "9" * 40)),
+    ("t", "1e19"),
+    ("wheel_1l", str(2**53 + 2)),
+    ("pivot_1", str(-(2**53) - 2)),
+    ("cmd_1r", "2e6"),
+    ("ref_y", "-2e10"),
+    ("ref_psi", "2e6"),
+]
+
+
+@pytest.mark.parametrize(("column", "value"), BEYOND)
+def test_a_number_beyond_all_measure_is_refused_where_it_stands(tmp_path, column, value):
+    names = FULL_HEADER.split(",")
+    rows = [dict.fromkeys(names, "0") | {"t": "0"}, dict.fromkeys(names, "0") | {"t": "1"}]
+    rows[0 if value.startswith("-") else 1][column] = value
+    line = 2 if value.startswith("-") else 3
+    text = "".join(",".join(row[name] for name in names) + "\n" for row in rows)
+    (tmp_path / "log.csv").write_text(f"{FULL_HEADER}\n{text}")
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / "log.csv", ASOC)
+    said = str(error.value)
+    assert said.startswith(f"{tmp_path / 'log.csv'}:{line}: column {column!r}: {float(value):g} is beyond +-")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(("column", "value"), [("rps_A_x", 1e200), ("rps_B_phi", -1e7), ("rps_age_A", 1e10)])
+def test_a_trains_reading_beyond_all_measure_is_refused_by_its_column(tmp_path, column, value):
+    rps, age = np.tile([0.35, 0.0, 0.0], (2, 2)), np.zeros((2, 2))
+    columns = LogColumns.of(TRAIN)
+    if column in columns.rps:
+        rps[1, columns.rps.index(column)] = value
+    else:
+        age[1, columns.rps_age.index(column)] = value
+    log = Log(np.array([0.0, 1.0]), np.zeros((2, 6)), np.empty((2, 0)), rps=rps, rps_age=age)
+    with pytest.raises(InputError, match=rf":3: column '{column}': .* is beyond"):
+        write_log(tmp_path / "log.csv", log, TRAIN)
+
+
+def test_counts_are_exact_up_to_their_bound(tmp_path):
+    (tmp_path / "log.csv").write_text(f"t,wheel_1l,wheel_1r\n0,{2**53 - 1},{-(2**53)}\n1,{2**53},{1 - 2**53}\n")
+    log = read_log(tmp_path / "log.csv", DIFFERENTIAL)
+    np.testing.assert_array_equal(np.diff(log.wheel, axis=0), [[1.0, 1.0]])
+
+
+@pytest.mark.parametrize("extra", [0, 30, 10**4])
+def test_a_header_is_listed_as_far_as_people_read_it(tmp_path, extra):
+    names = ["t", "wheel_1r", *(f"note {k}" for k in range(extra))]
+    (tmp_path / "log.csv").write_text(",".join(names) + "\n" + ",".join("0" for _ in names) + "\n")
+    with pytest.raises(InputError, match="column 'wheel_1l': is missing; the header has t, wheel_1r") as error:
+        read_log(tmp_path / "log.csv", DIFFERENTIAL)
+    said = str(error.value)
+    assert len(said) < 600
+    assert (f"({len(names)} columns)" in said) == (extra > 0)

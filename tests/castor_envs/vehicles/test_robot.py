@@ -44,7 +44,11 @@ def change(path, value):
 
 
 IMPOSSIBLE = [
-    ("castors.1.wheels.0.radius", -0.01, ["castors.1.wheels.0.radius", "greater than 0", "-0.01"]),
+    ("castors.1.wheels.0.radius", -0.01, ["castors.1.wheels.0.radius", "greater than or equal to 0.000001", "-0.01"]),
+    ("castors.1.wheels.0.lateral", -0.0579999, ["castors.1", "less than 1e-06 m apart"]),
+    ("castors.1.offset", 1e-300, ["castors.1.offset", "0, or greater than or equal to 1e-06", "1e-300"]),
+    ("castors.1.pivot_counts_per_rev", 2**40, ["castors.1.pivot_counts_per_rev", "less than or equal to 4294967296"]),
+    ("sample_period", 1e10, ["sample_period", "less than or equal to 1000000000"]),
     ("castors.1.wheels.0.radius", 0, ["castors.1.wheels.0.radius"]),
     ("castors.1.wheels.0.radius", "0.04", ["castors.1.wheels.0.radius", "'0.04'"]),
     ("castors.1.wheels.0.radius", ..., ["castors.1.wheels.0.radius", "required"]),
@@ -75,6 +79,43 @@ def test_an_impossible_value_is_named(path, value, said):
     assert "\n" not in message
     for word in said:
         assert word in message
+
+
+def numbers(data, way=()):
+    """All dotted paths to numbers in plain data."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        if isinstance(value, dict | list):
+            yield from numbers(value, (*way, key))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield ".".join(map(str, (*way, key)))
+
+
+@pytest.mark.parametrize("value", [1e200, -1e200, 1e308, int("9" * 40), math.nan, math.inf])
+def test_no_number_of_a_robot_is_beyond_all_measure(value):
+    """Every number of the file; the error names file, key, value and bound."""
+    ways = list(numbers(preset("asoc-prototype").to_dict()))
+    assert len(ways) > 40
+    for way in ways:
+        with pytest.raises(InputError, match=r"^mine\.json: ") as error:
+            RobotDescription.from_dict(change(way, value), source="mine.json")
+        said = str(error.value)
+        assert f"{way}: Input should be " in said
+        assert "\n" not in said
+        if math.isfinite(value):
+            assert said.endswith(f"got {value!r}")
+
+
+@pytest.mark.parametrize("value", [0, -1, 1e-300, 5e-324])
+def test_a_robot_with_any_number_too_small_is_refused_or_stands(value):
+    """Nothing else happens: no overflow, no number that is not finite, no warning."""
+    for way in numbers(preset("asoc-prototype").to_dict()):
+        try:
+            world = World(RobotDescription.from_dict(change(way, value)))
+            world.advance(np.ones(6))
+        except InputError:
+            continue
+        assert np.all(np.isfinite(world.pose))
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"format": "castor-robot/1", "mass": NaN}', "\x00"])
@@ -203,7 +244,7 @@ def test_a_chassis_lighter_than_its_castors_drives_as_the_heavy_one(name, change
 
 
 def test_physics_that_goes_wrong_says_so():
-    castor = dataclasses.replace(preset("asoc-prototype").castors[0], inertia=1e-300, mass=1e-9)
+    castor = dataclasses.replace(preset("asoc-prototype").castors[0], inertia=1e-12, mass=1e-6)
     robot = dataclasses.replace(preset("asoc-prototype"), castors=(castor, *preset("asoc-prototype").castors[1:]))
     with pytest.raises(InputError, match=r"substeps|unstable"):
         World(robot).advance(np.ones(6))

@@ -305,6 +305,26 @@ def test_the_hash_knows_every_number_and_not_the_name():
     assert dataclasses.replace(train, modules=slower).hash() not in seen
 
 
+@pytest.mark.parametrize("value", [1e200, -1e200, int("9" * 40)])
+def test_no_number_of_a_train_is_beyond_all_measure(value):
+    """Every number of the file, effects of train and modules too."""
+    frame = Frame(length=0.35, gauges=(0.1, 0.2), gauge_gains=(1.0, 1.0), rps_stops=1.0)
+    module = cfmmr(2).modules[0]
+    train = dataclasses.replace(cfmmr(2), modules=(module, module), frames=(frame,))
+    train = train.with_effects(GaugeGain(frame=1, value=0.1), SensorStops(frame=1, value=1.0))
+    for way in leaves(train.to_dict()):
+        data = train.to_dict()
+        part = data
+        for key in way[:-1]:
+            part = part[key]
+        if isinstance(part[way[-1]], bool | str) or part[way[-1]] is None:
+            continue
+        part[way[-1]] = value
+        with pytest.raises(InputError, match=r"^mine\.json: ") as error:
+            TrainDescription.from_dict(data, source="mine.json")
+        assert "\n" not in str(error.value)
+
+
 def test_a_train_is_as_its_order_says():
     """Front first: exchanging two unlike frames gives another train."""
     train = cfmmr(3)
