@@ -167,7 +167,8 @@ def _chosen(method: str | None, side: float | None, pivots: bool, scatter: Path 
 
 def likely(robot: RobotDescription, logs: Mapping[Path, Log], pivots: bool) -> Found:
     """Return what maximum likelihood finds, and what the logs do not show."""
-    found = maximum_likelihood.calibrate(robot, list(logs.values()), pivots=pivots)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError
+        found = maximum_likelihood.calibrate(robot, list(logs.values()), pivots=pivots)
     rows = []
     hidden = np.linalg.norm(found.unseen, axis=0)
     columns = (found.parameters, found.before, found.after, found.standard_errors, hidden)

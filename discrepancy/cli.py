@@ -21,6 +21,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.diagnose import examine
 from discrepancy.inspect import inspect_logs
+from discrepancy.preflight import check_logs
 from discrepancy.report.page import html_of
 from discrepancy.report.text import as_lines, write_diagnosis
 from discrepancy.trains import report as train_report
@@ -137,6 +138,7 @@ def find(
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
     if isinstance(description, TrainDescription):
+        check_logs({str(path): log for path, log in read.items()})
         found = diagnose_train(description, *([read[path] for path in some] for some in (paths, kept_back, good)))
         names = [str(path) for path in paths]
         data = train_report.as_data(found, names)
@@ -272,7 +274,7 @@ def _show(console: Console, entry: dict[str, Any]) -> None:
     if broken:
         console.print(f"counts that are not whole numbers (radians?): {', '.join(broken)}")
     table = Table("channel", "smallest", "largest", "largest step", "the robot's limit", box=None)
-    for channel in entry["channels"]:
+    for channel in [*entry["channels"], *(entry["reference"] or [])]:
         limit = "-" if channel["at_most"] is None else f"{channel['at_most']:.6g}"
         numbers = (f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step"))
         table.add_row(channel["name"], *numbers, limit)

@@ -58,6 +58,7 @@ def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
         "channels": channels,
         "constant": [channel["name"] for channel in channels if channel["smallest"] == channel["largest"]],
         "reference_rows": taken,
+        "reference": _reference(log) if taken else None,
         "commands": log.command is not None,
         "unknown_columns": list(log.extra),
         "parity": _parity(robot, log),
@@ -82,6 +83,15 @@ def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
     if log.gyro is not None:
         channels.append(_channel(columns.gyro[0], "rad/s", log.gyro, np.abs(np.diff(log.gyro))))
     return channels
+
+
+def _reference(log: Log) -> list[dict[str, Any]]:
+    """Return range and largest step, from one pose that was taken to the next, of ref_x, ref_y and ref_psi."""
+    assert log.reference is not None
+    taken = log.reference[np.isfinite(log.reference).all(axis=1)]
+    steps = np.abs(np.diff(taken, axis=0, prepend=taken[:1]))
+    parts = zip(("ref_x", "ref_y", "ref_psi"), ("m", "m", "rad"), taken.T, steps.T, strict=True)
+    return [_channel(name, unit, values, step) for name, unit, values, step in parts]
 
 
 def _channel(

@@ -56,7 +56,8 @@ class Named:
 def check_logs(logs: Mapping[str, Log]) -> None:
     """Raise InputError, by its name, for a log from which nothing can be told.
 
-    That is one of hardly any rows, in which no encoder count changes, or whose reference is far from its origin.
+    That is one of hardly any rows, in which no encoder count changes (and of a train no relative pose: a standing one
+    shows the noise of its gauges), or, of a robot, whose reference is far from its origin.
     """
     for name, log in logs.items():
         if len(log) < FEWEST_ROWS:
@@ -64,8 +65,10 @@ def check_logs(logs: Mapping[str, Log]) -> None:
                 f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and tells little from less "
                 f"than {SHORT:g} s"
             )
-        _check_reach(name, log)
-        if np.any(np.ptp(log.wheel, axis=0) > 0) or np.any(np.ptp(log.pivot, axis=0) > 0):
+        if log.rps is None:
+            _check_reach(name, log)
+        channels = [log.wheel, log.pivot, *([] if log.rps is None else [np.nan_to_num(log.rps)])]
+        if any(np.any(np.ptp(part, axis=0) > 0) for part in channels):
             continue
         message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
         taken = log.reference[np.isfinite(log.reference).all(axis=1)] if log.reference is not None else np.zeros((0, 3))

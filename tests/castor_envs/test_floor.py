@@ -7,7 +7,7 @@ import pytest
 from castor_envs.effects import Bump, FloorSlope, floor_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.presets import preset
+from castor_envs.vehicles.presets import preset
 
 FLOOR = Floor(
     patches=(Patch(center=(1.0, 0.0), size=(1.0, 2.0), friction=0.3, angle=0.1),),

@@ -15,6 +15,7 @@ from castor_envs import command_line
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, preset
+from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from discrepancy import cli
 
 
@@ -213,3 +214,98 @@ def test_trains_are_refused_by_name(tmp_path, capsys):
             command_line.run(cli.app, ["inspect", *arguments])
         assert ended.value.code == 2
         assert "is a train; castor-diagnose inspect serves single robots" in capsys.readouterr().err
+
+
+ONE_WHEEL = RobotDescription(
+    name="one wheel", castors=(Castor(pivot=(0.0, 0.0), offset=0.05, wheels=(Wheel(radius=0.05),)),)
+)
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_robot_without_any_redundancy_is_inspected_for_what_there_is(capsys, monkeypatch, tmp_path, taken):
+    """One driven wheel on one castor whose angle nobody knows: no row of rolling can be used."""
+    n = 50
+    reference = np.column_stack([np.arange(n) * 0.01, np.zeros(n), np.zeros(n)]) if taken else None
+    log = Log(np.arange(n) * 0.05, np.arange(n)[:, None] * 20.0, np.empty((n, 0)), reference=reference)
+    write_log(tmp_path / "log.csv", log, ONE_WHEEL)
+    ONE_WHEEL.save(tmp_path / "robot.json")
+    code, out, err = diagnose(capsys, monkeypatch, "inspect", tmp_path / "log.csv", "--json")
+    assert (code, err) == (0, "")
+    (entry,) = json.loads(out)["logs"]
+    assert entry["parity"]["redundancy"] == 0
+    assert "cannot contradict each other (no redundancy)" in entry["parity"]["note"]
+    assert (entry["reference"] is not None) == taken
+    if taken:
+        assert entry["reference"][0] | {"whole": None} == {
+            **{"name": "ref_x", "unit": "m", "smallest": 0.0, "largest": 0.49, "largest_step": 0.01},
+            **{"at_most": None, "whole": None},
+        }
+    code, out, _ = diagnose(capsys, monkeypatch, "inspect", tmp_path / "log.csv")
+    assert code == 0
+    assert ("ref_psi" in out) == taken
+    code, out, err = diagnose(capsys, monkeypatch, tmp_path / "log.csv")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "the encoders of robot 'one wheel' do not tell its motion" in err
+
+
+def driven(n=60, **changes):
+    """A log of a differential robot on an arc, with reference poses; parts replaced."""
+    t = np.arange(n) * 0.05
+    wheel = np.round(np.outer(np.arange(n), [40.0, 60.0]))
+    reference = np.column_stack([0.3 * t, 0.02 * t, 0.1 * t])
+    return dataclasses.replace(Log(t, wheel, np.empty((n, 0)), reference=reference), **changes)
+
+
+def once(values, value):
+    """An array with its entry half-way, in the first column, replaced."""
+    values = np.array(values)
+    values[len(values) // 2, 0] = value
+    return values
+
+
+ARC = driven()
+REFUSED = {
+    "still": (driven(wheel=np.zeros((60, 2)), reference=np.zeros((60, 3))), "shows no motion: no encoder count"),
+    "still, pushed": (driven(wheel=np.zeros((60, 2))), "its encoders are not connected"),
+    "two rows": (driven(2), "has 2 rows; a diagnosis needs at least 10"),
+    "nanoseconds apart": (driven(t=ARC.t * 1e-9), "samples are 5e-11 s apart, and the robot file says 0.05 s"),
+    "years apart": (driven(t=ARC.t * 1e5), "samples are 5000 s apart"),
+    "a gap of months": (driven(t=ARC.t + 1e7 * (ARC.t > 1.0)), "nothing for 1e+07 s after row 21"),
+    "blank reference": (driven(reference=np.full((60, 3), np.nan)), "give logs with ref_x, ref_y and ref_psi"),
+    "far away": (driven(reference=ARC.reference + np.array([5e6, 0.0, 0.0])), "ref_x is 5e+06 m in row"),
+    "a huge count": (driven(wheel=once(ARC.wheel, 2.0**53)), "cannot be made to fit"),
+    "huge counts": (driven(wheel=ARC.wheel * 2.0**40), "cannot be made to fit"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_log_that_tells_nothing_is_refused_in_one_line_that_says_why(capsys, monkeypatch, tmp_path, name):
+    log, said = REFUSED[name]
+    write_log(tmp_path / "log.csv", log, preset("differential"))
+    assert diagnose(capsys, monkeypatch, "inspect", tmp_path / "log.csv", "--robot", "differential")[0] == 0
+    code, out, err = diagnose(capsys, monkeypatch, tmp_path / "log.csv", "--robot", "differential")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("error: ")
+    assert said in err
+    if "fit" not in said and "give logs" not in said:
+        assert f"{tmp_path / 'log.csv'}: " in err
+
+
+def test_the_log_that_shows_no_motion_is_named_among_others(capsys, monkeypatch, tmp_path):
+    robot = preset("differential")
+    write_log(tmp_path / "good.csv", driven(), robot)
+    write_log(tmp_path / "still.csv", driven(wheel=np.zeros((60, 2)), reference=np.zeros((60, 3))), robot)
+    for option in ((), ("--holdout",), ("--clean",)):
+        arguments = (tmp_path / "good.csv", *option, tmp_path / "still.csv", "--robot", "differential")
+        code, out, err = diagnose(capsys, monkeypatch, *arguments)
+        assert (code, out) == (2, "")
+        assert f"{tmp_path / 'still.csv'}: shows no motion" in err
+
+
+def test_a_trains_log_in_which_nothing_changes_is_refused_by_name(capsys, monkeypatch, tmp_path):
+    train, n = cfmmr(2), 40
+    log = Log(np.arange(n) * 0.05, np.zeros((n, 4)), np.empty((n, 0)), rps=np.tile([0.35, 0.0, 0.0], (n, 1)))
+    write_log(tmp_path / "log.csv", log, train)
+    code, out, err = diagnose(capsys, monkeypatch, tmp_path / "log.csv", "--robot", "cfmmr-2")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"{tmp_path / 'log.csv'}: shows no motion" in err
