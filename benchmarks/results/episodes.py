@@ -24,7 +24,7 @@ from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.description import CONFIG, Positive
+from castor_envs.vehicles.description import CONFIG, Length
 from castor_envs.vehicles.load import file_name as vehicle_file_name
 from castor_envs.vehicles.load import vehicle_from_dict
 from castor_envs.vehicles.robot import RobotDescription
@@ -54,7 +54,7 @@ class _RunMetadata:
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class _RecordingMetadata:
     held: PositiveInt | None
-    side: Positive | None
+    side: Length | None
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)

@@ -30,7 +30,7 @@ from benchmarks.tasks.task import Case
 from castor_envs.errors import InputError
 from castor_envs.files import write_json
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.description import CONFIG, Positive
+from castor_envs.vehicles.description import CONFIG, Duration
 from castor_envs.vehicles.robot import RobotDescription
 
 ROW_FORMAT = "castor-row/2"
@@ -89,7 +89,7 @@ class _Metadata:
     robot_hash: Hash
     status: Literal["ok", "failed"]
     failure: Annotated[str, Field(min_length=1)] | None
-    timeout_s: Positive | None
+    timeout_s: Duration | None
     scores: dict[str, NonNegativeFloat]
     origin: Origin
     calibrated: dict[str, Any] | None = None
