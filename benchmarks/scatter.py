@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from benchmarks.scoring.metrics import umbmark
+from benchmarks.scoring.square_metrics import umbmark
 from castor_envs.errors import InputError
 from castor_envs.rendering.drawing import palette
 

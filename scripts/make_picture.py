@@ -9,7 +9,7 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 
-from benchmarks.scoring.metrics import return_errors
+from benchmarks.scoring.square_metrics import return_errors
 from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs.floor import Cable, Floor, Patch
 from estimators.robots.cast import CAST

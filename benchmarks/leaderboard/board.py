@@ -9,7 +9,9 @@ from benchmarks.leaderboard.ranking import Interval, interval, ranks
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.rows import ResultsStore, Row
-from benchmarks.scoring.registry import METRICS, STANDING_STILL, Metric
+from benchmarks.scoring.metric import Metric
+from benchmarks.scoring.path_metrics import STANDING_STILL
+from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Task, odometry_of
 
 
@@ -200,7 +202,7 @@ def _board(
         version=task.version,
         title=task.title,
         description=task.description,
-        metric=METRICS[task.metric],
+        metric=BOARD_METRICS[task.metric],
         cases=cases,
         entries=tuple(entries),
         not_served=tuple(NotServed(name, reason) for name, reason in sorted(not_served.items())),
@@ -226,7 +228,7 @@ def _entry(
         source_hash=source_hash,
         scores={
             key: interval([row.scores[key] for row in good], metric.within)
-            for key, metric in METRICS.items()
+            for key, metric in BOARD_METRICS.items()
             if good and all(key in row.scores for row in good)
         },
         time_per_update_us=store.load_time(task.name, task.version, name, source_hash),

@@ -8,55 +8,21 @@ from rich.cells import cell_len
 
 from benchmarks.leaderboard.board import Entry, TaskBoard
 from benchmarks.leaderboard.ranking import LEVEL
-from benchmarks.scoring.registry import METRICS, Metric
-
-_ORDER = (
-    "nonsystematic_orientation_error",
-    "mean_axle_position",
-    "final_axle_position",
-    "end_point_position",
-    "end_point_heading",
-    "share_within_5cm",
-    "sound_axle_chosen",
-    "contradiction",
-    "offset_error",
-    "radius_error",
-    "half_track_error",
-    "pivot_zero_error",
-    "ate",
-    "rpe_translation",
-)
-_GOES_FIRST = (
-    "nonsystematic_orientation_error",
-    "contradiction",
-    "end_point_heading",
-    "time",
-    "rpe_translation",
-    "end_point_position",
-    "ate",
-    "offset_error",
-    "half_track_error",
-    "radius_error",
-    "pivot_zero_error",
-    "final_axle_position",
-    "mean_axle_position",
-    "share_within_5cm",
-    "sound_axle_chosen",
-    "interval",
-)
-"""What is left out where a terminal is narrow, the least important first."""
+from benchmarks.scoring.metric import INTERVAL_KEEP, TIME_KEEP, Metric
+from benchmarks.scoring.registry import BOARD_METRICS
 
 _FRAME = 3  # a column's border and padding; one border more closes the table
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of text."""
+    """A column of text. keep: None: in a terminal of any width; else where one is too narrow the lowest goes first."""
 
     name: str
     heading: str
     cells: tuple[str, ...]
     justify: Literal["left", "right"] = "right"
+    keep: int | None = None
 
     @property
     def width(self) -> int:
@@ -79,29 +45,36 @@ def board_columns(board: TaskBoard) -> list[Column]:
     ]
     intervals = tuple(_interval(entry, primary) for entry in entries)
     if any(intervals):
-        columns.append(Column("interval", f"{100 * LEVEL:.0f} %", tuple(text or "–" for text in intervals)))
-    others = [name for name in _ORDER if name != primary.name and any(name in entry.scores for entry in entries)]
-    columns += [_scores(name, METRICS[name], entries) for name in others]
+        cells = tuple(text or "–" for text in intervals)
+        columns.append(Column("interval", f"{100 * LEVEL:.0f} %", cells, keep=INTERVAL_KEEP))
+    others = [
+        (metric.column, metric)
+        for name, metric in BOARD_METRICS.items()
+        if metric.column is not None and name != primary.name and any(name in entry.scores for entry in entries)
+    ]
+    for place, metric in sorted(others, key=lambda other: other[0].place):
+        columns.append(_scores(metric.name, metric, entries, place.keep))
     if board.odometry is None:
         times = (entry.time_per_update_us for entry in entries)
-        columns.append(Column("time", "µs", tuple("–" if time is None else f"{time:.1f}" for time in times)))
+        cells = tuple("–" if time is None else f"{time:.1f}" for time in times)
+        columns.append(Column("time", "µs", cells, keep=TIME_KEEP))
     return columns
 
 
 def fitting(columns: list[Column], width: int) -> tuple[list[Column], bool]:
     """Return the columns that a terminal of a width holds, and whether any had to be left out."""
     kept = list(columns)
-    for name in _GOES_FIRST:
+    for keep in sorted(column.keep for column in columns if column.keep is not None):
         if sum(column.width + _FRAME for column in kept) + 1 <= width:
             break
-        kept = [column for column in kept if column.name != name]
+        kept = [column for column in kept if column.keep is None or column.keep > keep]
     return kept, len(kept) < len(columns)
 
 
-def _scores(name: str, metric: Metric, entries: Sequence[Entry]) -> Column:
+def _scores(name: str, metric: Metric, entries: Sequence[Entry], keep: int | None = None) -> Column:
     scores = [entry.scores.get(metric.name) for entry in entries]
     cells = tuple(metric.shown(None if score is None else score.mean) for score in scores)
-    return Column(name, f"{metric.short}, {metric.shown_unit.replace('deg', '°')}", cells)
+    return Column(name, f"{metric.short}, {metric.shown_unit.replace('deg', '°')}", cells, keep=keep)
 
 
 def _interval(entry: Entry, metric: Metric) -> str:

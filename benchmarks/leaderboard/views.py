@@ -11,7 +11,8 @@ from benchmarks.leaderboard.columns import board_columns, fitting
 from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.rows import older_rows
-from benchmarks.scoring.registry import METRICS, Metric
+from benchmarks.scoring.metric import Metric
+from benchmarks.scoring.registry import BOARD_METRICS
 
 FORMAT = "castor-leaderboard/1"
 
@@ -47,7 +48,7 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
                 "estimator": entry.estimator,
                 "source_hash": entry.source_hash,
                 "scores": {
-                    METRICS[name].key: {"mean": score.mean, "low": score.low, "high": score.high}
+                    BOARD_METRICS[name].key: {"mean": score.mean, "low": score.low, "high": score.high}
                     for name, score in entry.scores.items()
                 },
                 "time_per_update_us": entry.time_per_update_us,
@@ -118,7 +119,7 @@ def _say(console: Console, text: str) -> None:
 
 
 def _present(board: TaskBoard) -> list[Metric]:
-    return [metric for name, metric in METRICS.items() if any(name in entry.scores for entry in board.entries)]
+    return [metric for name, metric in BOARD_METRICS.items() if any(name in entry.scores for entry in board.entries)]
 
 
 def _header(board: TaskBoard, metrics: list[Metric]) -> list[str]:

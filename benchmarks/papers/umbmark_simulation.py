@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.papers.assumptions import Assumptions
 from benchmarks.progress import RunProgress, SilentProgress
-from benchmarks.scoring.metrics import return_errors, umbmark
+from benchmarks.scoring.square_metrics import return_errors, umbmark
 from benchmarks.tasks.kinematic import ParameterErrors
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array

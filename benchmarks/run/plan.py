@@ -17,7 +17,7 @@ from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
 from benchmarks.run.processes import Done, Job, run_jobs
 from benchmarks.run.record import record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
-from benchmarks.scoring.registry import METRICS
+from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task, odometry_of
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.registry import CalibrationEntry
@@ -69,9 +69,9 @@ class _Run:
 
     def run(self, plan: Sequence[Assignment]) -> dict[str, str]:
         for assignment in plan:
-            if assignment.task.metric not in METRICS:
+            if assignment.task.metric not in BOARD_METRICS:
                 raise ValueError(f"task {assignment.task.name}: unknown metric {assignment.task.metric!r}")
-            if not METRICS[assignment.task.metric].ranks:
+            if not BOARD_METRICS[assignment.task.metric].ranks:
                 raise ValueError(f"task {assignment.task.name}: {assignment.task.metric!r} is larger for who is better")
         missing = {a.task.name: a.task.missing for a in plan if a.task.missing is not None}
         plan = [assignment for assignment in plan if assignment.task.name not in missing]

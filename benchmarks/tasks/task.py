@@ -195,7 +195,7 @@ class Task(Protocol):
 
     @property
     def metric(self) -> str:
-        """The metric that ranks: a key of `benchmarks.scoring.registry.METRICS`."""
+        """The metric that ranks: a key of `benchmarks.scoring.registry.BOARD_METRICS`."""
         ...
 
     @property

@@ -70,7 +70,7 @@ def test_workers_put_nothing_of_the_current_folder_first(tmp_path, monkeypatch):
     (tmp_path / "random.py").write_text("raise RuntimeError('shadowed')")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
-    (outcome,) = outcomes(Job(__import__, ("benchmarks.scoring.metrics",), "import")).values()
+    (outcome,) = outcomes(Job(__import__, ("benchmarks.scoring.square_metrics",), "import")).values()
     assert isinstance(outcome, Raised)
     assert "cannot pickle 'module'" in outcome.text
 

@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.scoring import metrics
+from benchmarks.scoring import path_metrics, square_metrics
 from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.se2 import relative_pose
 from castor_envs.logs.importers.optiodom import find_sessions, published_correction, read_session
+
+OF_PATHS = (path_metrics.absolute_trajectory_error, path_metrics.relative_pose_error, path_metrics.end_point_error)
 
 numbers = st.floats(-3, 3)
 poses = st.tuples(numbers, numbers, numbers)
@@ -43,7 +46,7 @@ MIRROR = np.array([1.0, -1.0, -1.0])
 def test_umbmark_by_hand():
     cw = [(0.10, 0.20), (0.12, 0.16), (0.14, 0.18)]  # centroid (.12, .18)
     ccw = [(-0.3, 0.4), (-0.3, 0.4)]  # centroid (-.3, .4): a 3-4-5 triangle
-    result = metrics.umbmark(cw, ccw)
+    result = square_metrics.umbmark(cw, ccw)
     np.testing.assert_allclose(result.centroid_cw, [0.12, 0.18])
     np.testing.assert_allclose(result.centroid_ccw, [-0.3, 0.4])
     assert result.r_ccw == pytest.approx(0.5)
@@ -53,72 +56,72 @@ def test_umbmark_by_hand():
 
 def test_umbmark_is_batched():
     cw, ccw = np.random.default_rng(0).normal(size=(2, 7, 5, 3))
-    together = metrics.umbmark(cw, ccw)
+    together = square_metrics.umbmark(cw, ccw)
     for k in range(7):
-        alone = metrics.umbmark(cw[k], ccw[k])
+        alone = square_metrics.umbmark(cw[k], ccw[k])
         for whole, one in zip(together, alone, strict=True):
             np.testing.assert_allclose(whole[k], one)
 
 
 def test_return_errors_are_true_minus_odometry():
     """Borenstein and Feng 1994: eps = absolute - calculated; right of where the odometry thinks is eps_y < 0."""
-    errors = metrics.return_errors((0, 0, 0), (0.01, -0.05, 0.1), (0.03, 0.0, -0.1))
+    errors = square_metrics.return_errors((0, 0, 0), (0.01, -0.05, 0.1), (0.03, 0.0, -0.1))
     np.testing.assert_allclose(errors, [-0.02, -0.05, 0.2])
 
 
 @given(poses, poses, poses, poses)
 def test_return_errors_do_not_depend_on_where_the_square_lies(start, end, estimate, motion):
     start, end, estimate = (np.array(pose) for pose in (start, end, estimate))
-    there = metrics.return_errors(*(moved(motion, pose) for pose in (start, end, estimate)))
-    np.testing.assert_allclose(there, metrics.return_errors(start, end, estimate), atol=1e-12)
+    there = square_metrics.return_errors(*(moved(motion, pose) for pose in (start, end, estimate)))
+    np.testing.assert_allclose(there, square_metrics.return_errors(start, end, estimate), atol=1e-12)
 
 
 def test_orientation_error_by_hand():
     """One degree to each side is one degree, not none: absolute values are averaged, in each direction."""
-    assert metrics.orientation_error([1.0, -1.0], [3.0, -3.0]) == pytest.approx(2.0)
+    assert square_metrics.orientation_error([1.0, -1.0], [3.0, -3.0]) == pytest.approx(2.0)
 
 
 def test_orientation_error_takes_off_the_systematic_part():
     cw, ccw = np.array([0.5, 0.9]), np.array([-0.2, -0.6])
     clean_cw, clean_ccw = np.array([0.2, 0.4]), np.array([-0.1, -0.3])  # means .3 and -.2
     expected = ((0.2 + 0.6) / 2 + (0.0 + 0.4) / 2) / 2
-    assert metrics.orientation_error(cw, ccw, clean_cw, clean_ccw) == pytest.approx(expected)
+    assert square_metrics.orientation_error(cw, ccw, clean_cw, clean_ccw) == pytest.approx(expected)
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 99))
 def test_orientation_error_is_free_of_any_systematic_error(bias_cw, bias_ccw, seed):
     bumps, clean = np.random.default_rng(seed).normal(size=(2, 2, 5))
     bias = np.array([[bias_cw], [bias_ccw]])
-    with_bias = metrics.orientation_error(*(bumps + bias), *(clean + bias))
-    assert with_bias == pytest.approx(metrics.orientation_error(*bumps, *clean))
+    with_bias = square_metrics.orientation_error(*(bumps + bias), *(clean + bias))
+    assert with_bias == pytest.approx(square_metrics.orientation_error(*bumps, *clean))
 
 
 def test_end_point_error_by_hand():
     true = [(0, 0, 0), (1, 1, 6.0)]
-    error = metrics.end_point_error(true, [(0, 0, 0), (1.3, 0.6, 6.5)])
+    error = path_metrics.end_point_error(true, [(0, 0, 0), (1.3, 0.6, 6.5)])
     assert error.position == pytest.approx(0.5)
     assert error.heading == pytest.approx(0.5)
 
 
 def test_a_missed_turn_counts():
-    assert metrics.end_point_error([(0, 0, 2 * np.pi)], [(0, 0, 0)]).heading == pytest.approx(2 * np.pi)
+    assert path_metrics.end_point_error([(0, 0, 2 * np.pi)], [(0, 0, 0)]).heading == pytest.approx(2 * np.pi)
 
 
 def test_trajectory_error_by_hand():
     true = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
     estimate = [(0, 0, 0), (1, 3, 9), (2, 4, 9)]
-    assert metrics.absolute_trajectory_error(true, estimate) == pytest.approx(np.sqrt(25 / 3))
+    assert path_metrics.absolute_trajectory_error(true, estimate) == pytest.approx(np.sqrt(25 / 3))
 
 
 def test_trajectory_error_sees_a_mirrored_path():
     """Aligning a straight path would hide this; the official error has no alignment."""
     true = np.column_stack([np.zeros(5), np.arange(5.0), np.full(5, np.pi / 2)])
-    assert metrics.absolute_trajectory_error(true, true * MIRROR) == pytest.approx(2 * np.sqrt(30 / 5))
+    assert path_metrics.absolute_trajectory_error(true, true * MIRROR) == pytest.approx(2 * np.sqrt(30 / 5))
 
 
 def test_relative_error_of_a_scale_error_is_that_fraction():
     true = np.column_stack([np.arange(0, 4.01, 0.25), np.zeros((17, 2))])
-    error = metrics.relative_pose_error(true, true * [1.1, 1, 1])
+    error = path_metrics.relative_pose_error(true, true * [1.1, 1, 1])
     assert error.translation == pytest.approx(0.1)
     assert error.rotation == pytest.approx(0.0)
 
@@ -128,7 +131,7 @@ def test_relative_error_of_a_drifting_heading_is_its_rate():
     s = np.arange(0, 4.01, 0.25)
     true = np.column_stack([s, 0 * s, 0 * s])
     bent = np.column_stack([np.sin(0.1 * s) / 0.1, (1 - np.cos(0.1 * s)) / 0.1, 0.1 * s])
-    error = metrics.relative_pose_error(true, bent)
+    error = path_metrics.relative_pose_error(true, bent)
     assert error.rotation == pytest.approx(0.1)
     assert error.translation == pytest.approx(np.hypot(np.sin(0.1) / 0.1 - 1, (1 - np.cos(0.1)) / 0.1))
 
@@ -138,7 +141,7 @@ def test_relative_error_forgets_where_a_fault_happened():
     s = np.arange(0, 9.01, 0.25)
     true = np.column_stack([s, 0 * s, 0 * s])
     faulty = np.array([moved((0, 0, 0.3), pose) if k else pose for k, pose in enumerate(true)])
-    error = metrics.relative_pose_error(true, faulty)
+    error = path_metrics.relative_pose_error(true, faulty)
     segments = len(s) - 4
     assert error.rotation == pytest.approx(0.3 / segments)
 
@@ -160,19 +163,23 @@ def test_relative_error_agrees_with_matrices(seed):
             translation.append(np.hypot(off[0, 2], off[1, 2]) / length)
             turned = (true[j, 2] - true[i, 2]) - (estimate[j, 2] - estimate[i, 2])
             rotation.append(abs(turned) / length)
-    error = metrics.relative_pose_error(true, estimate)
+    error = path_metrics.relative_pose_error(true, estimate)
     assert error.translation == pytest.approx(np.mean(translation))
     assert error.rotation == pytest.approx(np.mean(rotation))
 
 
 def test_relative_error_of_a_path_that_is_too_short():
-    assert np.isnan(metrics.relative_pose_error(path(0, 5), path(1, 5), distance=100.0)).all()
+    assert np.isnan(path_metrics.relative_pose_error(path(0, 5), path(1, 5), distance=100.0)).all()
 
 
 @given(st.integers(0, 999), poses)
 def test_moving_the_world_changes_nothing(seed, motion):
     true, estimate = path(seed), path(seed + 1)
-    for metric in (metrics.absolute_trajectory_error, metrics.relative_pose_error, metrics.end_point_error):
+    for metric in (
+        path_metrics.absolute_trajectory_error,
+        path_metrics.relative_pose_error,
+        path_metrics.end_point_error,
+    ):
         there = metric(moved(motion, true), moved(motion, estimate))
         np.testing.assert_allclose(there, metric(true, estimate), rtol=1e-9, atol=1e-12)
 
@@ -181,14 +188,18 @@ def test_moving_the_world_changes_nothing(seed, motion):
 def test_relative_error_is_the_same_from_a_wrong_start(seed, motion):
     """Moving the estimate alone changes no relative motion."""
     true, estimate = path(seed), path(seed + 1)
-    there = metrics.relative_pose_error(true, moved(motion, estimate))
-    np.testing.assert_allclose(there, metrics.relative_pose_error(true, estimate), rtol=1e-9)
+    there = path_metrics.relative_pose_error(true, moved(motion, estimate))
+    np.testing.assert_allclose(there, path_metrics.relative_pose_error(true, estimate), rtol=1e-9)
 
 
 @given(st.integers(0, 999))
 def test_mirroring_both_changes_nothing(seed):
     true, estimate = path(seed), path(seed + 1)
-    for metric in (metrics.absolute_trajectory_error, metrics.relative_pose_error, metrics.end_point_error):
+    for metric in (
+        path_metrics.absolute_trajectory_error,
+        path_metrics.relative_pose_error,
+        path_metrics.end_point_error,
+    ):
         np.testing.assert_allclose(metric(true * MIRROR, estimate * MIRROR), metric(true, estimate), rtol=1e-12)
 
 
@@ -197,9 +208,9 @@ def test_path_metrics_are_batched():
     estimates = np.stack([path(k) for k in range(1, 7)]).reshape(2, 3, 40, 3)
     truths = np.broadcast_to(true, estimates.shape)
     for metric, together in (
-        (metrics.absolute_trajectory_error, metrics.absolute_trajectory_error(truths, estimates)),
-        (metrics.end_point_error, metrics.end_point_error(truths, estimates)),
-        (metrics.relative_pose_error, metrics.relative_pose_error(true, estimates)),
+        (path_metrics.absolute_trajectory_error, path_metrics.absolute_trajectory_error(truths, estimates)),
+        (path_metrics.end_point_error, path_metrics.end_point_error(truths, estimates)),
+        (path_metrics.relative_pose_error, path_metrics.relative_pose_error(true, estimates)),
     ):
         for i, j in np.ndindex(2, 3):
             np.testing.assert_allclose(np.array(together)[..., i, j], metric(true, estimates[i, j]))
@@ -233,8 +244,8 @@ def test_published_umbmark_of_a_measured_session(session):
             along = rolled.mean(axis=1)
             end = (np.sum(along * np.cos(psi)), np.sum(along * np.sin(psi)), np.sum(turn))
             truth = np.asarray(log.reference)
-            errors[direction].append(metrics.relative_pose(truth[0], truth[-1]) - end)
-        result = metrics.umbmark(errors["cw"], errors["ccw"])
+            errors[direction].append(relative_pose(truth[0], truth[-1]) - end)
+        result = square_metrics.umbmark(errors["cw"], errors["ccw"])
         if cw is not None and robot is measured.robot:
             np.testing.assert_allclose(1e3 * result.centroid_cw, cw, atol=0.1)
             np.testing.assert_allclose(1e3 * result.centroid_ccw, ccw, atol=0.1)

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.run.worker_estimate import observed_runs
-from benchmarks.scoring.registry import METRICS, STANDING_STILL, score
+from benchmarks.run.worker_estimate import Observations, observed_runs
+from benchmarks.scoring.path_metrics import STANDING_STILL
+from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks.task import Episode, Run
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import differential, preset
@@ -67,13 +68,17 @@ def test_workers_see_the_observations_of_the_log_and_nothing_else():
         reference=random.normal(size=(20, 3)),
         gyro=random.normal(size=20),
     )
+    seen = Observations.of(log)
+    for k, expected in enumerate(log.observations()):
+        got = seen.at(k)
+        assert got.keys() == expected.keys()
+        for key in expected:
+            np.testing.assert_array_equal(got[key], expected[key])
     (run,) = observed_runs(Episode(preset("asoc-prototype"), (Run(log),)))
     np.testing.assert_array_equal(run.start, Run(log).truth[0])
     assert vars(run).keys() == {"robot", "start", "observations", "samples"}
-    for got, expected in zip(run.observations, log.observations(), strict=True):
-        assert got.keys() == expected.keys() == {"wheel", "pivot", "time", "gyro"}
-        for key in expected:
-            np.testing.assert_array_equal(got[key], expected[key])
+    for key, part in vars(run.observations).items():
+        np.testing.assert_array_equal(part, vars(seen)[key])
 
 
 def square_episode(ends, direction_and_baseline):
@@ -101,7 +106,7 @@ def test_scores_of_an_extended_umbmark_by_hand():
     assert scores["nonsystematic_orientation_error"] == pytest.approx((0.3 + 0.1) / 2)
     assert scores["end_point_position"] == pytest.approx((0.1 + np.hypot(0.1, 0.2) + 0.2) / 3)
     assert scores["end_point_heading"] == pytest.approx(0.3)
-    assert scores.keys() - METRICS.keys() == {STANDING_STILL}
+    assert scores.keys() - BOARD_METRICS.keys() == {STANDING_STILL}
 
 
 def test_other_paths_have_no_umbmark_scores():

@@ -24,7 +24,7 @@ from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_calibrate import observed_calibration
 from benchmarks.run.worker_estimate import estimate_singly, observed_runs
 from benchmarks.scoring.parameter_errors import parameter_errors
-from benchmarks.scoring.registry import METRICS, score
+from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.calibration import SLIP, MeasuredCalibration, SquaresCalibration, TurnsCalibration
 from benchmarks.tasks.task import Episode, odometry_of
@@ -194,7 +194,7 @@ def test_parameter_errors_by_hand():
     )
     errors = parameter_errors(dataclasses.replace(true, castors=(wrong, *others)), true)
     assert errors == pytest.approx(dict(zip(ERRORS, (0.01, 0.01, 0.02, 0.1), strict=True)))
-    assert set(errors) <= set(METRICS)
+    assert set(errors) <= set(BOARD_METRICS)
 
 
 def test_parameters_that_a_robot_has_not_are_no_score():

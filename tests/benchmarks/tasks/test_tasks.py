@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from benchmarks.scoring.registry import METRICS
+from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, tasks
 from castor_envs.vehicles.presets import preset
@@ -168,7 +168,7 @@ def test_official_tasks_are_named_apart_and_scored_by_a_known_metric():
     every = official_tasks(None)
     assert len({task.name for task in every}) == len(every) >= 7
     for task in every:
-        assert task.metric in METRICS
+        assert task.metric in BOARD_METRICS
         assert (task.missing is not None) == ("measured" in task.name)
 
 

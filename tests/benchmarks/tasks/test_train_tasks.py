@@ -14,7 +14,8 @@ from benchmarks.results.rescore import rescore
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_estimate import estimate_singly, observed_runs, time_updates
-from benchmarks.scoring.registry import METRICS, STANDING_STILL, score
+from benchmarks.scoring.path_metrics import STANDING_STILL
+from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import snapshots
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from benchmarks.tasks.task import Episode, Run
@@ -257,7 +258,7 @@ def test_without_any_reading_odometry_goes_on_and_nothing_is_said(fake_trains):
 
 
 def test_what_rounding_leaves_is_shown_as_nothing():
-    metric = METRICS["mean_axle_position"]
+    metric = BOARD_METRICS["mean_axle_position"]
     assert [metric.shown(value) for value in (3e-17, -3e-17, 2e-9, 0.01234567, None)] == [
         *("0.000", "0.000", "2.000e-06", "12.35", "–")
     ]
@@ -458,7 +459,8 @@ def test_a_metric_of_which_more_is_better_ranks_nothing(tmp_path, fake_trains):
     for name in ("share_within_5cm", "sound_axle_chosen"):
         with pytest.raises(ValueError, match="larger"):
             run([Assignment(fake_trains.Ahead(metric=name), (0,), ())], tmp_path)
-    assert [name for name, metric in METRICS.items() if not metric.ranks] == ["share_within_5cm", "sound_axle_chosen"]
+    unranked = [name for name, metric in BOARD_METRICS.items() if not metric.ranks]
+    assert unranked == ["share_within_5cm", "sound_axle_chosen"]
 
 
 def test_a_driving_train_passes_a_whole_run(tmp_path, fake_trains):
