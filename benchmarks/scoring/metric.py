@@ -1,4 +1,4 @@
-"""What a metric is, and what it is computed from. A new metric is an object in `METRICS` of a module beside this one."""
+"""What a metric is, and what it is computed from; a new one is an object in the `METRICS` of a module beside this."""
 
 import math
 from collections.abc import Callable, Sequence

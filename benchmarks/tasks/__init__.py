@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.task import Task
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
@@ -14,6 +15,11 @@ def official_tasks(measured: Path | None = None) -> tuple[Task, ...]:
     measured: the folder with measured data, or None; tasks on measured data say in `missing` what they lack.
     """
     return tuple(task for tasks in offers(__name__, "tasks") for task in tasks(measured))
+
+
+def tasks_on(other: OtherRobot) -> tuple[Task, ...]:
+    """Return the tasks on a robot that is not the official ones': what modules here offer as ``on_robot(other)``."""
+    return tuple(task for on_robot in offers(__name__, "on_robot") for task in on_robot(other))
 
 
 def select_tasks(tasks: Sequence[Task], names: Sequence[str]) -> tuple[Task, ...]:

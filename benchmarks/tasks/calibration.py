@@ -14,7 +14,7 @@ the preset drives and the file is wrong, as in the other tasks.
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -23,20 +23,22 @@ import gymnasium as gym
 import numpy as np
 
 from benchmarks.tasks.kinematic import ROBOT, UNCALIBRATED_BETA
+from benchmarks.tasks.measured import MeasuredCalibration
+from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_as_described
 from benchmarks.tasks.physics import drive
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
+from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
-from castor_envs.logs.importers.optiodom import find_sessions, published_sessions, read_session
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Direction, Trajectory, figure_eight, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
-from castor_envs.vehicles.axle import with_axle
+from castor_envs.vehicles.axle import driven_axle, with_axle
 from castor_envs.vehicles.presets import preset
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.robot import Castor, RobotDescription
 from estimators.calibration.protocol import Recording
 
 WHEEL_BASE, DIAMETER = 0.02, 0.01
@@ -60,7 +62,7 @@ class TurnsCalibration:
     castor's pivot at 30 deg/s, clockwise in one and counter-clockwise in the other; the free castors swing in during
     the first quarter. (From the angles at which the other turn ended, castors would stand in unstable equilibrium, and
     perfect rolling would never swing them round.) Encoders keep their remainder, with a random phase in every
-    recording. Test runs: the kinematic tasks' 1.5 m square, two each way, followed by CAST-0.
+    recording. Test runs: the kinematic tasks' 1.5 m square, two each way, followed by CAST-0. robot: the robot file.
     """
 
     name: str = "calibration-pivoting"
@@ -71,12 +73,8 @@ class TurnsCalibration:
     version: int = 1
     metric: str = "E_max_syst"
     followed_by: str = "cast-0"
-    missing: None = None
-
-    @property
-    def robot(self) -> RobotDescription:
-        """The robot file."""
-        return preset(ROBOT)
+    missing: str | None = None
+    robot: RobotDescription = field(default_factory=lambda: preset(ROBOT))
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the seeds of the first n robots."""
@@ -147,7 +145,8 @@ class SquaresCalibration:
     five each way, with the true pose in the first and the last row only. Every sample each wheel's encoder misses what
     `SLIP` says: without it one square would tell as much as five. Test runs, without slip, so that what they show is
     the parameters' error alone: squares of 1.5 m, two each way, a figure eight, and a random path of 30 s that does not
-    close (and so shows a common scale, which squares do not). Dead reckoning follows them.
+    close (and so shows a common scale, which squares do not). Dead reckoning follows them. robot: the one that drives,
+    described without errors.
     """
 
     name: str = "calibration-umbmark"
@@ -160,12 +159,8 @@ class SquaresCalibration:
     version: int = 1
     metric: str = "E_max_syst"
     followed_by: str = "dead-reckoning-1"
-    missing: None = None
-
-    @property
-    def robot(self) -> RobotDescription:
-        """The robot that drives, described without errors."""
-        return preset("differential")
+    missing: str | None = None
+    robot: RobotDescription = field(default_factory=lambda: preset("differential"))
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the seeds of the first n robot files."""
@@ -173,8 +168,8 @@ class SquaresCalibration:
 
     def described(self, case: Case) -> RobotDescription:
         """Return the robot file of a case."""
-        (castor,), random = self.robot.castors, _random(case, 0)
-        left, right = castor.wheels
+        random, axle = _random(case, 0), driven_axle(self.robot)
+        left, right = (wheel for wheel in self.robot.castors[axle].wheels if wheel.driven)
         base = (left.lateral - right.lateral) * (1 + WHEEL_BASE * random.uniform(-1, 1))
         diameters = [2 * wheel.radius * (1 + DIAMETER * random.uniform(-1, 1)) for wheel in (right, left)]
         return with_axle(self.robot, base, *diameters)
@@ -184,68 +179,17 @@ class SquaresCalibration:
         robot, phases, recorded = self.robot, _random(case, 1), _random(case, 2)
         recordings = []
         for way in WAYS:
-            rolled = rolled_differential(way, self.side)
+            rolled = rolled_differential(robot, way, self.side)
             ends = np.full((len(rolled.t), 3), np.nan)
             ends[[0, -1]] = rolled.pose[[0, -1]]
             for _ in range(5):
                 slipped = rolled._replace(wheel_angle=_slipped(robot, rolled.wheel_angle, recorded))
                 recordings.append(Recording(_encoded(robot, slipped, recorded, ends), side=self.side))
         path = roll(robot, wander(_random(case, 3), duration=30.0, holonomic=False))
-        tests: list[tuple[Rolled, Direction | None]] = [(rolled_differential(way, 1.5), way) for way in WAYS]
-        tests = [*tests, *tests, (rolled_differential("eight"), None), (path, None)]
+        tests: list[tuple[Rolled, Direction | None]] = [(rolled_differential(robot, way, 1.5), way) for way in WAYS]
+        tests = [*tests, *tests, (rolled_differential(robot, "eight"), None), (path, None)]
         runs = tuple(Run(_encoded(robot, rolled, phases, rolled.pose), way) for rolled, way in tests)
         return Episode(self.described(case), runs, Calibration.by(self.followed_by, recordings, robot))
-
-
-@dataclass(frozen=True)
-class MeasuredCalibration:
-    """OptiOdom's measured squares: of each direction's runs the odd ones calibrate, the even ones test.
-
-    A case is a session with three runs each way: first and third are recordings, with motion-capture poses in every
-    row; the second is a test run. The nominal robot is the robot file; nobody knows the true parameters. Dead reckoning
-    follows the test runs.
-
-    data: the folder that holds ``optiodom/``, or None.
-    """
-
-    data: Path | None
-    name: str = "calibration-measured"
-    title: str = "Calibration by measured squares, differential robot"
-    description: str = (
-        "OptiOdom sessions 230620202042 and 230620202144: the first and third run each way calibrate, the second tests."
-    )
-    version: int = 1
-    metric: str = "E_max_syst"
-    followed_by: str = "dead-reckoning-1"
-
-    @property
-    def robot(self) -> RobotDescription:
-        """A robot of the layout that drove."""
-        return preset("differential")
-
-    @property
-    def missing(self) -> str | None:
-        """Say what is missing and how to give it, or None."""
-        if self.data is None:
-            return "measured data not given: pass --measured DIR or set CASTOR_DATA (DIR holds the data as optiodom/)"
-        absent = [name for name in published_sessions() if name not in find_sessions(self.data)]
-        return f"measured sessions missing below {self.data}: {', '.join(absent)}" if absent else None
-
-    def cases(self, n: int | None = None) -> Sequence[Case]:
-        """Return the names of the first n sessions."""
-        return published_sessions()[:n]
-
-    def record(self, case: Case) -> Episode:
-        """Return a session's runs, shared out."""
-        if self.data is None:
-            raise ValueError(self.missing)
-        session = read_session(find_sessions(self.data)[str(case)])
-        recordings, runs = [], []
-        for way in WAYS:
-            logs = [log for log, gone in zip(session.runs, session.directions, strict=True) if gone == way]
-            recordings += [Recording(log, side=session.side) for log in logs[::2]]
-            runs += [Run(log, way) for log in logs[1::2]]
-        return Episode(session.robot, tuple(runs), Calibration.by(self.followed_by, recordings))
 
 
 def driven_turn(robot: RobotDescription, held: int, direction: Direction, seed: int) -> Log:
@@ -275,10 +219,10 @@ def rolled_turn(robot: RobotDescription, held: int, direction: Direction) -> Rol
 
 
 @cache
-def rolled_differential(path: Literal["cw", "ccw", "eight"], side: float = 0.0) -> Rolled:
-    """Return what the true differential robot's wheels do on a square (side in m) or a figure eight."""
+def rolled_differential(robot: RobotDescription, path: Literal["cw", "ccw", "eight"], side: float = 0.0) -> Rolled:
+    """Return what a differential robot's wheels do on a square (side in m) or a figure eight."""
     trajectory: Trajectory = figure_eight() if path == "eight" else umbmark(path, side=side)
-    return roll(preset("differential"), trajectory)
+    return roll(robot, trajectory)
 
 
 def _encoded(
@@ -311,3 +255,36 @@ def _seeds(case: Case, part: int) -> Iterator[int]:
 def tasks(measured: Path | None) -> tuple[Task, ...]:
     """Return the calibration tasks; one needs measured data."""
     return (TurnsCalibration(), SquaresCalibration(), PhysicsCalibration(), MeasuredCalibration(measured))
+
+
+def on_robot(other: OtherRobot) -> tuple[Task, ...]:
+    """Return the calibration tasks on another robot, without those of physics, whose voltage suits their robot alone.
+
+    Turns are of bases on two free castors or more, with two driven wheels and a pivot encoder each; squares of
+    differential robots.
+    """
+    robot, slips = other.robot, cannot_roll_as_described(other.robot)
+    no_turns = None
+    if len(robot.castors) < 2 or not all(_split(castor) for castor in robot.castors):
+        no_turns = f"robot {robot.name!r} is no base on free castors with two driven wheels and a pivot encoder each"
+    no_squares, axle = None, 0
+    try:
+        axle = driven_axle(robot)
+    except InputError as error:
+        no_squares = str(error)
+    squares = SquaresCalibration()
+    return (
+        other.of(TurnsCalibration(), missing=slips or no_turns),
+        other.of(squares, missing=slips or no_squares, followed_by=f"dead-reckoning-{axle + 1}"),
+    )
+
+
+def _split(castor: Castor) -> bool:
+    wheels = castor.wheels
+    return (
+        castor.steering == "free"
+        and castor.offset > 0
+        and castor.pivot_counts_per_rev is not None
+        and len(wheels) == 2
+        and all(wheel.driven and wheel.grip == "standard" for wheel in wheels)
+    )

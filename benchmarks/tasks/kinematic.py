@@ -9,13 +9,14 @@ uniform errors ("up to 4 %" fits no normal distribution), drawn for every castor
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_as_described
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
@@ -81,9 +82,17 @@ UNCALIBRATED_BETA = dataclasses.replace(UNCALIBRATED, pivot_zero=2 * np.radians(
 CALIBRATED = ParameterErrors.of_mean(offset=0.0009, radius=0.0004, lateral=0.0004, pivot_zero=np.radians(0.01))
 
 
+def true_robot() -> RobotDescription:
+    """Return the robot that drives, described without errors."""
+    return preset(ROBOT)
+
+
 @dataclass(frozen=True)
 class KinematicUMBmark:
-    """The square, rolled perfectly; every case is one set of parameter errors, five runs each way."""
+    """The square, rolled perfectly; every case is one set of parameter errors, five runs each way.
+
+    robot: the one that drives, described without errors.
+    """
 
     name: str
     title: str
@@ -92,12 +101,8 @@ class KinematicUMBmark:
     corners: Corners = "turn"
     version: int = 1
     metric: str = "E_max_syst"
-    missing: None = None
-
-    @property
-    def robot(self) -> RobotDescription:
-        """The robot that drives, described without errors."""
-        return true_robot()
+    missing: str | None = None
+    robot: RobotDescription = field(default_factory=true_robot)
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the seeds of the first n parameter sets."""
@@ -105,14 +110,14 @@ class KinematicUMBmark:
 
     def described(self, case: Case) -> RobotDescription:
         """Return the robot file that the estimators get in a case: parameter set number `case`."""
-        return parameter_set(self.errors, int(case))
+        return self.errors.applied(self.robot, np.random.default_rng([int(case), 0]))
 
     def record(self, case: Case) -> Episode:
         """Return five runs each way, told apart by their encoders' phases alone."""
         random, geometry = phase_source(int(case)), Geometry.of(self.robot)
         runs = []
         for direction in ("cw", "ccw"):
-            rolled = rolled_square(direction, self.corners)
+            rolled = rolled_square(self.robot, direction, self.corners)
             for _ in range(RUNS):
                 encoders = Encoders(geometry, Encoders.random_phase(geometry, random))
                 wheel, pivot = encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle)
@@ -121,25 +126,15 @@ class KinematicUMBmark:
         return Episode(self.described(case), tuple(runs))
 
 
-def true_robot() -> RobotDescription:
-    """Return the robot that drives, described without errors."""
-    return preset(ROBOT)
-
-
-def parameter_set(errors: ParameterErrors, case: int, distribution: Distribution = "uniform") -> RobotDescription:
-    """Return the robot file that the estimators get: parameter set number `case`."""
-    return errors.applied(true_robot(), np.random.default_rng([case, 0]), distribution)
-
-
 def phase_source(case: int) -> np.random.Generator:
     """Return what draws the wheel encoders' phases of a case, run by run, the clockwise ones first."""
     return np.random.default_rng([case, 1])
 
 
 @cache
-def rolled_square(direction: Direction, corners: Corners) -> Rolled:
-    """Return what the true robot's joints do on the square, once for all cases."""
-    return roll(true_robot(), umbmark(direction, corners))
+def rolled_square(robot: RobotDescription, direction: Direction, corners: Corners) -> Rolled:
+    """Return what a robot's joints do on the square, once for all cases."""
+    return roll(robot, umbmark(direction, corners))
 
 
 def tasks(measured: Path | None) -> tuple[Task, ...]:
@@ -158,3 +153,8 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
             errors=CALIBRATED,
         ),
     )
+
+
+def on_robot(other: OtherRobot) -> tuple[Task, ...]:
+    """Return the kinematic tasks on another robot."""
+    return tuple(other.of(task, missing=cannot_roll_as_described(other.robot)) for task in tasks(None))

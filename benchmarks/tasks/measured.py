@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.tasks.task import Case, Episode, Run, Task
+from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.logs.importers.optiodom import find_sessions, published_correction, published_sessions, read_session
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.protocol import Recording
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,7 @@ class MeasuredUMBmark:
     @property
     def missing(self) -> str | None:
         """Say what is missing and how to give it, or None."""
-        if self.data is None:
-            return "measured data not given: pass --measured DIR or set CASTOR_DATA (DIR holds the data as optiodom/)"
-        absent = [name for name in published_sessions() if name not in find_sessions(self.data)]
-        return f"measured sessions missing below {self.data}: {', '.join(absent)}" if absent else None
+        return _missing(self.data)
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the names of the first n sessions."""
@@ -57,8 +55,63 @@ class MeasuredUMBmark:
         return Episode(robot, tuple(Run(log, way) for log, way in zip(session.runs, session.directions, strict=True)))
 
 
+@dataclass(frozen=True)
+class MeasuredCalibration:
+    """OptiOdom's measured squares: of each direction's runs the odd ones calibrate, the even ones test.
+
+    A case is a session with three runs each way: first and third are recordings, with motion-capture poses in every
+    row; the second is a test run. The nominal robot is the robot file; nobody knows the true parameters. Dead reckoning
+    follows the test runs.
+
+    data: the folder that holds ``optiodom/``, or None.
+    """
+
+    data: Path | None
+    name: str = "calibration-measured"
+    title: str = "Calibration by measured squares, differential robot"
+    description: str = (
+        "OptiOdom sessions 230620202042 and 230620202144: the first and third run each way calibrate, the second tests."
+    )
+    version: int = 1
+    metric: str = "E_max_syst"
+    followed_by: str = "dead-reckoning-1"
+
+    @property
+    def robot(self) -> RobotDescription:
+        """A robot of the layout that drove."""
+        return preset("differential")
+
+    @property
+    def missing(self) -> str | None:
+        """Say what is missing and how to give it, or None."""
+        return _missing(self.data)
+
+    def cases(self, n: int | None = None) -> Sequence[Case]:
+        """Return the names of the first n sessions."""
+        return published_sessions()[:n]
+
+    def record(self, case: Case) -> Episode:
+        """Return a session's runs, shared out."""
+        if self.data is None:
+            raise ValueError(self.missing)
+        session = read_session(find_sessions(self.data)[str(case)])
+        recordings, runs = [], []
+        for way in ("cw", "ccw"):
+            logs = [log for log, gone in zip(session.runs, session.directions, strict=True) if gone == way]
+            recordings += [Recording(log, side=session.side) for log in logs[::2]]
+            runs += [Run(log, way) for log in logs[1::2]]
+        return Episode(session.robot, tuple(runs), Calibration.by(self.followed_by, recordings))
+
+
+def _missing(data: Path | None) -> str | None:
+    if data is None:
+        return "measured data not given: pass --measured DIR or set CASTOR_DATA (DIR holds the data as optiodom/)"
+    absent = [name for name in published_sessions() if name not in find_sessions(data)]
+    return f"measured sessions missing below {data}: {', '.join(absent)}" if absent else None
+
+
 def tasks(measured: Path | None) -> tuple[Task, ...]:
-    """Return the measured tasks; without data they say what is missing."""
+    """Return the measured tasks of estimators; without data they say what is missing. `calibration` offers the other."""
     return (
         MeasuredUMBmark(
             name="umbmark-measured-nominal",

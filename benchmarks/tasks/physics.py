@@ -7,17 +7,20 @@ part).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 
 from benchmarks.tasks.kinematic import CALIBRATED
+from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_square
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.controllers import trailing_angles
 from castor_envs.motion.trajectories import Direction
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
@@ -25,25 +28,26 @@ from castor_envs.vehicles.robot import RobotDescription
 ROBOT = "asoc-prototype"
 CASES = 20
 
-FloorOf = Callable[[Direction, np.random.Generator], Floor]
+FloorOf = Callable[[RobotDescription, Direction, np.random.Generator], Floor]
 
 
-def clean_floor(direction: Direction, random: np.random.Generator) -> Floor:
+def clean_floor(robot: RobotDescription, direction: Direction, random: np.random.Generator) -> Floor:
     """Return an even floor."""
     return Floor()
 
 
-def ten_cables(direction: Direction, random: np.random.Generator) -> Floor:
+def ten_cables(robot: RobotDescription, direction: Direction, random: np.random.Generator) -> Floor:
     """Return ten cables of 10 mm across the first side, under the inner wheels only, as in the extended UMBmark.
 
     Borenstein and Feng (1995) lay ten bumps of 9-10 mm along the first side, under the wheel that faces the inside of
-    the square. The base has no such single wheel: the cables lie under the inner wheel of its inner castor, every
-    0.12 m, each shifted at random by up to 2 cm.
+    the square. Bases on castors have no such single wheel: the cables lie under the innermost wheel, every 0.12 m, each
+    shifted at random by up to 2 cm.
     """
     inside = 1.0 if direction == "ccw" else -1.0
+    reach = innermost_wheel(robot, inside)
     cables = tuple(
         Cable(
-            center=(0.2 + 0.12 * i + random.uniform(-0.02, 0.02), inside * 0.266),
+            center=(0.2 + 0.12 * i + random.uniform(-0.02, 0.02), inside * reach),
             direction=np.pi / 2,
             length=0.08,
             diameter=0.01,
@@ -53,7 +57,18 @@ def ten_cables(direction: Direction, random: np.random.Generator) -> Floor:
     return Floor(cables=cables)
 
 
-def slippery_patch(direction: Direction, random: np.random.Generator) -> Floor:
+def innermost_wheel(robot: RobotDescription, inside: float) -> float:
+    """Return how far to one side (1: left, -1: right) of a robot's path a wheel runs, m, to 1 mm; castors trail."""
+    angles = trailing_angles(Geometry.of(robot), (1.0, 0.0, 0.0))
+    sides = [
+        castor.pivot[1] - castor.offset * np.sin(angle) + wheel.lateral * np.cos(angle)
+        for castor, angle in zip(robot.castors, angles, strict=True)
+        for wheel in castor.wheels
+    ]
+    return round(float(max(inside * side for side in sides)), 3)
+
+
+def slippery_patch(robot: RobotDescription, direction: Direction, random: np.random.Generator) -> Floor:
     """Return a square of 0.6 m, friction 0.02 to 0.05 (wet soap), about the first corner.
 
     The base brakes, turns and starts there: at 0.5 m/s2 its wheels need about 0.05 if all share the work. Under one
@@ -66,7 +81,10 @@ def slippery_patch(direction: Direction, random: np.random.Generator) -> Floor:
 
 @dataclass(frozen=True)
 class PhysicsUMBmark:
-    """The square, driven in `castor/UMBmark-v0`; every case is one robot file and one floor."""
+    """The square, driven in `castor/UMBmark-v0`; every case is one robot file and one floor.
+
+    robot: the one that drives; effects in its file disturb it, and estimators do not hear of them.
+    """
 
     name: str
     title: str
@@ -75,12 +93,8 @@ class PhysicsUMBmark:
     metric: str
     baseline: bool
     version: int = 1
-    missing: None = None
-
-    @property
-    def robot(self) -> RobotDescription:
-        """The robot that drives, described without errors."""
-        return preset(ROBOT)
+    missing: str | None = None
+    robot: RobotDescription = field(default_factory=lambda: preset(ROBOT))
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the first n seeds."""
@@ -88,10 +102,10 @@ class PhysicsUMBmark:
 
     def record(self, case: Case) -> Episode:
         """Return one run each way, and one each way on the clean floor where there is anything on it."""
-        described = CALIBRATED.applied(self.robot, np.random.default_rng([int(case), 0]))
+        described = CALIBRATED.applied(self.robot.as_described(), np.random.default_rng([int(case), 0]))
         runs = []
         for side, direction in enumerate(("cw", "ccw")):
-            floors = [self.floor(direction, np.random.default_rng([int(case), 1, side]))]
+            floors = [self.floor(self.robot, direction, np.random.default_rng([int(case), 1, side]))]
             floors += [Floor()] * self.baseline
             for baseline, floor in enumerate(floors):
                 seed = int(np.random.SeedSequence([int(case), 2, side, baseline]).generate_state(1)[0])
@@ -140,3 +154,8 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
             baseline=True,
         ),
     )
+
+
+def on_robot(other: OtherRobot) -> tuple[Task, ...]:
+    """Return the physics tasks on another robot."""
+    return tuple(other.of(task, missing=cannot_roll_square(other.robot.as_built())) for task in tasks(None))

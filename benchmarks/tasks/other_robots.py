@@ -1,0 +1,98 @@
+"""Tasks on a robot of the user's: the official ones' squares, on boards of their own that never mix with these."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import umbmark
+from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.robot import RobotDescription
+
+T = TypeVar("T", bound=Any)
+
+
+@dataclass(frozen=True)
+class OtherRobot:
+    """A robot that is not a task's own. label: what its boards are called by: its file's or its preset's name.
+
+    The hash beside the label changes with every parameter, so that an edited file has boards of its own.
+    """
+
+    label: str
+    robot: RobotDescription
+
+    @classmethod
+    def load(cls, spec: str) -> "OtherRobot":
+        """Return the robot of a preset's name or a robot file; raises InputError for trains and what cannot be read."""
+        robot = load_vehicle(spec)
+        stem = re.split(r"[/\\]", spec)[-1].removesuffix(".json")
+        return cls(re.sub(r"[^A-Za-z0-9_.-]", "_", stem) or "robot", single_robot(robot, f"--robot {spec}"))
+
+    @property
+    def key(self) -> str:
+        """What tells its boards from others': label and hash, safe in a path."""
+        return f"{self.label}@{self.robot.hash()}"
+
+    def of(self, task: T, **changes: Any) -> T:
+        """Return an official task's twin on this robot; `changes`: what else differs, such as ``missing``."""
+        return replace(
+            task,
+            name=f"{task.name}[{self.key}]",
+            title=f"{task.title}: {self.label} (not official)",
+            robot=self.robot,
+            **changes,
+        )
+
+
+def single_robot(vehicle: Vehicle, source: str) -> RobotDescription:
+    """Return a vehicle that is a single robot; raises InputError for a train."""
+    if not isinstance(vehicle, RobotDescription):
+        raise InputError(f"{source}: is a train, and squares are driven by single robots")
+    return vehicle
+
+
+class TaskName(NamedTuple):
+    """A task's name in its parts. robot: label and hash of a robot that is not the task's own, else None."""
+
+    official: str
+    robot: str | None
+
+    @classmethod
+    def of(cls, name: str) -> "TaskName":
+        """Return the parts of a name."""
+        official, _, robot = name.partition("[")
+        return cls(official, robot.removesuffix("]") or None)
+
+
+@cache
+def cannot_roll_square(robot: RobotDescription) -> str | None:
+    """Return why a robot cannot drive the square of UMBmark without slip, None if it can."""
+    try:
+        rolled = roll(robot, umbmark("ccw"))
+    except InputError as error:
+        return str(error)
+    needed = float(np.max(np.abs(np.diff(rolled.wheel_angle, axis=0)))) / robot.sample_period
+    if needed > robot.max_wheel_speed:
+        return (
+            f"robot {robot.name!r} is too slow: its wheels reach {robot.max_wheel_speed:g} rad/s, and the square asks "
+            f"for {needed:.3g}"
+        )
+    return None
+
+
+def cannot_roll_as_described(robot: RobotDescription) -> str | None:
+    """Return why a robot cannot drive the square of UMBmark in perfect rolling, as its file says; None if it can."""
+    if robot.effects:
+        names = ", ".join(effect.name for effect in robot.effects)
+        return f"robot {robot.name!r} has effects ({names}), and perfect rolling knows none; leave them out"
+    return cannot_roll_square(robot)
+
+
+Twins = Callable[[OtherRobot], tuple[Any, ...]]
+"""What a module of tasks offers as ``on_robot``, if its tasks can be run on other robots."""
