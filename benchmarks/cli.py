@@ -2,12 +2,10 @@
 
 import json
 import os
-import shutil
 import sys
-from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, overload
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -20,28 +18,21 @@ from benchmarks.papers.assumptions import Assumptions, with_assumptions
 from benchmarks.papers.comparison import Effort, compute_tables
 from benchmarks.papers.views import draw, show_tables
 from benchmarks.progress import SilentProgress, TerminalProgress
-from benchmarks.results.episodes import write_episode
+from benchmarks.results.export import export_cases, export_form
+from benchmarks.results.rescore import rescore_task
+from benchmarks.results.robots import save_robot, with_stored_robots
 from benchmarks.results.rows import check_results_folder
-from benchmarks.run.check import Load, check_apart, load_apart
-from benchmarks.run.evaluate import Competitor
-from benchmarks.run.plan import Assignment
+from benchmarks.run.check import check_apart
+from benchmarks.run.choose import choose, fails_everywhere, tasks_with
 from benchmarks.run.plan import run as run_plan
-from benchmarks.tasks import official_tasks, select_tasks
-from benchmarks.tasks.task import Task, odometry_of
+from benchmarks.tasks import official_tasks, select_tasks, tasks_on
+from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs.importers import import_sessions
 from castor_envs.vehicles.load import load_robot, load_train, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
-from estimators.registry import (
-    CALIBRATION,
-    ESTIMATOR,
-    CalibrationEntry,
-    EstimatorEntry,
-    builtin_names,
-    load_calibration,
-    load_estimator,
-)
+from estimators.registry import CALIBRATION, ESTIMATOR, builtin_names
 
 app = typer.Typer(
     help="Benchmark of odometry and localisation for robots on castors and trains.",
@@ -55,6 +46,10 @@ Results = Annotated[Path, typer.Option("--results", help="The folder that result
 MeasuredData = Annotated[
     Path | None,
     typer.Option("--measured", envvar="CASTOR_DATA", help="The folder with measured data."),
+]
+OtherRobotName = Annotated[
+    str | None,
+    typer.Option("--robot", help="Another robot for the tasks of squares: a preset's name or a robot file."),
 ]
 DEFAULT_RESULTS = Path("castor-results")
 
@@ -87,37 +82,33 @@ def run(
     ] = 60.0,
     results: Results = DEFAULT_RESULTS,
     measured: MeasuredData = None,
+    robot: OtherRobotName = None,
 ) -> None:
     """Run what is missing, then show the leaderboard.
 
-    Whoever names estimators runs the tasks that judge these, whoever names calibration methods theirs alone.
+    Whoever names estimators runs the tasks that judge these, whoever names calibration methods theirs alone. With
+    --robot the tasks of squares are run on that robot instead; their boards are not official and stand apart.
     """
-    tasks = _judging(select_tasks(_tasks(measured), task or []), bool(estimator), bool(method), bool(task))
     _at_least("--cases", cases, 1)
     _at_least("--jobs", jobs, 1, 256)
     _above_zero("--timeout", timeout)
     check_results_folder(results)
-    named = _named(estimator or [], timeout, load_estimator)
-    methods = _named(method or [], timeout, load_calibration)
-    runnable = [t for t in tasks if t.missing is None]
-    left_out = _left_out(named, [t for t in runnable if odometry_of(t) is None])
-    plan = []
-    for t in runnable:
-        chosen = _without(named, left_out.get(t.name, [])) if odometry_of(t) is None else methods
-        plan.append(Assignment(t, tuple(t.cases(cases)), chosen if named or methods else _builtin(t)))
+    other = None if robot is None else OtherRobot.load(robot)
+    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, other)
     try:
         with TerminalProgress() as progress:
-            missing = run_plan(plan, results, jobs or os.cpu_count() or 1, timeout, progress)
+            if other is not None:
+                save_robot(results, other)
+            missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress)
     except OSError as error:
         raise InputError(f"--results {results}: cannot be written to ({error.strerror or error})") from None
     except KeyboardInterrupt:
         print(f"stopped; what is done is kept in {results}: the same command continues", file=sys.stderr)
         raise typer.Exit(130) from None
-    sources = {entry.name: entry.source_hash for assignment in plan for entry in assignment.estimators}
-    board = boards.build(tasks, results, cases, missing, sources, left_out)
+    board = boards.build(choice.tasks, results, cases, missing, choice.sources, choice.left_out)
     print_leaderboard(board, _console())
     print(f"\nresults in {results}; show them again: castor-bench leaderboard --results {results}")
-    if any(_fails_everywhere(entry, board) for entry in (*named, *methods)):
+    if any(fails_everywhere(entry, board) for entry in choice.named):
         raise typer.Exit(1)
 
 
@@ -130,13 +121,12 @@ def leaderboard(
     as_markdown_text: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
 ) -> None:
     """Show the leaderboard of the stored results."""
-    tasks = select_tasks(official_tasks(), task or [])
+    tasks = select_tasks(with_stored_robots(official_tasks(), results), task or [])
     _at_least("--cases", cases, 1)
     if as_json_text and as_markdown_text:
         raise InputError("choose one of --json and --markdown")
     check_results_folder(results, write=False)
-    if not (results / "rows").is_dir():
-        raise InputError(f"no results in {results}; run castor-bench run first, or name the folder with --results")
+    _with_rows(results)
     board = boards.build(tasks, results, cases)
     if as_json_text:
         print(json.dumps(as_json(board), indent=2, allow_nan=False))
@@ -164,29 +154,47 @@ def check(
 
 
 @app.command()
+def rescore(
+    task: TaskNames = None,
+    results: Results = DEFAULT_RESULTS,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and store nothing.")] = False,
+) -> None:
+    """Compute scores again from stored episodes and trajectories, as after a new metric; no estimator runs."""
+    check_results_folder(results, write=not dry_run)
+    _with_rows(results)
+    for chosen in select_tasks(with_stored_robots(official_tasks(), results), task or []):
+        rescored = rescore_task(results, chosen, write=not dry_run)
+        if rescored.rows:
+            print(f"{rescored.task}: {rescored.changed} of {rescored.rows} rows changed")
+        for (estimator, metric), rows in rescored.metrics.items():
+            print(f"  {estimator}, {metric}: {rows} rows")
+        for problem in rescored.problems:
+            print(f"  kept as it was: {problem}")
+
+
+@app.command()
 def export(
     task: Annotated[str, typer.Argument(help="A task's name.")],
     cases: Annotated[int, typer.Option(help="The first so many cases.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder to write to; it must not exist yet.")] = Path("castor-episodes"),
+    form: Annotated[
+        str, typer.Option("--format", help="csv: what estimators are given; tum or kitti: the scored poses.")
+    ] = "csv",
+    results: Annotated[
+        Path | None, typer.Option("--results", help="With tum or kitti: the estimates stored in this folder too.")
+    ] = None,
     measured: MeasuredData = None,
+    robot: OtherRobotName = None,
 ) -> None:
-    """Write episodes as files: what estimators are given (robot.json or train.json, logs), with the true poses."""
-    (chosen,) = select_tasks(_tasks(measured), [task])
+    """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text."""
+    known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
+    (chosen,) = select_tasks(known, [task])
     _at_least("--cases", cases, 1)
-    if chosen.missing is not None:
-        raise InputError(f"task {task}: {chosen.missing}")
-    if out.exists():
-        raise InputError(f"--out {out}: is there already; name a new folder")
-    partial = out.with_name(f".{out.name}.partial")
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        for case in chosen.cases(cases):
-            write_episode(partial / f"case-{case}", chosen.record(case))
-        partial.rename(out)
-    except OSError as error:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
-    print(f"{out}: {len(chosen.cases(cases))} case(s) of {task}")
+    if results is not None:
+        check_results_folder(results, write=False)
+        _with_rows(results)
+    export_cases(chosen, chosen.cases(cases), out, export_form(form), results)
+    print(f"{out}: {len(chosen.cases(cases))} case(s) of {chosen.name}")
 
 
 @app.command()
@@ -264,94 +272,10 @@ def list_known() -> None:
         print(f"  {name}: {', '.join(builtin_names(load_train(name))) or 'no built-in estimator applies'}")
 
 
-def _tasks(measured: Path | None) -> tuple[Task, ...]:
-    """Return the official tasks; raises InputError if a folder with measured data is named that has none."""
-    if measured is None:
-        return official_tasks()
-    if not measured.is_dir():
-        raise InputError(f"folder with measured data {measured} (--measured or CASTOR_DATA): there is no such folder")
-    without = {task.name: task for task in official_tasks() if task.missing is not None}
-    tasks = official_tasks(measured)
-    problems = [task.missing for task in tasks if task.name in without]
-    if problems and all(problem is not None for problem in problems):
-        raise InputError(f"folder with measured data {measured} (--measured or CASTOR_DATA): {problems[0]}")
-    return tasks
-
-
-def _judging(tasks: Sequence[Task], estimators: bool, methods: bool, named: bool) -> tuple[Task, ...]:
-    """Return the tasks that judge what the user names: estimators, calibration methods, or without names all.
-
-    named: whether the user names the tasks; then raises InputError for one that judges nothing of what is named.
-    """
-    if not estimators and not methods:
-        return tuple(tasks)
-    kept = []
-    for task in tasks:
-        of_methods = odometry_of(task) is not None
-        if methods if of_methods else estimators:
-            kept.append(task)
-        elif named:
-            what, option = ("calibration methods", "--method") if of_methods else ("estimators", "--estimator")
-            raise InputError(f"task {task.name!r} judges {what}; name them with {option}, or leave the task out")
-    return tuple(kept)
-
-
-@overload
-def _named(specs: list[str], timeout: float, load: Callable[[str], EstimatorEntry]) -> tuple[EstimatorEntry, ...]: ...
-@overload
-def _named(
-    specs: list[str], timeout: float, load: Callable[[str], CalibrationEntry]
-) -> tuple[CalibrationEntry, ...]: ...
-def _named(specs: list[str], timeout: float, load: Load) -> tuple[Competitor, ...]:
-    """Return what some specs name, each once; raises InputError for two that share a name.
-
-    Each is loaded in a process of its own first: a plug-in that hangs or ends its process on import is refused.
-    """
-    entries: dict[str, Competitor] = {}
-    for spec in specs:
-        load_apart(spec, timeout, load)
-        entry = load(spec)
-        other = entries.setdefault(entry.name, entry)
-        if other.source_hash != entry.source_hash:
-            what = "estimators" if isinstance(entry, EstimatorEntry) else "calibration methods"
-            raise InputError(f"two {what} are named {entry.name!r}: {other.spec} and {entry.spec}; rename one class")
-    return tuple(entries.values())
-
-
-def _builtin(task: Task) -> tuple[Competitor, ...]:
-    if odometry_of(task) is not None:
-        return tuple(load_calibration(name) for name in CALIBRATION.built_in)
-    return tuple(load_estimator(name) for name in builtin_names(task.robot))
-
-
-def _left_out(named: tuple[EstimatorEntry, ...], tasks: list[Task]) -> dict[str, list[boards.NotServed]]:
-    """Return the named built-in estimators that do not serve tasks' robots, by task.
-
-    Raises InputError for one that serves none of the tasks.
-    """
-    left_out: dict[str, list[boards.NotServed]] = {}
-    for entry in named:
-        reasons = {task.name: reason for task in tasks if (reason := entry.applicable(task.robot)) is not None}
-        if tasks and len(reasons) == len(tasks):
-            why = "; ".join(dict.fromkeys(reasons.values()))
-            raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}")
-        for task, reason in reasons.items():
-            left_out.setdefault(task, []).append(boards.NotServed(entry.name, reason))
-    return left_out
-
-
-def _without(named: tuple[EstimatorEntry, ...], left_out: list[boards.NotServed]) -> tuple[EstimatorEntry, ...]:
-    names = {one.estimator for one in left_out}
-    return tuple(entry for entry in named if entry.name not in names)
-
-
-def _fails_everywhere(entry: Competitor, board: boards.Leaderboard) -> bool:
-    """Return whether an estimator or a method has rows, and a score in none of them."""
-    shown = [one for task in board.boards for one in task.entries if one.estimator == entry.name]
-    names = [one.estimator for task in board.boards for one in task.not_served]
-    # Built-in estimators are left out where they would decline.
-    declined = entry.name in names and not (entry.builtin and isinstance(entry, EstimatorEntry))
-    return (bool(shown) or declined) and not any(one.done for one in shown)
+def _with_rows(results: Path) -> None:
+    """Raise InputError for a results folder without rows."""
+    if not (results / "rows").is_dir():
+        raise InputError(f"no results in {results}; run castor-bench run first, or name the folder with --results")
 
 
 def _print_now(line: str) -> None:

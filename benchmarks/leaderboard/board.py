@@ -194,7 +194,7 @@ def _board(
         for name, own in newest.items()
         if len(own) == len(cases) and all(row.failure is None for row in own) and not _stands_still(own)
     }
-    placed = ranks(ranking, METRICS[task.metric].rounding)
+    placed = ranks(ranking, BOARD_METRICS[task.metric].rounding)
     entries = [_entry(task, name, own, placed.get(name), cases, store) for name, own in newest.items()]
     entries.sort(key=lambda entry: _entry_order(entry, task.metric))
     return TaskBoard(

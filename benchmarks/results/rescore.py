@@ -1,25 +1,87 @@
 """Scores computed again from what is stored: the estimated trajectories and the recorded episodes."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.scoring.registry import score
+from benchmarks.tasks.task import Task
 
 
-def rescore(results: Path, task: str, version: int) -> Iterator[Row]:
-    """Yield all rows of a task version with their scores computed anew, no estimator run; writes nothing.
+@dataclass(frozen=True)
+class Rescored:
+    """A row whose scores were computed anew.
 
-    Failed rows come as they are. Raises CorruptFileError or FileNotFoundError for an episode that cannot be read.
+    row: with the new scores; a failed one as it was. changed: by metric, the score before and now, None where there is
+    none. problem: why the row could not be scored again; then it is as it was.
     """
+
+    row: Row
+    changed: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    problem: str | None = None
+
+
+def rescore(results: Path, task: str, version: int) -> Iterator[Rescored]:
+    """Yield all rows of a task version with their scores computed anew, no estimator run; writes nothing."""
     episodes = EpisodeStore(results)
     for row in ResultsStore(results).rows(task, version):
-        if row.failure is None:
-            scores = score(episodes.load(task, version, row.case), row.estimates, row.calibrated)
-            yield dataclasses.replace(row, scores={k: value for k, value in scores.items() if np.isfinite(value)})
-        else:
-            yield row
+        if row.failure is not None:
+            yield Rescored(row)
+            continue
+        try:
+            episode = episodes.load(task, version, row.case)
+            if episode.digest != row.episode:
+                yield Rescored(row, problem=f"case {row.case}: its episode was recorded again; run again")
+                continue
+            with np.errstate(all="ignore"):
+                scores = score(episode, row.estimates, row.calibrated)
+        except (CorruptFileError, ValueError) as error:
+            yield Rescored(row, problem=str(error))
+            continue
+        except FileNotFoundError:
+            yield Rescored(row, problem=f"case {row.case}: its episode is not stored; run again")
+            continue
+        scores = {name: value for name, value in scores.items() if np.isfinite(value)}
+        names = dict.fromkeys((*row.scores, *scores))
+        changed = {
+            name: (row.scores.get(name), scores.get(name)) for name in names if row.scores.get(name) != scores.get(name)
+        }
+        yield Rescored(dataclasses.replace(row, scores=scores), changed)
+
+
+@dataclass(frozen=True)
+class RescoredTask:
+    """What scoring a task's rows again changed. metrics: by estimator and metric, how many rows changed."""
+
+    task: str
+    rows: int
+    changed: int
+    metrics: dict[tuple[str, str], int]
+    problems: tuple[str, ...]
+
+
+def rescore_task(results: Path, task: Task, write: bool) -> RescoredTask:
+    """Score a task's rows again, store (write) those whose scores changed, and return what changed.
+
+    A stored row keeps its origin, and `rescored` in it says when and with what.
+    """
+    store, changed, metrics, problems, rows = ResultsStore(results), 0, Counter(), {}, 0
+    for rescored in list(rescore(results, task.name, task.version)):
+        rows += 1
+        if rescored.problem is not None:
+            problems[rescored.problem] = None
+        if rescored.changed:
+            changed += 1
+            metrics.update((rescored.row.estimator, name) for name in rescored.changed)
+            if write:
+                origin = {**rescored.row.origin, "rescored": provenance()}
+                store.save(dataclasses.replace(rescored.row, origin=origin))
+    return RescoredTask(task.name, rows, changed, dict(sorted(metrics.items())), tuple(problems))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.tasks.other_robots import OtherRobot
+from benchmarks.tasks.other_robots import OtherRobot, TaskName
 from benchmarks.tasks.task import Task
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
@@ -23,8 +23,13 @@ def tasks_on(other: OtherRobot) -> tuple[Task, ...]:
 
 
 def select_tasks(tasks: Sequence[Task], names: Sequence[str]) -> tuple[Task, ...]:
-    """Return the named tasks, or all if there are no names; raises InputError for an unknown name."""
+    """Return the named tasks, or all if there are no names; raises InputError for an unknown name.
+
+    A task on another robot is also known by its official name, where no other task is.
+    """
     known = {task.name: task for task in tasks}
+    for task in tasks:
+        known.setdefault(TaskName.of(task.name).official, task)
     for name in names:
         if name not in known:
             raise InputError(f"unknown task {name!r}{did_you_mean(name, known)}")

@@ -111,7 +111,7 @@ def _missing(data: Path | None) -> str | None:
 
 
 def tasks(measured: Path | None) -> tuple[Task, ...]:
-    """Return the measured tasks of estimators; without data they say what is missing. `calibration` offers the other."""
+    """Return the measured tasks of estimators (`calibration` offers the other); they say where data are missing."""
     return (
         MeasuredUMBmark(
             name="umbmark-measured-nominal",

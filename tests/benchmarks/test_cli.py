@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
+from benchmarks.run import choose
 from castor_envs import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.robot import RobotDescription
@@ -30,7 +31,8 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks):
         lacking = None if measured and (measured / "square.csv").exists() else "no square.csv there"
         return (fake_tasks.Arcs(), fake_tasks.Arcs(name="measured-arcs", missing=lacking))
 
-    monkeypatch.setattr(cli, "official_tasks", official)
+    for module in (cli, choose):
+        monkeypatch.setattr(module, "official_tasks", official)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as leaving:
@@ -241,7 +243,7 @@ def test_a_built_in_that_serves_no_chosen_task_is_refused_at_once(castor_bench):
 def test_a_built_in_is_left_out_of_the_tasks_that_it_does_not_serve(castor_bench, fake_tasks, monkeypatch):
     three = importlib.import_module("castor_envs.vehicles.presets").preset("3-castor")
     other = type("Other", (fake_tasks.Arcs,), {"robot": three, "record": None})(name="other")
-    monkeypatch.setattr(cli, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), other))
+    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), other))
     heard = {}
 
     def plan_only(plan, *_):

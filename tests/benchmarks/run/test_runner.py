@@ -148,7 +148,9 @@ def test_updates_are_timed_where_there_are_any(all_sorts, plugin):
 
 def test_scores_follow_from_the_stored_files(all_sorts):
     results, task, rows, _ = all_sorts
-    again = {(row.estimator, row.case): row.scores for row in rescore(results, task.name, task.version)}
+    again = {
+        (found.row.estimator, found.row.case): found.row.scores for found in rescore(results, task.name, task.version)
+    }
     assert again == {key: row.scores for key, row in rows.items()}
 
 

@@ -20,6 +20,7 @@ from benchmarks.results import episodes
 from benchmarks.results.episodes import EpisodeStore, write_episode
 from benchmarks.results.rescore import rescore
 from benchmarks.results.rows import ResultsStore
+from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_calibrate import observed_calibration
 from benchmarks.run.worker_estimate import estimate_singly, observed_runs
@@ -245,7 +246,7 @@ def test_what_a_worker_gets_holds_no_truth(by_arcs):
 
 def test_scores_follow_from_the_stored_files_and_nothing_is_run_twice(all_sorts, by_arcs):
     results, rows, entries = all_sorts
-    again = {(row.estimator, row.case): row.scores for row in rescore(results, by_arcs.name, 1)}
+    again = {(found.row.estimator, found.row.case): found.row.scores for found in rescore(results, by_arcs.name, 1)}
     assert again == {key: row.scores for key, row in rows.items()}
     heard = Heard()
     run([Assignment(by_arcs, (0, 1), entries)], results, timeout=6.0, progress=heard)
@@ -319,7 +320,8 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, by_arcs):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.delenv("CASTOR_DATA", raising=False)
-    monkeypatch.setattr(cli, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), by_arcs))
+    for module in (cli, choose):
+        monkeypatch.setattr(module, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), by_arcs))
 
     def call(*arguments):
         with pytest.raises(SystemExit) as leaving:

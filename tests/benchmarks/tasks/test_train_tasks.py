@@ -382,7 +382,9 @@ def test_a_plug_in_runs_on_a_trains_task(castor_bench):
     assert max(errors[1:]) < 1e-12
     assert all(row.scores["sound_axle_chosen"] == 1.0 for row in rows.values())
     assert {
-        row.case: row.scores for row in rescore(Path("castor-results"), "configuration-static", 1) if not row.failure
+        again.row.case: again.row.scores
+        for again in rescore(Path("castor-results"), "configuration-static", 1)
+        if not again.row.failure
     } == {case: row.scores for case, row in rows.items()}
     code, out, _ = castor_bench("leaderboard", "--json", "--task", "configuration-static")
     (board,) = json.loads(out)["tasks"]

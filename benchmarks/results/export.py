@@ -1,0 +1,88 @@
+"""Episodes as files for people and other programs: logs as CSV, poses as TUM or KITTI text."""
+
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.results.episodes import write_episode
+from benchmarks.results.rows import ResultsStore
+from benchmarks.tasks.task import Case, Episode, Task
+from castor_envs.errors import InputError, did_you_mean
+from castor_envs.logs.log import export_kitti, export_tum
+
+Array = NDArray[np.float64]
+Form = Literal["csv", "tum", "kitti"]
+
+
+def export_form(name: str) -> Form:
+    """Return the form of a name; raises InputError for an unknown one."""
+    forms: dict[str, Form] = {form: form for form in get_args(Form)}
+    if name not in forms:
+        raise InputError(f"--format {name!r} is not known{did_you_mean(name, forms)}; choose csv, tum or kitti")
+    return forms[name]
+
+
+def export_cases(task: Task, cases: Sequence[Case], out: Path, form: Form, results: Path | None = None) -> None:
+    """Record cases and write each into a folder of its own below `out`, which appears whole or not at all.
+
+    results: a results folder; the estimates of its rows of these episodes are written too, as TUM or KITTI text.
+    Raises InputError where `out` is there already or cannot be written, or for estimates as CSV.
+    """
+    if results is not None and form == "csv":
+        raise InputError("--results adds estimated poses; choose --format tum or --format kitti for them")
+    if task.missing is not None:
+        raise InputError(f"task {task.name}: {task.missing}")
+    if out.exists():
+        raise InputError(f"--out {out}: is there already; name a new folder")
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        for case in cases:
+            episode = task.record(case)
+            if form == "csv":
+                write_episode(partial / f"case-{case}", episode)
+            else:
+                estimates = {} if results is None else stored_estimates(results, task, case, episode)
+                write_poses(partial / f"case-{case}", episode, form, estimates)
+        partial.rename(out)
+    except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+
+
+def stored_estimates(results: Path, task: Task, case: Case, episode: Episode) -> dict[str, tuple[Array, ...]]:
+    """Return the stored estimates of an episode's runs by the name and source hash of who made them."""
+    return {
+        f"{row.estimator}-{row.source_hash}": row.estimates
+        for row in ResultsStore(results).rows(task.name, task.version)
+        if row.case == case and row.episode == episode.digest and row.failure is None
+    }
+
+
+def write_poses(folder: Path, episode: Episode, form: Form, estimates: Mapping[str, Sequence[Array]]) -> None:
+    """Write the scored poses of every run, the true and the estimated ones: run-01-cw.tum, run-01-cw-cast-0-....tum.
+
+    A train has a file for each axle, such as run-01-axle-2.tum. These are the poses at `Run.samples`, so that `evo_ape`
+    on TUM text, without alignment, finds the ATE of the board.
+    """
+    folder.mkdir(parents=True)
+    for k, run in enumerate(episode.runs):
+        name = "-".join(filter(None, [f"run-{k + 1:02d}", run.direction, "baseline" if run.baseline else None]))
+        made = {"": run.truth, **{f"-{_safe(who)}": poses[k] for who, poses in estimates.items()}}
+        for who, poses in made.items():
+            axles = {"": poses} if run.axles is None else {f"-axle-{i}": axle for i, axle in enumerate(poses, start=1)}
+            for axle, path in axles.items():
+                file = folder / f"{name}{axle}{who}.{form}"
+                if form == "tum":
+                    export_tum(file, run.log.t[run.samples], path)
+                else:
+                    export_kitti(file, path)
+
+
+def _safe(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", name)

@@ -1,0 +1,163 @@
+"""What a run does: which tasks, on which robot, and which estimators or calibration methods on each."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+from benchmarks.leaderboard import board as boards
+from benchmarks.run.check import Load, load_apart
+from benchmarks.run.evaluate import Competitor
+from benchmarks.run.plan import Assignment
+from benchmarks.tasks import official_tasks, select_tasks, tasks_on
+from benchmarks.tasks.other_robots import OtherRobot
+from benchmarks.tasks.task import Task, odometry_of
+from castor_envs.errors import InputError
+from estimators.registry import (
+    CALIBRATION,
+    CalibrationEntry,
+    EstimatorEntry,
+    builtin_names,
+    load_calibration,
+    load_estimator,
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a run does. named: the estimators and methods that the user named. left_out: built-in ones, by task."""
+
+    tasks: tuple[Task, ...]
+    plan: tuple[Assignment, ...]
+    named: tuple[Competitor, ...]
+    left_out: dict[str, list[boards.NotServed]]
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """The source hash of every estimator and method of the plan."""
+        return {entry.name: entry.source_hash for assignment in self.plan for entry in assignment.estimators}
+
+
+def choose(
+    names: Sequence[str],
+    estimators: Sequence[str],
+    methods: Sequence[str],
+    cases: int | None,
+    timeout: float,
+    measured: Path | None,
+    other: OtherRobot | None,
+) -> Choice:
+    """Return what a run does that is asked for by the names of tasks, and specs of estimators and methods.
+
+    Who names estimators gets the tasks that judge these, who names methods theirs, who names neither all tasks and all
+    built-in ones. other: the robot of the tasks, where it is not their own. Raises InputError where that cannot be.
+    """
+    known = tasks_with(measured) if other is None else tasks_on(other)
+    tasks = judging(select_tasks(known, names), bool(estimators), bool(methods), bool(names))
+    runnable = [task for task in tasks if task.missing is None]
+    if other is not None and not runnable:
+        raise InputError("; ".join(dict.fromkeys(f"{task.missing}" for task in tasks)))
+    entries = entries_named(estimators, timeout, load_estimator)
+    method_entries = entries_named(methods, timeout, load_calibration)
+    left_out = not_serving(entries, [task for task in runnable if odometry_of(task) is None])
+    plan = []
+    for task in runnable:
+        if not (entries or method_entries):
+            chosen = builtin_entries(task)
+        elif odometry_of(task) is None:
+            declining = {left.estimator for left in left_out.get(task.name, [])}
+            chosen = tuple(entry for entry in entries if entry.name not in declining)
+        else:
+            chosen = method_entries
+        plan.append(Assignment(task, tuple(task.cases(cases)), chosen))
+    if other is not None and not any(assignment.estimators for assignment in plan):
+        raise InputError(f"no built-in estimator serves robot {other.robot.name!r}; name one with --estimator")
+    return Choice(tasks, tuple(plan), (*entries, *method_entries), left_out)
+
+
+def tasks_with(measured: Path | None) -> tuple[Task, ...]:
+    """Return the official tasks; raises InputError if a folder with measured data is named that has none."""
+    if measured is None:
+        return official_tasks()
+    if not measured.is_dir():
+        raise InputError(f"folder with measured data {measured} (--measured or CASTOR_DATA): there is no such folder")
+    without = {task.name: task for task in official_tasks() if task.missing is not None}
+    tasks = official_tasks(measured)
+    problems = [task.missing for task in tasks if task.name in without]
+    if problems and all(problem is not None for problem in problems):
+        raise InputError(f"folder with measured data {measured} (--measured or CASTOR_DATA): {problems[0]}")
+    return tasks
+
+
+def judging(tasks: Sequence[Task], estimators: bool, methods: bool, named: bool) -> tuple[Task, ...]:
+    """Return the tasks that judge what the user names: estimators, calibration methods, or without names all.
+
+    named: whether the user names the tasks; then raises InputError for one that judges nothing of what is named.
+    """
+    if not estimators and not methods:
+        return tuple(tasks)
+    kept = []
+    for task in tasks:
+        of_methods = odometry_of(task) is not None
+        if methods if of_methods else estimators:
+            kept.append(task)
+        elif named:
+            what, option = ("calibration methods", "--method") if of_methods else ("estimators", "--estimator")
+            raise InputError(f"task {task.name!r} judges {what}; name them with {option}, or leave the task out")
+    return tuple(kept)
+
+
+@overload
+def entries_named(
+    specs: Sequence[str], timeout: float, load: Callable[[str], EstimatorEntry]
+) -> tuple[EstimatorEntry, ...]: ...
+@overload
+def entries_named(
+    specs: Sequence[str], timeout: float, load: Callable[[str], CalibrationEntry]
+) -> tuple[CalibrationEntry, ...]: ...
+def entries_named(specs: Sequence[str], timeout: float, load: Load) -> tuple[Competitor, ...]:
+    """Return what specs name, each once; raises InputError for two that share a name.
+
+    Each is loaded in a process of its own first: a plug-in that hangs or ends its process on import is refused.
+    """
+    entries: dict[str, Competitor] = {}
+    for spec in specs:
+        load_apart(spec, timeout, load)
+        entry = load(spec)
+        other = entries.setdefault(entry.name, entry)
+        if other.source_hash != entry.source_hash:
+            what = "estimators" if isinstance(entry, EstimatorEntry) else "calibration methods"
+            raise InputError(f"two {what} are named {entry.name!r}: {other.spec} and {entry.spec}; rename one class")
+    return tuple(entries.values())
+
+
+def builtin_entries(task: Task) -> tuple[Competitor, ...]:
+    """Return the built-in estimators, or calibration methods, that a task judges."""
+    if odometry_of(task) is not None:
+        return tuple(load_calibration(name) for name in CALIBRATION.built_in)
+    return tuple(load_estimator(name) for name in builtin_names(task.robot))
+
+
+def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dict[str, list[boards.NotServed]]:
+    """Return the built-in ones of some estimators that do not serve tasks' robots, by task.
+
+    Raises InputError for one that serves none of the tasks.
+    """
+    left_out: dict[str, list[boards.NotServed]] = {}
+    for entry in entries:
+        reasons = {task.name: reason for task in tasks if (reason := entry.applicable(task.robot)) is not None}
+        if tasks and len(reasons) == len(tasks):
+            why = "; ".join(dict.fromkeys(reasons.values()))
+            raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}")
+        for task, reason in reasons.items():
+            left_out.setdefault(task, []).append(boards.NotServed(entry.name, reason))
+    return left_out
+
+
+def fails_everywhere(entry: Competitor, board: boards.Leaderboard) -> bool:
+    """Return whether an estimator or a method has rows, and a score in none of them."""
+    shown = [row for task in board.boards for row in task.entries if row.estimator == entry.name]
+    names = [refusal.estimator for task in board.boards for refusal in task.not_served]
+    # Built-in estimators are left out where they would decline.
+    declined = entry.name in names and not (entry.builtin and isinstance(entry, EstimatorEntry))
+    return (bool(shown) or declined) and not any(row.done for row in shown)
