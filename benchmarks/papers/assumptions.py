@@ -51,7 +51,7 @@ GIVEN = (Condition("side", SIDE, SIDE, "m"), Condition("sample_period", SAMPLE_P
 
 
 @dataclass(frozen=True)
-class Open:
+class AssumptionSpec:
     """What is said of an assumption: the tables that it matters to, what it means, why it has its default.
 
     unit: None for words and numbers of things. limits: least and most. corners: the only ones that it matters to.
@@ -71,18 +71,19 @@ class Assumptions:
 
     robot: Annotated[
         str,
-        Open(
+        AssumptionSpec(
             "Tables I to III",
             "dimensions and encoders: a preset's name or a robot file",
             "the paper prints no dimensions; castor_envs/vehicles/presets.py says how these follow",
         ),
     ] = ROBOT
     speed: Annotated[
-        float, Open("Tables II, III", "speed along the sides", "slow, as UMBmark asks for", "m/s", (0.05, 5.0))
+        float,
+        AssumptionSpec("Tables II, III", "speed along the sides", "slow, as UMBmark asks for", "m/s", (0.05, 5.0)),
     ] = 0.25
     acceleration: Annotated[
         float,
-        Open(
+        AssumptionSpec(
             "Tables II, III",
             "acceleration along the sides",
             "a twentieth of gravity: little slip",
@@ -92,7 +93,7 @@ class Assumptions:
     ] = 0.5
     corners: Annotated[
         Corners,
-        Open(
+        AssumptionSpec(
             "Tables II, III",
             "at the corners the base turns on the spot, keeps its heading, or drives quarter circles",
             "UMBmark turns on the spot; the printed percentages would fit rounded corners",
@@ -100,7 +101,7 @@ class Assumptions:
     ] = "turn"
     turn_rate: Annotated[
         float,
-        Open(
+        AssumptionSpec(
             "Tables II, III",
             "rate of turns on the spot",
             "the castors then move about as fast as along the sides",
@@ -111,7 +112,7 @@ class Assumptions:
     ] = 45.0
     turn_acceleration: Annotated[
         float,
-        Open(
+        AssumptionSpec(
             "Tables II, III",
             "angular acceleration of turns on the spot",
             "full rate after half a second, as along the sides",
@@ -122,7 +123,7 @@ class Assumptions:
     ] = 90.0
     corner_radius: Annotated[
         float,
-        Open(
+        AssumptionSpec(
             "Table II (III keeps to the default)",
             "radius of rounded corners",
             "gives the path of 5.727 m that the printed percentages imply",
@@ -133,21 +134,21 @@ class Assumptions:
     ] = CORNER_RADIUS
     distribution: Annotated[
         Distribution,
-        Open(
+        AssumptionSpec(
             "Tables I to III",
             "distribution of parameter errors, of Table I's mean sizes",
             "'up to 4 %' is twice the mean error of r_w, as of uniform errors",
         ),
     ] = "uniform"
-    runs: Annotated[int, Open("Table II", "squares each way", "UMBmark's number, and the paper's", limits=(1, 100))] = (
-        RUNS
-    )
+    runs: Annotated[
+        int, AssumptionSpec("Table II", "squares each way", "UMBmark's number, and the paper's", limits=(1, 100))
+    ] = RUNS
     turns: Annotated[
-        int, Open("Table I", "full turns about each pivot, each way", "the fewest full ones", limits=(1, 100))
+        int, AssumptionSpec("Table I", "full turns about each pivot, each way", "the fewest full ones", limits=(1, 100))
     ] = 1
     distance_error: Annotated[
         float,
-        Open(
+        AssumptionSpec(
             "Table I, last column",
             "mean size of the error of the known distances D between pivots",
             "the paper names none; rounding alone leaves less of r_w and d than it prints",
@@ -157,7 +158,7 @@ class Assumptions:
     ] = 0.06
     robots: Annotated[
         int,
-        Open(
+        AssumptionSpec(
             "Table III",
             "robots driven, at most as many as sets",
             "the paper has one, which says little",
@@ -166,7 +167,7 @@ class Assumptions:
     ] = 20
     seed: Annotated[
         int,
-        Open(
+        AssumptionSpec(
             "Tables I to III",
             "of all that is random",
             "any does; with 0, set k is the tasks' case k",
@@ -188,7 +189,7 @@ class Assumptions:
                 raise InputError(f"{words} matters to corners {about.corners!r} alone, and these are {self.corners!r}")
         _ = self.base
 
-    def _matters(self, about: Open) -> bool:
+    def _matters(self, about: AssumptionSpec) -> bool:
         return about.corners in (None, self.corners)
 
     @functools.cached_property
@@ -245,12 +246,12 @@ class Assumptions:
 
 
 @functools.cache
-def _assumptions() -> tuple[tuple[str, Any, Any, Open], ...]:
+def _assumptions() -> tuple[tuple[str, Any, Any, AssumptionSpec], ...]:
     """Return name, type, default and what is said of every assumption."""
     return tuple(
-        (one.name, kind, one.default, about)
-        for one in dataclasses.fields(Assumptions)
-        for kind, about in [get_args(one.type)]
+        (field.name, kind, field.default, about)
+        for field in dataclasses.fields(Assumptions)
+        for kind, about in [get_args(field.type)]
     )
 
 
@@ -268,7 +269,7 @@ def option_name(name: str) -> str:
 def with_assumptions(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command with the parameter `assumptions` an option for each one instead."""
 
-    def option(name: str, kind: Any, default: Any, about: Open) -> inspect.Parameter:
+    def option(name: str, kind: Any, default: Any, about: AssumptionSpec) -> inspect.Parameter:
         unit = f", {about.unit}" if about.unit else ""
         known = f": {' | '.join(get_args(kind))}" if get_args(kind) else ""
         text = f"{about.tables}: {about.meaning}{unit}{known}. Reason: {about.reason}."
@@ -280,8 +281,8 @@ def with_assumptions(command: Callable[..., None]) -> Callable[..., None]:
         assumed = {name: given.pop(name) for name, *_ in _assumptions()}
         command(**given, assumptions=Assumptions(**assumed))
 
-    own = [one for name, one in inspect.signature(command).parameters.items() if name != "assumptions"]
-    options = [option(*one) for one in _assumptions()]
-    signature = inspect.Signature([one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own] + options)
+    others = [parameter for name, parameter in inspect.signature(command).parameters.items() if name != "assumptions"]
+    others = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in others]
+    signature = inspect.Signature([*others, *(option(*assumption) for assumption in _assumptions())])
     setattr(with_options, "__signature__", signature)  # noqa: B010
     return with_options

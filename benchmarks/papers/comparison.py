@@ -1,7 +1,8 @@
 """A published table beside ours, value by value."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from benchmarks.papers.assumptions import Assumptions, Condition, option_name
 from benchmarks.progress import RunProgress, SilentProgress
@@ -46,6 +47,16 @@ class Comparison:
         return abs(self.ours - self.printed) <= 0.5 * 10**-self.digits + TOLERANCE
 
 
+@dataclass(frozen=True, eq=False)
+class Appendix:
+    """What belongs to several tables and is shown once after them: lines for people, data for programs under `key`."""
+
+    key: str
+    title: str
+    lines: tuple[str, ...]
+    data: Mapping[str, Any]
+
+
 @dataclass(frozen=True)
 class PaperTable:
     """A table of a paper. name: for programs. notes: what a reader must know of the values that differ, and why.
@@ -59,6 +70,7 @@ class PaperTable:
     notes: tuple[str, ...] = ()
     rows: str = "test"
     conditions: tuple[Condition, ...] = ()
+    appendix: Appendix | None = None
 
 
 @dataclass(frozen=True)
@@ -98,9 +110,9 @@ def compute_tables(sources: Iterable[TableSource], effort: Effort) -> tuple[Pape
 def agreement(comparisons: Iterable[Comparison]) -> dict[str, tuple[int, int]]:
     """Return for every quantity that rounding can judge how many values agree, and how many there are."""
     counts: dict[str, tuple[int, int]] = {}
-    for one in comparisons:
-        if one.standard_error is not None:
+    for value in comparisons:
+        if value.standard_error is not None:
             continue
-        agreeing, values = counts.get(one.quantity, (0, 0))
-        counts[one.quantity] = (agreeing + one.agrees, values + 1)
+        agreeing, values = counts.get(value.quantity, (0, 0))
+        counts[value.quantity] = (agreeing + value.agrees, values + 1)
     return counts

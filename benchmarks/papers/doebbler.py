@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from benchmarks.papers.assumptions import GIVEN, OF_SQUARES, Condition
 from benchmarks.papers.comparison import Comparison, Effort, PaperTable, TableSource
-from benchmarks.papers.umbmark_simulation import Conditions, MeanError, Step, WheelEncoders, mean_errors
+from benchmarks.papers.simulations import Conditions, MeanError, Step, WheelEncoders, mean_errors
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED
 
 #: Table II: mean E_max,syst, mm, and its share of the distance travelled, %, of IPEC-1, CAST-1 and CAST-0.
@@ -67,8 +67,8 @@ def _notes(ours: Errors, length: float) -> tuple[str, ...]:
     printed = {file: {name: share for name, (_, share) in row.items()} for file, row in TABLE_2.items()}
     shares = f"Printed, of the {min(implied):.2f} to {max(implied):.2f} m that they imply: {_shares(printed)}"
     for name, *_ in COLUMNS.values():
-        own = {file: {k: 100 * error.mean / length for k, error in ours[name, file].items()} for file in ERRORS}
-        shares += f". {name}, of the {length:.3f} m that were driven: {_shares(own)}"
+        driven = {file: {k: 100 * error.mean / length for k, error in ours[name, file].items()} for file in ERRORS}
+        shares += f". {name}, of the {length:.3f} m that were driven: {_shares(driven)}"
     tables = {"printed": {file: {k: error for k, (error, _) in row.items()} for file, row in TABLE_2.items()}}
     for name, *_ in COLUMNS.values():
         tables[name] = {file: {k: error.mean for k, error in ours[name, file].items()} for file in ERRORS}

@@ -3,8 +3,8 @@
 import math
 
 from benchmarks.papers.assumptions import Assumptions
-from benchmarks.papers.calibration_simulation import Left, errors_left
 from benchmarks.papers.comparison import Comparison, Effort, PaperTable, TableSource
+from benchmarks.papers.simulations import ErrorsLeft, errors_left
 
 #: Table I, mean errors: %, of beta deg; before and after calibration.
 TABLE_1 = {"offset": (0.21, 0.09), "radius": (2.07, 0.04), "half_track": (0.89, 0.04), "pivot_zero": (7.98, 0.01)}
@@ -31,7 +31,7 @@ def _simulation(effort: Effort) -> PaperTable:
     return PaperTable("doebbler-1", title, tuple(values), _notes(assumed), "parameter", conditions)
 
 
-def _compared(column: str, when: int, part: str, left: Left) -> Comparison:
+def _compared(column: str, when: int, part: str, left: ErrorsLeft) -> Comparison:
     factor = math.degrees(1.0) if part == "pivot_zero" else 100.0
     mean, error = (factor * value for value in getattr(left, part))
     place = (("column", column), ("parameter", part))

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.papers.assumptions import GIVEN, OF_SQUARES, Assumptions
 from benchmarks.papers.comparison import Comparison, Effort, PaperTable, TableSource
-from benchmarks.papers.umbmark_simulation import rolled_square
+from benchmarks.papers.simulations import rolled_square
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.kinematic import UNCALIBRATED
@@ -95,7 +95,7 @@ def _physics(effort: Effort) -> PaperTable:
     )
     best = sum(min(errors, key=lambda name, k=k: errors[name][k]) == "cast-0" for k in range(robots))
     spread = np.array([errors["cast-0"], errors["cast-1"]])
-    means = {name: float(np.mean(own)) for name, own in errors.items()}
+    means = {name: float(np.mean(values)) for name, values in errors.items()}
     ahead = [np.mean([row[f"cast-{i}"] for i in (1, 2, 3)]) / row["cast-0"] for row in (TABLE_3, means)]
     notes = (
         "The paper drove one uncalibrated prototype. Ours are robots with Table I's uncalibrated errors, driven in "

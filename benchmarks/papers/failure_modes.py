@@ -5,14 +5,17 @@ test 3 fails when the curvature of one of the frames is about 67% of the other f
 both tests, one frame keeps its bend, and the other's grows.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from benchmarks.papers.comparison import Appendix
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.presets import FRAME_LENGTH
@@ -128,6 +131,82 @@ def selections(sweep: Sweep, metric: str) -> tuple[Selection, ...]:
 def with_small_bends(sweep: Sweep) -> Sweep:
     """Return the sweep for bends so small that its ties are those of the linear theory."""
     return replace(sweep, bend=float(np.copysign(SMALL_BEND, sweep.bend)))
+
+
+@functools.cache
+def failure_modes() -> Appendix:
+    """Return where the metrics fail, for every table that is about them."""
+    return Appendix(
+        key="failure_modes",
+        title="Where the metrics fail",
+        lines=tuple(line for sweep in SWEEPS for line in failure_lines(sweep)),
+        data={
+            "frame_length_m": FRAME_LENGTH,
+            "ratios": list(RATIOS),
+            "sweeps": [_sweep_data(sweep) for sweep in SWEEPS],
+        },
+    )
+
+
+def failure_lines(sweep: Sweep) -> list[str]:
+    """Return what a sweep shows, line by line: where each metric's selection changes, and what the paper claims."""
+    kept, other = ("A", "B") if sweep.keeps == 0 else ("B", "A")
+    true, small = sweep.test.true_axle, with_small_bends(sweep)
+    lines = [
+        f"{sweep.title}: {kept} by {abs(sweep.bend):.4f} rad, {other} by {RATIOS[0]:g} to {RATIOS[1]:g} times "
+        f"that; test {sweep.test.number} sits at {sweep.test_ratio:.3f}, where axle {true} is true. The paper: it "
+        f"fails at {_claim(sweep)}."
+    ]
+    for metric in METRICS:
+        ranges = [_range(selection, true) for selection in selections(sweep, metric)]
+        if len(ranges) == 1:
+            ranges = [f"selects axle {selections(sweep, metric)[0].axle} throughout"]
+        of_small = [tie.ratio for tie in ties(small, metric)]
+        for k, tie in enumerate(ties(sweep, metric)):
+            axles = f"{', '.join(map(str, tie.axles[:-1]))} and {tie.axles[-1]}"
+            moved = f" (for small bends {of_small[k]:.3f})" if abs(of_small[k] - tie.ratio) > 5e-4 else ""
+            ranges.append(f"axles {axles} tie at {tie.ratio:.3f}{moved}{'' if tie.lowest else ', above it'}")
+        lines.append(f"  {metric}: {'; '.join(ranges)}")
+    return lines
+
+
+def _claim(sweep: Sweep) -> str:
+    return "equal curvature" if sweep.claimed == 1 else f"a ratio of about {sweep.claimed:g}"
+
+
+def _range(selection: Selection, true: int) -> str:
+    place = f"from {selection.low:.3f} to {selection.high:.3f}"
+    return f"selects axle {selection.axle}{'' if selection.axle == true else ' (wrong)'} {place}"
+
+
+def _sweep_data(sweep: Sweep) -> dict[str, Any]:
+    small = with_small_bends(sweep)
+    return {
+        "name": sweep.name,
+        "title": sweep.title,
+        "test": sweep.test.number,
+        "test_ratio": sweep.test_ratio,
+        "claimed_ratio": sweep.claimed,
+        "true_axle": sweep.test.true_axle,
+        "bend_rad": sweep.bend,
+        "metrics": [
+            {
+                "metric": metric,
+                "selections": [_selection_data(selection) for selection in selections(sweep, metric)],
+                "ties": [_tie_data(tie) for tie in ties(sweep, metric)],
+                "ties_of_small_bends": [_tie_data(tie) for tie in ties(small, metric)],
+            }
+            for metric in METRICS
+        ],
+    }
+
+
+def _selection_data(selection: Selection) -> dict[str, Any]:
+    return {"from_ratio": selection.low, "to_ratio": selection.high, "axle": selection.axle}
+
+
+def _tie_data(tie: Tie) -> dict[str, Any]:
+    return {"ratio": tie.ratio, "axles": list(tie.axles), "lowest": tie.lowest}
 
 
 def _roots(function: Callable[..., Array]) -> list[float]:

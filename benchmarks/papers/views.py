@@ -8,19 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.papers.comparison import Comparison, PaperTable, agreement
-from benchmarks.papers.failure_modes import (
-    METRICS,
-    RATIOS,
-    SWEEPS,
-    Selection,
-    Sweep,
-    Tie,
-    selections,
-    ties,
-    with_small_bends,
-)
-from castor_envs.vehicles.presets import FRAME_LENGTH
+from benchmarks.papers.comparison import Appendix, Comparison, PaperTable, agreement
 
 FORMAT = "castor-tables/1"
 LEGEND = "printed | ours; = agrees to the printed rounding, != does not"
@@ -46,7 +34,7 @@ def show_tables(tables: tuple[PaperTable, ...], pictures: list[Path], console: C
 
 
 def as_json(tables: tuple[PaperTable, ...]) -> dict[str, Any]:
-    """Return tables and failure modes as plain data; table values are in the unit of print, which their keys name."""
+    """Return tables and their appendices as plain data; values are in the unit of print, which their keys name."""
     return {
         "format": FORMAT,
         "tables": [
@@ -57,75 +45,41 @@ def as_json(tables: tuple[PaperTable, ...]) -> dict[str, Any]:
                     quantity: {"agree": agreeing, "of": values}
                     for quantity, (agreeing, values) in agreement(table.comparisons).items()
                 },
-                "values": [_value_json(one) for one in table.comparisons],
-                **({"conditions": {one.key: one.value for one in table.conditions}} if table.conditions else {}),
+                "values": [_value_json(value) for value in table.comparisons],
+                **(
+                    {"conditions": {condition.key: condition.value for condition in table.conditions}}
+                    if table.conditions
+                    else {}
+                ),
                 "notes": list(table.notes),
             }
             for table in tables
         ],
-        **({"failure_modes": _failures_json()} if _of_metrics(tables) else {}),
+        **{appendix.key: dict(appendix.data) for appendix in _appendices(tables)},
     }
 
 
-def _of_metrics(tables: tuple[PaperTable, ...]) -> bool:
-    """Return whether a table is about the metrics of Vogt and Minor, whose failures are then shown too."""
-    return any(dict(one.place).get("metric") in METRICS for table in tables for one in table.comparisons)
+def _appendices(tables: tuple[PaperTable, ...]) -> list[Appendix]:
+    """Return the tables' appendices, each once."""
+    return list({table.appendix.key: table.appendix for table in tables if table.appendix is not None}.values())
 
 
-def _failures_json() -> dict[str, Any]:
-    return {
-        "frame_length_m": FRAME_LENGTH,
-        "ratios": list(RATIOS),
-        "sweeps": [_sweep_json(sweep) for sweep in SWEEPS],
-    }
-
-
-def _value_json(one: Comparison) -> dict[str, Any]:
-    suffix = "" if one.unit is None else f"_{one.unit}"
+def _value_json(comparison: Comparison) -> dict[str, Any]:
+    suffix = "" if comparison.unit is None else f"_{comparison.unit}"
     value = {
-        **dict(one.place),
-        "quantity": one.quantity,
-        f"printed{suffix}": one.printed,
-        f"ours{suffix}": one.ours,
-        **dict(one.also),
+        **dict(comparison.place),
+        "quantity": comparison.quantity,
+        f"printed{suffix}": comparison.printed,
+        f"ours{suffix}": comparison.ours,
+        **dict(comparison.also),
     }
-    if one.standard_error is None:
-        return value | {"agrees": one.agrees}
-    return value | {f"standard_error{suffix}": one.standard_error, "ratio": one.ratio}
-
-
-def _sweep_json(sweep: Sweep) -> dict[str, Any]:
-    small = with_small_bends(sweep)
-    return {
-        "name": sweep.name,
-        "title": sweep.title,
-        "test": sweep.test.number,
-        "test_ratio": sweep.test_ratio,
-        "claimed_ratio": sweep.claimed,
-        "true_axle": sweep.test.true_axle,
-        "bend_rad": sweep.bend,
-        "metrics": [
-            {
-                "metric": metric,
-                "selections": [_selection_json(one) for one in selections(sweep, metric)],
-                "ties": [_tie_json(tie) for tie in ties(sweep, metric)],
-                "ties_of_small_bends": [_tie_json(tie) for tie in ties(small, metric)],
-            }
-            for metric in METRICS
-        ],
-    }
-
-
-def _selection_json(one: Selection) -> dict[str, Any]:
-    return {"from_ratio": one.low, "to_ratio": one.high, "axle": one.axle}
-
-
-def _tie_json(tie: Tie) -> dict[str, Any]:
-    return {"ratio": tie.ratio, "axles": list(tie.axles), "lowest": tie.lowest}
+    if comparison.standard_error is None:
+        return value | {"agrees": comparison.agrees}
+    return value | {f"standard_error{suffix}": comparison.standard_error, "ratio": comparison.ratio}
 
 
 def print_tables(tables: tuple[PaperTable, ...], console: Console) -> None:
-    """Print every table as printed | ours, what agrees, and where the metrics fail if these are about them."""
+    """Print every table as printed | ours, what agrees, and what belongs to several of them."""
     for table in tables:
         console.print(f"\n{table.title}", style="bold", markup=False, highlight=False)
         console.print(_grid(table), highlight=False)
@@ -137,11 +91,9 @@ def print_tables(tables: tuple[PaperTable, ...], console: Console) -> None:
             _say(console, conditions_line(table))
         if judged:
             _say(console, summary(table))
-    if not _of_metrics(tables):
-        return
-    console.print("\nWhere the metrics fail", style="bold", markup=False, highlight=False)
-    for sweep in SWEEPS:
-        for line in failure_lines(sweep):
+    for appendix in _appendices(tables):
+        console.print(f"\n{appendix.title}", style="bold", markup=False, highlight=False)
+        for line in appendix.lines:
             _say(console, line)
 
 
@@ -155,68 +107,37 @@ def summary(table: PaperTable) -> str:
 
 def conditions_line(table: PaperTable) -> str:
     """Return which of a table's conditions are not the default ones, and where all of them stand, in a line."""
-    changed = [str(one) for one in table.conditions if one.value != one.default]
+    changed = [str(condition) for condition in table.conditions if condition.value != condition.default]
     text = f"Changed conditions: {', '.join(changed)}" if changed else "All conditions are the default ones"
     return f"{text}. --json shows all of them, castor-bench tables --help their reasons."
 
 
-def failure_lines(sweep: Sweep) -> list[str]:
-    """Return what a sweep shows, line by line: where each metric's selection changes, and what the paper claims."""
-    kept, other = ("A", "B") if sweep.keeps == 0 else ("B", "A")
-    true, small = sweep.test.true_axle, with_small_bends(sweep)
-    lines = [
-        f"{sweep.title}: {kept} by {abs(sweep.bend):.4f} rad, {other} by {RATIOS[0]:g} to {RATIOS[1]:g} times "
-        f"that; test {sweep.test.number} sits at {sweep.test_ratio:.3f}, where axle {true} is true. The paper: it "
-        f"fails at {_claim(sweep)}."
-    ]
-    for metric in METRICS:
-        ranges = [_range(one, true) for one in selections(sweep, metric)]
-        if len(ranges) == 1:
-            ranges = [f"selects axle {selections(sweep, metric)[0].axle} throughout"]
-        of_small = [tie.ratio for tie in ties(small, metric)]
-        for k, tie in enumerate(ties(sweep, metric)):
-            axles = f"{', '.join(map(str, tie.axles[:-1]))} and {tie.axles[-1]}"
-            moved = f" (for small bends {of_small[k]:.3f})" if abs(of_small[k] - tie.ratio) > 5e-4 else ""
-            ranges.append(f"axles {axles} tie at {tie.ratio:.3f}{moved}{'' if tie.lowest else ', above it'}")
-        lines.append(f"  {metric}: {'; '.join(ranges)}")
-    return lines
-
-
-def _claim(sweep: Sweep) -> str:
-    return "equal curvature" if sweep.claimed == 1 else f"a ratio of about {sweep.claimed:g}"
-
-
-def _range(one: Selection, true: int) -> str:
-    place = f"from {one.low:.3f} to {one.high:.3f}"
-    return f"selects axle {one.axle}{'' if one.axle == true else ' (wrong)'} {place}"
-
-
 def _grid(table: PaperTable) -> Table:
     """Return a table of values by their rows and columns; what a row says before a colon groups it."""
-    columns = list(dict.fromkeys(one.column for one in table.comparisons))
+    columns = list(dict.fromkeys(value.column for value in table.comparisons))
     grid = Table(table.rows)
     for column in columns:
         grid.add_column(column, justify="right", no_wrap=True)
-    rows = dict.fromkeys(one.row for one in table.comparisons)
+    rows = dict.fromkeys(value.row for value in table.comparisons)
     for _, together in groupby(rows, key=lambda row: row.partition(":")[0]):
         for row in together:
-            cells = {one.column: one for one in table.comparisons if one.row == row}
+            cells = {value.column: value for value in table.comparisons if value.row == row}
             grid.add_row(row, *(_cell(cells.get(column)) for column in columns))
         grid.add_section()
     return grid
 
 
-def _cell(one: Comparison | None) -> str:
-    if one is None:
+def _cell(value: Comparison | None) -> str:
+    if value is None:
         return ""
-    if not isinstance(one.printed, float) or not isinstance(one.ours, float):
-        text = f"{one.printed} | {one.ours}"
-    elif one.standard_error is not None:
-        spread = f"{one.ours:.{one.digits}f} +- {one.standard_error:.{one.digits}f}"
-        return f"{one.printed:.{one.digits}f} | {spread} ({one.ratio:.2f})"
+    if not isinstance(value.printed, float) or not isinstance(value.ours, float):
+        text = f"{value.printed} | {value.ours}"
+    elif value.standard_error is not None:
+        spread = f"{value.ours:.{value.digits}f} +- {value.standard_error:.{value.digits}f}"
+        return f"{value.printed:.{value.digits}f} | {spread} ({value.ratio:.2f})"
     else:
-        text = f"{one.printed:.{one.digits}f} | {one.ours:.{one.digits + 1}f}"
-    return f"{text} {'= ' if one.agrees else '[bold]!=[/bold]'}"
+        text = f"{value.printed:.{value.digits}f} | {value.ours:.{value.digits + 1}f}"
+    return f"{text} {'= ' if value.agrees else '[bold]!=[/bold]'}"
 
 
 def _say(console: Console, text: str) -> None:

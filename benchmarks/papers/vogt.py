@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.papers.comparison import Comparison, Effort, PaperTable, TableSource
+from benchmarks.papers.failure_modes import failure_modes
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
 from castor_envs.geometry.arrays import Array
 from estimators.trains import grpec
@@ -53,6 +54,7 @@ def _errors(_: Effort) -> PaperTable:
             "are computed from unrounded errors.",
             "The captions of Figs. 8 and 9 are swapped; the table's Figs. 5 to 8 are Figs. 7 to 10.",
         ),
+        appendix=failure_modes(),
     )
 
 
@@ -63,6 +65,7 @@ def _corrections(_: Effort) -> PaperTable:
         "Vogt and Minor, Table 2: position error after correction by the axle that each metric selects",
         values,
         tuple(_unexplained(values)),
+        appendix=failure_modes(),
     )
 
 

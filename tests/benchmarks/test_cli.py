@@ -346,3 +346,29 @@ def test_absurd_numbers_are_refused(castor_bench, option):
     code, out, err = castor_bench("run", *option)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert option[0] in err
+
+
+def test_a_run_on_another_robot_has_boards_of_its_own(castor_bench):
+    arguments = ("--task", "umbmark-kinematic-calibrated", "--cases", 1, "--jobs", 1)
+    code, out, err = castor_bench("run", "--robot", "differential", *arguments)
+    assert code == 0, err
+    assert "differential (not official)" in out
+    code, out, _ = castor_bench("leaderboard", "--json")
+    assert code == 0
+    official, _, other = json.loads(out)["tasks"]
+    assert official["entries"] == []
+    assert other["task"].startswith("umbmark-kinematic-calibrated[differential@")
+    assert [entry["estimator"] for entry in other["entries"]] == ["dead-reckoning-1"]
+    code, out, _ = castor_bench("rescore")
+    assert (code, out) == (0, f"{other['task']}: 0 of 1 rows changed\n")
+
+
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [("cfmmr-3", "is a train"), ("differentail", "did you mean 'differential'?"), ("1-castor", "robot")],
+)
+def test_a_robot_that_cannot_run_the_squares_is_refused(castor_bench, robot, said):
+    code, out, err = castor_bench("run", "--robot", robot, "--task", "calibration-pivoting")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert said in err
+    assert not list(Path().iterdir())

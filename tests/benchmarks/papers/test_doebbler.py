@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from benchmarks.papers import select_tables, umbmark_simulation
+from benchmarks.papers import select_tables
 from benchmarks.papers.assumptions import Assumptions
 from benchmarks.papers.comparison import Effort
 from benchmarks.papers.doebbler import COLUMNS, TABLE_2
-from benchmarks.papers.umbmark_simulation import Conditions, errors_of_sets, mean_errors, rolled_square
+from benchmarks.papers.simulations import Conditions, errors_of_sets, mean_errors, rolled_square
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, KinematicUMBmark, ParameterErrors
 from castor_envs import command_line
@@ -73,10 +73,9 @@ def test_every_set_is_the_tasks_case_followed_run_by_run(errors, corners):
             assert found[name][case] == pytest.approx(score(episode, paths)["E_max_syst"], abs=1e-9)
 
 
-def test_chunks_change_nothing(monkeypatch):
+def test_how_many_sets_are_computed_together_changes_nothing():
     whole = errors_of_sets(Conditions(sets=5), CALIBRATED)
-    monkeypatch.setattr(umbmark_simulation, "CHUNK", 10)
-    for name, found in errors_of_sets(Conditions(sets=5), CALIBRATED).items():
+    for name, found in errors_of_sets(Conditions(sets=5), CALIBRATED, at_a_time=10).items():
         np.testing.assert_allclose(found, whole[name], rtol=0, atol=1e-12)
 
 

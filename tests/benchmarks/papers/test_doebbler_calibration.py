@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.papers import select_tables
 from benchmarks.papers.assumptions import Assumptions
-from benchmarks.papers.calibration_simulation import errors_left
 from benchmarks.papers.comparison import Effort
+from benchmarks.papers.simulations import errors_left
 from castor_envs.vehicles.presets import preset
 
 
