@@ -59,6 +59,11 @@ def as_json(tables: tuple[PaperTable, ...]) -> dict[str, Any]:
     }
 
 
+def _conditions_json(table: PaperTable) -> dict[str, Any]:
+    conditions = {condition.key: condition.value for condition in table.conditions}
+    return {"conditions": conditions} if conditions else {}
+
+
 def _appendices(tables: tuple[PaperTable, ...]) -> list[Appendix]:
     """Return the tables' appendices, each once."""
     return list({table.appendix.key: table.appendix for table in tables if table.appendix is not None}.values())

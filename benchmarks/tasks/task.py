@@ -70,10 +70,10 @@ class Run:
         if self.belief is not None:
             return known[-1:]
         t = self.log.t[known]
-        wanted = np.arange(t[0], t[-1], EVALUATION_PERIOD)
-        after = np.searchsorted(t, wanted)
+        times = np.arange(t[0], t[-1], EVALUATION_PERIOD)
+        after = np.searchsorted(t, times)
         before = np.maximum(after - 1, 0)
-        nearest = np.where(wanted - t[before] < t[after] - wanted, before, after)
+        nearest = np.where(times - t[before] < t[after] - times, before, after)
         return known[np.unique(np.append(nearest, len(t) - 1))]
 
     @cached_property
@@ -148,9 +148,10 @@ class Episode:
             seen.update(f"{self.calibration.odometry} {self.calibration.odometry_source}".encode())
             if self.calibration.true_robot is not None:
                 seen.update(self.calibration.true_robot.hash().encode())
-            for one in self.calibration.recordings:
-                seen.update(f"recording {one.held} {one.side}".encode())
-                seen.update(_log_bytes(one.log) + _bytes(one.log.command) + _bytes(one.log.steering_command))
+            for recording in self.calibration.recordings:
+                log = recording.log
+                seen.update(f"recording {recording.held} {recording.side}".encode())
+                seen.update(_log_bytes(log) + _bytes(log.command) + _bytes(log.steering_command))
         return seen.hexdigest()[:16]
 
 
