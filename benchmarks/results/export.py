@@ -6,16 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
 from benchmarks.results.episodes import write_episode
 from benchmarks.results.rows import ResultsStore
 from benchmarks.tasks.task import Case, Episode, Task
 from castor_envs.errors import InputError, did_you_mean
-from castor_envs.logs.log import export_kitti, export_tum
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.trajectory_files import export_kitti, export_tum
 
-Array = NDArray[np.float64]
 Form = Literal["csv", "tum", "kitti"]
 
 

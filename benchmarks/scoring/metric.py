@@ -7,12 +7,11 @@ from functools import cached_property, wraps
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.tasks.task import Episode, Run
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 MM: dict[str, Any] = {"unit": "m", "shown_unit": "mm", "factor": 1e3}

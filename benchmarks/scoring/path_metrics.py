@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.scoring.metric import DEG, MM, Array, Column, Judged, Metric, shared
+from benchmarks.scoring.metric import DEG, MM, Column, Judged, Metric, shared
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
 
 STANDING_STILL = "ate_standing_still"

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 
-from benchmarks.scoring.metric import Array, Judged, Metric
+from benchmarks.scoring.metric import Judged, Metric
 from benchmarks.tasks.task import Episode
 from castor_envs.discovery import offers
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 
 

@@ -7,7 +7,8 @@ truth without any alignment. A train's heading matters as a direction alone, so 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.scoring.metric import DEG, MM, PER_CENT, Array, Column, Judged, Metric, shared
+from benchmarks.scoring.metric import DEG, MM, PER_CENT, Column, Judged, Metric, shared
+from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
 
 NEAR = 0.05
