@@ -28,12 +28,16 @@ class Machine:
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Origin:
-    """Where a stored file comes from: when it was made (with its time zone), by which packages and world, on what."""
+    """Where a stored file comes from: when it was made (with its time zone), by which packages and world, on what.
+
+    rescored: when its scores were computed again without running, if they were.
+    """
 
     created: AwareDatetime
     versions: dict[str, str]
     world: str
     machine: Machine
+    rescored: AwareDatetime | None = None
 
 
 @cache

@@ -71,7 +71,7 @@ class RescoredTask:
 def rescore_task(results: Path, task: Task, write: bool) -> RescoredTask:
     """Score a task's rows again, store (write) those whose scores changed, and return what changed.
 
-    A stored row keeps its origin, and `rescored` in it says when and with what.
+    A stored row keeps its origin, and `rescored` in it says when.
     """
     store, changed, metrics, problems, rows = ResultsStore(results), 0, Counter(), {}, 0
     for rescored in list(rescore(results, task.name, task.version)):
@@ -82,6 +82,6 @@ def rescore_task(results: Path, task: Task, write: bool) -> RescoredTask:
             changed += 1
             metrics.update((rescored.row.estimator, name) for name in rescored.changed)
             if write:
-                origin = {**rescored.row.origin, "rescored": provenance()}
+                origin = dataclasses.replace(rescored.row.origin, rescored=provenance().created)
                 store.save(dataclasses.replace(rescored.row, origin=origin))
     return RescoredTask(task.name, rows, changed, dict(sorted(metrics.items())), tuple(problems))

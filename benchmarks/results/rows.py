@@ -5,7 +5,7 @@
     RESULTS/episodes/...                                                  see `episodes`
 
 A row holds for one task version, one estimator's source and one recorded episode (by its digest, which covers the
-robot); whatever differs in one of these is another row. Nothing is ever appended to or changed in place, so a run that
+robot); whatever differs in one of these is another row. Files are written whole or not at all, so a run that
 is killed leaves whole files only, and the next one computes what is missing.
 """
 
@@ -47,7 +47,7 @@ class Row:
     """What one estimator did in one case of a task.
 
     episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the limit that a
-    row failed by, s, so that a longer one tries again. scores: SI, by the names of `evaluation.METRICS`. estimates: for
+    row failed by, s, so that a longer one tries again. scores: SI, by the names of metrics. estimates: for
     each run the poses (M, 3) at `task.Run.samples`. calibrated: the robot as a calibration method returned it; then
     `estimator` names the method, and the estimates are those of the task's odometry. origin: versions, machine and
     time.
@@ -228,7 +228,7 @@ def check_results_folder(results: Path, write: bool = True) -> None:
 
 def remove_leftovers(results: Path, older_than: float = LEFT_OVER) -> None:
     """Remove the temporary files of runs that were killed while they wrote; younger ones may be of a run going on."""
-    for part in ("rows/*/*", "episodes/*"):
+    for part in ("rows/*/*", "episodes/*", "robots"):
         for path in results.glob(f"{part}/.*.tmp"):
             with contextlib.suppress(OSError):
                 if _TEMPORARY.fullmatch(path.name) and time.time() - path.lstat().st_mtime > older_than:

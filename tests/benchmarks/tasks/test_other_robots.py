@@ -115,7 +115,6 @@ def put_row(results, task, error):
             episode="e" * 16,
             robot_hash="a" * 16,
             scores={"E_max_syst": error, "ate": error / 2},
-            origin={"created": "2026"},
         )
     )
 
