@@ -87,7 +87,7 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
                         continue
                     values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
             parts[part] = values[:, 0] if part in _FLAT else values
-    if isinstance(vehicle, TrainDescription) and "rps" not in parts:
+    if columns.rps and "rps" not in parts:
         parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
     known = columns.known
     extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}

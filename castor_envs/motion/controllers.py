@@ -1,4 +1,4 @@
-"""Who drives: from the motion wanted and what sensors say to motor commands, of robots and of trains."""
+"""Who drives: from the desired motion and what sensors say to motor commands, of robots and of trains."""
 
 from typing import NamedTuple
 
@@ -48,7 +48,7 @@ class KinematicController:
         self._driven_castors = np.array(robot.driven_castors, dtype=np.intp)
 
     def commands(self, castor_angle: ArrayLike, twist: ArrayLike) -> Commands:
-        """Return commands for measured castor angles (n,) and the twist (3,) in B wanted in mid-period."""
+        """Return commands for measured castor angles (n,) and the desired twist (3,) in B in mid-period."""
         geometry, theta = self._geometry, np.asarray(castor_angle, dtype=float)
         twist = np.asarray(twist, dtype=float)
         steered = self._steering_rates(theta, twist)
@@ -89,7 +89,7 @@ class TrainDriver:
         self._zero = np.full((len(train.frames), 3), np.nan)
 
     def twists(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:
-        """Return the axles' twists (N, 3) wanted in the sample period that begins at `time` (s).
+        """Return the axles' twists (N, 3) for the sample period that begins at `time` (s).
 
         rps (F, 3) or (3F,): relative poses as measured now; age (F,): s.
         """
@@ -98,13 +98,13 @@ class TrainDriver:
         place, after = (path.at(length - self._behind)[0] for length in covered)
         v = np.full(len(place), (covered[1] - covered[0]) / period)
         turning = (after[:, 2] - place[:, 2]) / period
-        wanted = se2.relative_pose(place[1:], place[:-1])
+        expected = se2.relative_pose(place[1:], place[:-1])
         measured = np.reshape(np.asarray(rps, dtype=float), (-1, 3))
         sound = np.isfinite(measured).all(axis=-1) & (np.asarray(age) <= 1.5 * period)
         first = sound & np.isnan(self._zero[:, 0])
-        self._zero[first] = (measured - wanted)[first]
-        seen = np.where(sound[:, None], measured - self._zero, wanted)
-        error = np.where(sound[:, None], se2.compose(seen, se2.inverse(wanted)), 0.0)
+        self._zero[first] = (measured - expected)[first]
+        seen = np.where(sound[:, None], measured - self._zero, expected)
+        error = np.where(sound[:, None], se2.compose(seen, se2.inverse(expected)), 0.0)
         speed = v[1:].copy()
         v[1:] += ALONG * error[:, 0] * (speed > 0)
         turning[1:] += speed * (ACROSS * error[:, 1] + TURN * np.sin(error[:, 2]))
