@@ -23,7 +23,7 @@ from benchmarks.results.rescore import rescore_task
 from benchmarks.results.robots import save_robot, with_stored_robots
 from benchmarks.results.rows import check_results_folder
 from benchmarks.run.check import check_apart
-from benchmarks.run.choose import choose, fails_everywhere, tasks_with
+from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
@@ -51,16 +51,18 @@ OtherRobotName = Annotated[
     str | None,
     typer.Option("--robot", help="Another robot for the tasks of squares: a preset's name or a robot file."),
 ]
+MOST_NAMED = 5
+"""Failures that are named in the last line of a run: what fits in one or two lines."""
 DEFAULT_RESULTS = Path("castor-results")
 
 
 def main() -> None:
     """Run the console script."""
-    command_line.run(app)
+    command_line.main(app)
 
 
 @app.callback()
-def options(version: command_line.Version = False) -> None:
+def options(version: command_line.Version = False, traceback: command_line.Traceback = False) -> None:
     """Benchmark of odometry and localisation for robots on castors and trains."""
 
 
@@ -84,7 +86,7 @@ def run(
     measured: MeasuredData = None,
     robot: OtherRobotName = None,
 ) -> None:
-    """Run what is missing, then show the leaderboard.
+    """Run what is missing, then show the leaderboard; exit code 1 if a row of what was asked for failed.
 
     Whoever names estimators runs the tasks that judge these, whoever names calibration methods theirs alone. With
     --robot the tasks of squares are run on that robot instead; their boards are not official and stand apart.
@@ -95,20 +97,20 @@ def run(
     check_results_folder(results)
     other = None if robot is None else OtherRobot.load(robot)
     choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, other)
-    try:
-        with TerminalProgress() as progress:
-            if other is not None:
-                save_robot(results, other)
-            missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress)
-    except OSError as error:
-        raise InputError(f"--results {results}: cannot be written to ({error.strerror or error})") from None
-    except KeyboardInterrupt:
-        print(f"stopped; what is done is kept in {results}: the same command continues", file=sys.stderr)
-        raise typer.Exit(130) from None
+    with (
+        command_line.keeping(f"what is done is kept in {results}: the same command continues"),
+        TerminalProgress() as progress,
+    ):
+        if other is not None:
+            save_robot(results, other)
+        missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress)
     board = boards.build(choice.tasks, results, cases, missing, choice.sources, choice.left_out)
     print_leaderboard(board, _console())
     print(f"\nresults in {results}; show them again: castor-bench leaderboard --results {results}")
-    if any(fails_everywhere(entry, board) for entry in choice.named):
+    failures = [*failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
+    if failures:
+        more = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
+        print(f"not all succeeded: {', '.join(failures[:MOST_NAMED])}{more}; the reasons are above", file=sys.stderr)
         raise typer.Exit(1)
 
 

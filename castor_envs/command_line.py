@@ -1,13 +1,34 @@
-"""What all console scripts share: a user's mistake is one line on stderr and exit code 2, never a traceback."""
+"""What all console scripts share: mistakes and errors are one line on stderr, Ctrl-C ends at once with code 130.
 
+Exit codes: 0; 1 for an error that nobody foresaw, for a disk that is full, and for what a command itself calls a
+failure; 2 for a user's mistake; 130 after Ctrl-C. ``--traceback``, anywhere on the command line, shows an error's
+traceback too.
+"""
+
+import contextlib
+import errno
 import importlib.metadata
 import os
+import signal
 import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, message_of
+
+TRACEBACK = "--traceback"
+INTERRUPTED = 130
+"""The exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
+"""The system's numbers for no space left: on the disk, in a file, of a user's share."""
+
+_kept: list[str] = []
+_endings: list[Callable[[], None]] = []
 
 
 def _show_version(wanted: bool) -> None:
@@ -20,28 +41,114 @@ def _show_version(wanted: bool) -> None:
 Version = Annotated[
     bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
 ]
+#: The option --traceback of every script; `run` takes it from anywhere on the command line.
+Traceback = Annotated[bool, typer.Option(TRACEBACK, help="Show the whole traceback of an error; goes anywhere.")]
+
+
+@contextmanager
+def keeping(what: str) -> Iterator[None]:
+    """Say what is kept, and how to go on, if the command is stopped or an error ends it meanwhile."""
+    _kept.append(what)
+    yield
+    _kept.pop()  # not after an exception: `run` is yet to say it
+
+
+@contextmanager
+def ending_with(ending: Callable[[], None]) -> Iterator[None]:
+    """Call a function at the end, also where Ctrl-C ends the script at once."""
+    _endings.append(ending)
+    try:
+        yield
+    finally:
+        _endings.pop()
+        ending()
+
+
+def main(app: typer.Typer) -> NoReturn:
+    """Run an app as a console script.
+
+    Ctrl-C ends the process at once, wherever it is, instead of raising KeyboardInterrupt, which code that is about to
+    clean up may swallow or wait in. Worker processes end by themselves when their parent is gone
+    (`castor_envs.processes`), and files are written whole or not at all (`castor_envs.files`).
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as in a script's background job
+        signal.signal(signal.SIGINT, _stop)
+    try:
+        run(app)
+    finally:
+        # What is left is the interpreter's own end, which Ctrl-C would only disturb.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
     """Run an app with the given arguments, or those of the process, and exit with its code."""
+    _kept.clear()
+    given = sys.argv[1:] if arguments is None else arguments
+    options = given[: given.index("--")] if "--" in given else given
+    whole = TRACEBACK in options
+    given = [argument for argument in options if argument != TRACEBACK] + given[len(options) :]
     try:
-        code = app(arguments, standalone_mode=False)
+        code = app(given, standalone_mode=False)
+        if code == INTERRUPTED:  # Typer has caught Ctrl-C
+            raise KeyboardInterrupt
         sys.stdout.flush()
-    except InputError as error:
-        code = _explain(str(error))
-    except BrokenPipeError:
-        # The reader of the output went away; what is left in the buffer has nowhere to go at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 1
     except (typer.Abort, KeyboardInterrupt):
-        code = 130
-    except Exception as error:
-        # Typer's usage errors are click's, whose home differs between versions of Typer.
-        message = getattr(error, "format_message", None)
-        if message is None:
-            raise
-        code = _show_help(message()) if type(error).__name__ == "NoArgsIsHelpError" else _explain(message())
+        print(_stopped(), file=sys.stderr)
+        code = INTERRUPTED
+    except BaseException as error:
+        if whole and isinstance(error, Exception):
+            traceback.print_exc()
+        code = _explained(error, whole)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:
+    """End this process for Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(Exception):
+        show_cursor = "\x1b[?25h\n" if os.isatty(2) else ""  # a progress bar hides it
+        os.write(2, f"{show_cursor}{_stopped()}\n".encode())
+    for ending in reversed(_endings):
+        with contextlib.suppress(Exception):
+            ending()
+    os._exit(INTERRUPTED)
+
+
+def _stopped() -> str:
+    return "; ".join(["stopped", *_kept])
+
+
+def _explained(error: BaseException, whole: bool) -> int:
+    """Print an error in one line; return the exit code. whole: its traceback is shown already."""
+    if isinstance(error, InputError):
+        return _complain(str(error), 2)
+    if isinstance(error, BrokenPipeError):
+        # The reader of the output went away.
+        _drop_output()
+        return 1
+    # Typer's usage errors are click's, whose home differs between versions of Typer.
+    message = getattr(error, "format_message", None)
+    if message is not None:
+        return _show_help(message()) if type(error).__name__ == "NoArgsIsHelpError" else _complain(message(), 2)
+    if not isinstance(error, Exception):
+        raise error
+    kept = "".join(f"; {what}" for what in _kept)
+    more = "" if whole else f"; run again with {TRACEBACK} to see where it comes from"
+    if isinstance(error, OSError):
+        _drop_output()
+        where = f"{error.filename}: " if error.filename else ""
+        what = where + (error.strerror or message_of(error))
+        return _complain(f"{what}; make room{kept}" if error.errno in FULL else f"{what}{kept}{more}", 1)
+    return _complain(f"unforeseen {type(error).__name__}: {message_of(error) or 'without a message'}{kept}{more}", 1)
+
+
+def _drop_output() -> None:
+    """Give what is left in the buffer of stdout, which has nowhere to go, nowhere to fail either."""
+    try:
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _show_help(text: str) -> int:
@@ -51,6 +158,6 @@ def _show_help(text: str) -> int:
     return 2
 
 
-def _explain(message: str) -> int:
+def _complain(message: str, code: int) -> int:
     print("error:", " ".join(message.splitlines()), file=sys.stderr)
-    return 2
+    return code

@@ -1,29 +1,92 @@
 """Writing files so that they are whole or not there, and reading them with clear errors."""
 
+import contextlib
 import json
 import os
+import re
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
 from castor_envs.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+LEFT_OVER = 3600.0
+"""s: where files cannot be locked, an older temporary file is taken for left over. No file takes so long to write."""
+
+_TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}\.tmp")
+"""The names of temporary files: that of the file to be, between a dot and what `tempfile` adds."""
+
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file by way of a temporary one beside it, so that it is never half there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write a file by way of a temporary one beside it, so that it is never half there.
+
+    The temporary file is locked as long as its writer lives, so that `remove_leftovers` knows those of writers that
+    were killed. Raises OSError that names `path`.
+    """
     data = content.encode() if isinstance(content, str) else content
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = _locked_temporary(path)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+                os.chmod(temporary, 0o644)
+                if fcntl is not None:
+                    os.replace(temporary, path)
+            if fcntl is None:  # Windows renames no open file
+                os.replace(temporary, path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _locked_temporary(path: Path) -> tuple[int, str]:
+    """Make a temporary file beside `path` and lock it; return its descriptor and its name."""
+    while True:
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        if fcntl is None:
+            return descriptor, temporary
+        with contextlib.suppress(OSError):  # of a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if os.fstat(descriptor).st_nlink:
+            return descriptor, temporary
+        os.close(descriptor)  # taken for left over before it was locked
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files in a folder whose writers were killed; those being written stay."""
+    for path in folder.glob(".*.tmp"):
+        if _TEMPORARY.fullmatch(path.name):
+            with contextlib.suppress(OSError):
+                _remove_if_left_over(path)
+
+
+def _remove_if_left_over(path: Path) -> None:
+    """Remove a temporary file that nobody is writing; raises OSError if it cannot be told or removed."""
+    if fcntl is not None:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+            return
+        except BlockingIOError:
+            return
+        except OSError:  # a file system without locks
+            pass
+        finally:
+            os.close(descriptor)
+    if time.time() - path.lstat().st_mtime > LEFT_OVER:
+        path.unlink()
 
 
 def write_json(path: Path, data: Any) -> None:

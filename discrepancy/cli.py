@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
@@ -71,7 +72,7 @@ NO_TRAINS = "is a train; castor-diagnose inspect serves single robots"
 
 
 @app.callback()
-def options(version: command_line.Version = False) -> None:
+def options(version: command_line.Version = False, traceback: command_line.Traceback = False) -> None:
     """Find where a robot's description and its measurements disagree."""
 
 
@@ -182,19 +183,26 @@ def trial(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/2).")] = False,
 ) -> None:
     """Hide effects in simulated logs, in processes that the finder does not share, and score what find says of them."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = out or Path(scratch) / "trial"
-        if robot in train_names():
-            _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
-            return
-        run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
-        run.judge(folder, jobs=jobs)
-        run.resimulate(folder, jobs=jobs)
-        scored = scores.report(folder)
-    if as_json:
-        print(json.dumps(scored, indent=2, allow_nan=False))
+    if out is not None:
+        with command_line.keeping(f"what is done is kept in {out}: the same command continues"):
+            _trial(cases, generator, seed, robot, duration, out, jobs, as_json)
         return
-    print("\n".join(scores.lines(scored)))
+    scratch = Path(tempfile.mkdtemp())
+    with command_line.ending_with(lambda: shutil.rmtree(scratch, ignore_errors=True)):
+        _trial(cases, generator, seed, robot, duration, scratch / "trial", jobs, as_json)
+
+
+def _trial(
+    cases: int, generator: str, seed: int, robot: str, duration: float, folder: Path, jobs: int | None, as_json: bool
+) -> None:
+    if robot in train_names():
+        _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
+        return
+    run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
+    run.judge(folder, jobs=jobs)
+    run.resimulate(folder, jobs=jobs)
+    scored = scores.report(folder)
+    print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
 
 
 def _trial_of_train(
@@ -300,5 +308,5 @@ def _yes(value: bool) -> str:
 
 
 def main() -> None:
-    """Run castor-diagnose; a user's mistake is one line on stderr and exit code 2."""
-    command_line.run(app)
+    """Run the console script."""
+    command_line.main(app)

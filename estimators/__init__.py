@@ -3,9 +3,10 @@
 Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more. Of trains: `TrainOdometry`
 alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and
 `InlierLeastSquares` on any number. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says
-what a plug-in needs.
+what a plug-in needs, which raises `Declined` for robots and trains that it does not serve.
 """
 
+from castor_envs.errors import Declined
 from estimators.protocol import Estimator, Observation
 from estimators.registry import EstimatorEntry, builtin_names, load_estimator
 from estimators.robots.cast import CAST, SmallTurnWarning
@@ -28,6 +29,7 @@ __all__ = [
     "RMSPEC",
     "CASTArc",
     "DeadReckoning",
+    "Declined",
     "Estimator",
     "EstimatorEntry",
     "GRPECDev",

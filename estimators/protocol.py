@@ -42,8 +42,8 @@ class Estimator(Protocol):
         """Start anew.
 
         With a robot (`RobotDescription` or `Geometry`) at `pose` (..., 3) = x, y (m) and psi (rad) of the body in N;
-        with a train (`TrainDescription`) at `pose` (N, 3), those of its axles, front first. Raises ValueError
-        (InputError is one) where the estimator cannot serve this robot or train.
+        with a train (`TrainDescription`) at `pose` (N, 3), those of its axles, front first. Raises `Declined`
+        (`castor_envs.errors`) where the estimator does not serve this robot or train; anything else is a fault.
         """
         ...
 

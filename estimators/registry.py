@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from castor_envs.discovery import offers
+from castor_envs.errors import Declined, message_of
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
@@ -70,12 +71,12 @@ class EstimatorEntry:
         """Return None if the estimator serves this robot or train, else the reason why not.
 
         Asks built-in estimators alone: a plug-in's code is never run here, lest it hangs. Its `reset` says so later,
-        with a ValueError.
+        by raising `Declined`.
         """
         if self.builtin:
             try:
                 reset_at_origin(self.factory(), vehicle)
-            except ValueError as error:
+            except Declined as error:
                 return str(error)
         return None
 
@@ -136,11 +137,11 @@ def reset_at_origin(estimator: Estimator, vehicle: Vehicle) -> None:
 def declines(error: BaseException, vehicle: Any) -> str | None:
     """Return the reason if what a `reset` raised says that it does not serve a vehicle, else None.
 
-    A ValueError (InputError is one) does; so does asking a train for what only robots have, and the reverse: the
-    estimator was written for the other kind.
+    `Declined` does; so does asking a train for what only robots have, and the reverse: the estimator was written for
+    the other kind. Any other exception is a fault.
     """
-    if isinstance(error, ValueError):
-        return " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, Declined):
+        return message_of(error) or "it gives no reason"
     if isinstance(error, AttributeError) and error.obj is vehicle:
         is_train = isinstance(vehicle, TrainDescription)
         other = RobotDescription if is_train else TrainDescription

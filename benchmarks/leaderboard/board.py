@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.leaderboard.ranking import Interval, interval, ranks
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.results.rows import ResultsStore, Row
+from benchmarks.results.rows import DECLINED, ResultsStore, Row
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.path_metrics import STANDING_STILL
 from benchmarks.scoring.registry import BOARD_METRICS
@@ -17,14 +17,15 @@ from benchmarks.tasks.task import Case, Task, odometry_of
 
 @dataclass(frozen=True)
 class FailedCases:
-    """Cases that an estimator failed for one reason."""
+    """Cases that an estimator failed for one reason. declined: the reason is its own, that it does not serve them."""
 
     reason: str
     cases: tuple[Case, ...]
+    declined: bool = False
 
 
 @dataclass(frozen=True)
-class NotServed:
+class DeclinedEstimator:
     """An estimator that declines a task's robot, and why."""
 
     estimator: str
@@ -55,7 +56,7 @@ class Entry:
 class TaskBoard:
     """The board of a task.
 
-    missing: why there are no results. not_served: estimators all of whose rows are refusals, with the reason.
+    missing: why there are no results. declined: estimators all of whose rows are refusals, with the reason.
     superseded: estimators with the hash and number of rows of their older sources. odometry: of a board of calibration
     methods, which then are its `estimator`s, the estimator that follows the calibrated robots; else None.
     """
@@ -67,7 +68,7 @@ class TaskBoard:
     metric: Metric
     cases: tuple[Case, ...]
     entries: tuple[Entry, ...]
-    not_served: tuple[NotServed, ...]
+    declined: tuple[DeclinedEstimator, ...]
     missing: str | None
     superseded: tuple[tuple[str, str, int], ...]
     odometry: str | None = None
@@ -95,7 +96,7 @@ def build(
     cases: int | None = None,
     missing: Mapping[str, str] | None = None,
     sources: Mapping[str, str] | None = None,
-    left_out: Mapping[str, Sequence[NotServed]] | None = None,
+    left_out: Mapping[str, Sequence[DeclinedEstimator]] | None = None,
 ) -> Leaderboard:
     """Return the leaderboard of some tasks from a results folder.
 
@@ -171,7 +172,7 @@ def _board(
     recorded: dict[Case, str],
     missing: str | None,
     current: Mapping[str, str],
-    left_out: Sequence[NotServed],
+    left_out: Sequence[DeclinedEstimator],
 ) -> TaskBoard:
     by_source: dict[str, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
@@ -186,7 +187,7 @@ def _board(
         superseded += [(name, source, len(own)) for source, own in sources.items() if source != latest]
     declining = [name for name, own in newest.items() if all(row.refusal is not None for row in own)]
     refused = {name: newest[name][0].refusal or "" for name in declining}
-    not_served = {**{one.estimator: one.reason for one in left_out if one.estimator not in newest}, **refused}
+    declined = {**{one.estimator: one.reason for one in left_out if one.estimator not in newest}, **refused}
     newest = {name: own for name, own in newest.items() if name not in refused}
     cases = tuple(sorted({row.case for own in newest.values() for row in own}, key=_case_order))
     ranking = {
@@ -205,7 +206,7 @@ def _board(
         metric=BOARD_METRICS[task.metric],
         cases=cases,
         entries=tuple(entries),
-        not_served=tuple(NotServed(name, reason) for name, reason in sorted(not_served.items())),
+        declined=tuple(DeclinedEstimator(name, reason) for name, reason in sorted(declined.items())),
         missing=missing if not entries else None,
         superseded=tuple(superseded),
         odometry=odometry_of(task),
@@ -233,7 +234,7 @@ def _entry(
         },
         time_per_update_us=store.load_time(task.name, task.version, name, source_hash),
         done=len(good),
-        failed=tuple(FailedCases(reason, tuple(own)) for reason, own in reasons.items()),
+        failed=tuple(FailedCases(reason, tuple(own), reason.startswith(DECLINED)) for reason, own in reasons.items()),
         lacking=tuple(case for case in cases if case not in present),
         stands_still=_stands_still(good),
     )

@@ -10,7 +10,7 @@ from benchmarks.leaderboard.board import Entry, Leaderboard, TaskBoard
 from benchmarks.leaderboard.columns import board_columns, fitting
 from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
 from benchmarks.results.archives import CorruptFileError
-from benchmarks.results.rows import older_rows
+from benchmarks.results.rows import DECLINED, older_rows
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 
@@ -59,7 +59,7 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
             }
             for entry in board.entries
         ],
-        "not_served": [{"estimator": one.estimator, "reason": one.reason} for one in board.not_served],
+        "declined": [{"estimator": one.estimator, "reason": one.reason} for one in board.declined],
         "missing": board.missing,
         "superseded": [
             {"estimator": name, "source_hash": source_hash, "rows": rows}
@@ -90,7 +90,7 @@ def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
     """Print the leaderboard in a terminal, a table for each task with its main metrics, as many as the width holds."""
     narrow = False
     for board in leaderboard.boards:
-        if not (board.entries or board.not_served or board.missing):
+        if not (board.entries or board.declined or board.missing):
             continue
         console.print(f"\n{board.title}", style="bold", markup=False, highlight=False)
         if board.missing is not None:
@@ -149,7 +149,7 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
     intervals: where in the table they are, if that is to be said.
     """
     served = "this robot" if board.odometry is None else "this task"
-    refusals = [f"{one.estimator} does not serve {served}: {one.reason}" for one in board.not_served]
+    refusals = [f"{one.estimator} declines {served}: {one.reason}" for one in board.declined]
     if not board.entries:
         return refusals
     meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
@@ -165,9 +165,8 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
     for entry in board.entries:
         for failed in entry.failed:
             cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")
-            notes.append(
-                f"{entry.estimator} failed {len(failed.cases)} of {len(board.cases)} cases ({cases}): {failed.reason}"
-            )
+            did, reason = "declined" if failed.declined else "failed", failed.reason.removeprefix(DECLINED)
+            notes.append(f"{entry.estimator} {did} {len(failed.cases)} of {len(board.cases)} cases ({cases}): {reason}")
         if entry.stands_still:
             notes.append(f"{entry.estimator} is not ranked: its ATE is no better than that of standing still")
         if entry.lacking:

@@ -9,10 +9,8 @@ robot); whatever differs in one of these is another row. Files are written whole
 is killed leaves whole files only, and the next one computes what is missing.
 """
 
-import contextlib
 import os
 import re
-import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,18 +26,15 @@ from benchmarks.results.episodes import Hash, Name, StoredCase, file_name
 from benchmarks.results.provenance import Origin, provenance
 from benchmarks.tasks.task import Case
 from castor_envs.errors import InputError
-from castor_envs.files import write_json
+from castor_envs.files import remove_leftovers, write_json
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.description import CONFIG, Duration
 from castor_envs.vehicles.robot import RobotDescription
 
 ROW_FORMAT = "castor-row/2"
 TIME_FORMAT = "castor-time/2"
-NOT_SERVED = "not applicable: "
+DECLINED = "declined: "
 """What a row's failure begins with where the estimator declined the robot; the estimator's reason follows."""
-LEFT_OVER = 3600.0
-"""s: older temporary files are left over from a run that was killed."""
-_TEMPORARY = re.compile(r"\..+\.(npz|json)\.[a-z0-9_]{8}\.tmp")  # of castor_envs.files.write_atomically
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +65,9 @@ class Row:
     @property
     def refusal(self) -> str | None:
         """Why the estimator declined the robot, None if it did not."""
-        if self.failure is None or not self.failure.startswith(NOT_SERVED):
+        if self.failure is None or not self.failure.startswith(DECLINED):
             return None
-        return self.failure.removeprefix(NOT_SERVED)
+        return self.failure.removeprefix(DECLINED)
 
 
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -226,13 +221,11 @@ def check_results_folder(results: Path, write: bool = True) -> None:
             return
 
 
-def remove_leftovers(results: Path, older_than: float = LEFT_OVER) -> None:
-    """Remove the temporary files of runs that were killed while they wrote; younger ones may be of a run going on."""
+def clean_results_folder(results: Path) -> None:
+    """Remove the temporary files of runs that were killed while they wrote; those of a run going on stay."""
     for part in ("rows/*/*", "episodes/*", "robots"):
-        for path in results.glob(f"{part}/.*.tmp"):
-            with contextlib.suppress(OSError):
-                if _TEMPORARY.fullmatch(path.name) and time.time() - path.lstat().st_mtime > older_than:
-                    path.unlink()
+        for folder in results.glob(part):
+            remove_leftovers(folder)
 
 
 def older_rows(formats: Iterable[str], folder: Path, what: str) -> str:

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.run.processes import Died, Done, Job, Raised, TimedOut, run_jobs
 from castor_envs.errors import InputError
+from castor_envs.processes import Died, Done, Exceeded, Job, Raised, TimedOut, run_jobs
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from estimators.plugins import conformance
 from estimators.plugins.conformance import Finding
@@ -63,7 +63,7 @@ def load_apart(spec: str, timeout: float, load: Load = load_estimator) -> None:
     except _LostError as lost:
         raise InputError(f"{what} {spec!r} cannot be loaded: {lost.finding.message}") from None
     except RuntimeError as error:
-        raise InputError(f"{what} {spec!r} cannot be loaded: {str(error).strip().splitlines()[-1]}") from None
+        raise InputError(f"{what} {spec!r} cannot be loaded: {error}") from None
     finally:
         worker.close()
 
@@ -99,8 +99,10 @@ class _Worker:
                 raise _LostError("answers in time", f"took over {self._timeout:g} s; --timeout gives it more")
             case Died(exit_code):
                 raise _LostError("stays alive", f"ended its process (exit code {exit_code})")
-            case Raised(text):
-                raise RuntimeError(text)
+            case Exceeded(what):
+                raise _LostError("stays within its limits", what)
+            case Raised() as raised:
+                raise raised.again("a worker process failed")
 
     def close(self) -> None:
         self._outcomes.close()

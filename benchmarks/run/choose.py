@@ -30,7 +30,7 @@ class Choice:
     tasks: tuple[Task, ...]
     plan: tuple[Assignment, ...]
     named: tuple[Competitor, ...]
-    left_out: dict[str, list[boards.NotServed]]
+    left_out: dict[str, list[boards.DeclinedEstimator]]
 
     @property
     def sources(self) -> dict[str, str]:
@@ -138,26 +138,40 @@ def builtin_entries(task: Task) -> tuple[Competitor, ...]:
     return tuple(load_estimator(name) for name in builtin_names(task.robot))
 
 
-def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dict[str, list[boards.NotServed]]:
+def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dict[str, list[boards.DeclinedEstimator]]:
     """Return the built-in ones of some estimators that do not serve tasks' robots, by task.
 
     Raises InputError for one that serves none of the tasks.
     """
-    left_out: dict[str, list[boards.NotServed]] = {}
+    left_out: dict[str, list[boards.DeclinedEstimator]] = {}
     for entry in entries:
         reasons = {task.name: reason for task in tasks if (reason := entry.applicable(task.robot)) is not None}
         if tasks and len(reasons) == len(tasks):
             why = "; ".join(dict.fromkeys(reasons.values()))
             raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}")
         for task, reason in reasons.items():
-            left_out.setdefault(task, []).append(boards.NotServed(entry.name, reason))
+            left_out.setdefault(task, []).append(boards.DeclinedEstimator(entry.name, reason))
     return left_out
 
 
-def fails_everywhere(entry: Competitor, board: boards.Leaderboard) -> bool:
-    """Return whether an estimator or a method has rows, and a score in none of them."""
-    shown = [row for task in board.boards for row in task.entries if row.estimator == entry.name]
-    names = [refusal.estimator for task in board.boards for refusal in task.not_served]
-    # Built-in estimators are left out where they would decline.
-    declined = entry.name in names and not (entry.builtin and isinstance(entry, EstimatorEntry))
-    return (bool(shown) or declined) and not any(row.done for row in shown)
+def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[str]:
+    """Return which estimators failed how many of the cases of a plan, by task; to decline is no failure."""
+    shown = {(task.task, entry.estimator): entry for task in board.boards for entry in task.entries}
+    failures = []
+    for assignment in plan:
+        for competitor in assignment.estimators:
+            entry = shown.get((assignment.task.name, competitor.name))
+            if entry is None or entry.source_hash != competitor.source_hash:
+                continue
+            lost = [case for one in entry.failed if not one.declined for case in one.cases if case in assignment.cases]
+            if lost:
+                cases = f"{len(lost)} of {len(assignment.cases)} cases"
+                failures.append(f"{competitor.name} failed {cases} of {assignment.task.name}")
+    return failures
+
+
+def declining_everything(named: Sequence[Competitor], board: boards.Leaderboard) -> list[str]:
+    """Return which named estimators or methods declined whatever they were given."""
+    scored = {entry.estimator for task in board.boards for entry in task.entries}
+    declining = {one.estimator for task in board.boards for one in task.declined}
+    return [f"{entry.name} declined every task" for entry in named if entry.name in declining - scored]

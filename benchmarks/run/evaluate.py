@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from benchmarks.progress import RunProgress
 from benchmarks.results.provenance import provenance
-from benchmarks.results.rows import NOT_SERVED, ResultsStore, Row
-from benchmarks.run.processes import Died, Done, Job, Outcome, Raised, TimedOut, run_jobs
+from benchmarks.results.rows import DECLINED, ResultsStore, Row
 from benchmarks.run.worker_calibrate import Calibrated, calibrate_and_follow, observed_calibration
 from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.task import Case, Episode, Task
+from castor_envs.processes import Died, Done, Exceeded, Job, Outcome, Raised, TimedOut, run_jobs
 from estimators.registry import CalibrationEntry, EstimatorEntry
 
 MOST_TIMEOUTS = 3
@@ -76,7 +76,7 @@ class Estimating:
                 return None
             reason = work.entry.applicable(next(iter(work.episodes.values())).robot)
             if reason is not None:
-                self._store_all(work, Failure(NOT_SERVED + reason))
+                self._store_all(work, Failure(DECLINED + reason))
             elif self._timeouts[work.key] >= MOST_TIMEOUTS:
                 reason = f"not tried after {MOST_TIMEOUTS} episodes took over {self._timeout:g} s each"
                 self._store_all(work, Failure(reason), timeout=self._timeout)
@@ -102,12 +102,14 @@ class Estimating:
                 answer = Failure(f"took over {self._timeout:g} s")
             case Died(exit_code):
                 answer = Failure(f"ended its process (exit code {exit_code})")
-            case Raised(text):
-                raise RuntimeError(f"task {work.task.name}, estimator {work.entry.name}:\n{text}")
+            case Exceeded(what):
+                answer = Failure(what)
+            case Raised() as raised:
+                raise raised.again(f"task {work.task.name}, estimator {work.entry.name}")
         if isinstance(answer, list):
             for (case, episode), result in zip(work.episodes.items(), answer, strict=True):
                 self._store(work, case, episode, result)
-        elif work.stacked and not answer.reason.startswith(NOT_SERVED):
+        elif work.stacked and not answer.reason.startswith(DECLINED):
             self._progress.warn(
                 f"{work.entry.name} on stacked runs of {work.task.name}: {answer.reason}; trying case by case"
             )

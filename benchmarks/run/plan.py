@@ -12,13 +12,13 @@ from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
-from benchmarks.results.rows import ResultsStore, check_results_folder, older_rows, remove_leftovers
+from benchmarks.results.rows import ResultsStore, check_results_folder, clean_results_folder, older_rows
 from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
-from benchmarks.run.processes import Done, Job, run_jobs
 from benchmarks.run.record import record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task, odometry_of
+from castor_envs.processes import Done, Job, run_jobs
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.registry import CalibrationEntry
 
@@ -56,7 +56,7 @@ def run(
     Raises InputError if the results folder cannot be one, RuntimeError if a task cannot record an episode.
     """
     check_results_folder(results)
-    remove_leftovers(results)
+    clean_results_folder(results)
     return _Run(results, processes, timeout, progress or SilentProgress()).run(plan)
 
 

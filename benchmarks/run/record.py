@@ -6,9 +6,9 @@ from pathlib import Path
 
 from benchmarks.progress import RunProgress
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.run.processes import Done, Job, Raised, run_jobs
 from benchmarks.tasks.task import Case, Task
 from castor_envs.errors import InputError
+from castor_envs.processes import Done, Job, Raised, run_jobs
 
 
 def record_missing(
@@ -30,8 +30,8 @@ def record_missing(
                     pass
                 case Done(str(problem)):
                     problems.setdefault(task.name, problem)
-                case Raised(text):
-                    raise RuntimeError(f"task {task.name}, case {case}: cannot be recorded\n{text}")
+                case Raised() as raised:
+                    raise raised.again(f"task {task.name}, case {case}: cannot be recorded")
                 case _:
                     raise RuntimeError(f"task {task.name}, case {case}: cannot be recorded: {outcome}")
             progress.advance()

@@ -7,23 +7,23 @@ runs is not in this process.
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.results.rows import NOT_SERVED
+from benchmarks.results.rows import DECLINED
 from benchmarks.run.worker_estimate import (
     FailedError,
     Failure,
     ObservedRun,
     estimate_stacked,
     loaded,
-    message_of,
     observed_runs,
-    one_line,
+    raised,
 )
 from benchmarks.tasks.task import Episode
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, message_of, one_line
 from castor_envs.geometry.arrays import Array
+from castor_envs.processes import end_if_forked
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
-from estimators.registry import load_calibration
+from estimators.registry import declines, load_calibration
 
 _LAYOUT = (
     ("", ("sample_period", "effects")),
@@ -83,9 +83,11 @@ def _calibrated(spec: str, source_hash: str, seen: ObservedCalibration) -> Robot
         where = "in calibrate"
         answer = method.calibrate(seen.robot, seen.recordings)
     except BaseException as error:
-        if isinstance(error, ValueError) and where == "in calibrate":
-            raise FailedError(NOT_SERVED + (message_of(error) or type(error).__name__)) from None
-        raise FailedError(f"raised {one_line(error)} {where}") from None
+        end_if_forked()
+        if where == "in calibrate" and (reason := declines(error, seen.robot)) is not None:
+            raise FailedError(DECLINED + reason) from None
+        raise FailedError(f"{raised(error)} {where}") from None
+    end_if_forked()
     return _checked(answer, seen.robot)
 
 

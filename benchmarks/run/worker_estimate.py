@@ -15,11 +15,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.results.rows import NOT_SERVED
+from benchmarks.results.rows import DECLINED
 from benchmarks.tasks.task import Episode
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, one_line
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
+from castor_envs.processes import MOST_MEMORY, end_if_forked
 from castor_envs.sensors.observation import Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
@@ -149,7 +150,9 @@ def loaded(load: Callable[[str], Entry], spec: str, source_hash: str) -> Entry:
     try:
         entry = load(spec)
     except BaseException as error:
+        end_if_forked()
         raise FailedError(f"could not be loaded by a worker process: {one_line(error)}") from None
+    end_if_forked()
     if entry.source_hash != source_hash:
         raise FailedError("its source changed while the benchmark ran; run again")
     return entry
@@ -177,22 +180,23 @@ def _follow(
             estimator = entry.factory()
             where = "in reset"
             estimator.reset(robot, start.copy())
+            end_if_forked()
             for k in range(len(observations)):
                 where = f"in update at sample {k}"
                 observation = observations.at(k)
                 began = time.process_time_ns()
                 answer = estimator.update(observation)
+                end_if_forked()
                 if spent is not None:
                     spent.append(time.process_time_ns() - began)
                 poses[..., k, :] = _pose(answer, start.shape, where)
     except FailedError:
         raise
     except BaseException as error:
-        # On a stack a ValueError may as well be of an estimator that only says that it broadcasts; singles will tell.
-        certain = isinstance(error, InputError) or not isinstance(robot, Geometry)
-        if certain and where == "in reset" and (reason := _declined(error, robot)) is not None:
-            raise FailedError(NOT_SERVED + reason) from None
-        raise FailedError(f"raised {one_line(error)} {where}") from None
+        end_if_forked()
+        if where == "in reset" and (reason := _declined(error, robot)) is not None:
+            raise FailedError(DECLINED + reason) from None
+        raise FailedError(f"{raised(error)} {where}") from None
     return poses
 
 
@@ -208,22 +212,11 @@ def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
 
 def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:
     """Return why an estimator's `reset` declines, as one printable line; None if what it raised says otherwise."""
-    if isinstance(error, ValueError):
-        return message_of(error) or type(error).__name__
-    return declines(error, robot)
+    # On a stack only what is stated counts; single runs will tell the rest.
+    return declines(error, robot) if isinstance(error, Declined) or not isinstance(robot, Geometry) else None
 
 
-def one_line(error: BaseException) -> str:
-    """Return type and message of a plug-in's exception as one printable line."""
-    text = message_of(error)
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
-def message_of(error: BaseException) -> str:
-    """Return the message of a plug-in's exception as one printable line, whatever it may hold."""
-    try:
-        text = " ".join(str(error).split())[:200]
-    except Exception:
-        text = "its message cannot be shown"
-    text = "".join(character if character.isprintable() else "?" for character in text)
-    return text
+def raised(error: BaseException) -> str:
+    """Say in one line what a plug-in raised."""
+    limit = f" (a worker process may take {MOST_MEMORY / 2**30:.1f} GiB)" if isinstance(error, MemoryError) else ""
+    return f"raised {one_line(error)}{limit}"

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
@@ -56,14 +56,14 @@ class Geometry:
     def of(cls, robot: "RobotDescription | Sequence[RobotDescription] | Geometry") -> "Geometry":
         """Return the geometry of a robot, of a sequence of robots (one leading axis), or the geometry itself.
 
-        Raises ValueError if robots of a sequence differ in layout, encoders or sample period, InputError for a train.
+        Raises ValueError if robots of a sequence differ in layout, encoders or sample period, Declined for a train.
         """
         if isinstance(robot, Geometry):
             return robot
         if isinstance(robot, RobotDescription):
             return _of_one(robot)
         if isinstance(robot, TrainDescription):
-            raise InputError(f"serves a single robot, and {robot.name!r} is a train")
+            raise Declined(f"serves a single robot, and {robot.name!r} is a train")
         members = [_of_one(member) for member in robot]
         first = members[0]
         layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError, did_you_mean, shortened
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.trajectories import Leg, Run, moved
 
@@ -36,7 +36,8 @@ class TrainPath:
     def __post_init__(self):
         if not _pairs_of_numbers(self.legs):
             raise InputError(
-                f"path {self.name!r}: legs are pairs of numbers (length, curvature), not {self.legs!r:.60}"
+                f"path {self.name!r}: legs are pairs of numbers (length, curvature), not "
+                f"{shortened(repr(self.legs), 60)}"
             )
         for length, curvature in self.legs:
             if not (0 < length < np.inf and np.isfinite(curvature)):

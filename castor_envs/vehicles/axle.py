@@ -3,14 +3,14 @@
 import dataclasses
 from dataclasses import dataclass
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
 from castor_envs.vehicles.robot import Castor, RobotDescription
 
 
 def driven_axle(robot: RobotDescription) -> int:
     """Return the index (from 0) of the fixed castor that carries a differential robot's two driven wheels.
 
-    Raises InputError for other robots. Idle castors beside the axle do no harm.
+    Raises Declined for other robots. Idle castors beside the axle do no harm.
     """
     castors = sorted({robot.wheel_castors[k] for k in robot.driven_wheels})
     wheels = [robot.wheels[k] for k in robot.driven_wheels]
@@ -22,7 +22,7 @@ def driven_axle(robot: RobotDescription) -> int:
         or len(wheels) != 2
         or any(wheel.grip != "standard" for wheel in wheels)
     ):
-        raise InputError(
+        raise Declined(
             f"{robot.name!r} is not a differential robot; give one with exactly two driven standard wheels, both on "
             "one fixed castor"
         )

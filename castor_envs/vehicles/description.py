@@ -8,7 +8,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, shortened
 from castor_envs.files import read_json, write_json
 
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -126,7 +126,8 @@ def explain(error: ValidationError) -> str:
         where = ".".join(str(part) for part in item["loc"])
         message = item["msg"].removeprefix("Value error, ")
         given = item["input"]
-        shown = "" if isinstance(given, dict | list | tuple) or item["type"] == "missing" else f", got {given!r:.80}"
+        hidden = isinstance(given, dict | list | tuple) or item["type"] == "missing"
+        shown = "" if hidden else f", got {shortened(repr(given), 80)}"
         problems.append(f"{where}: {message}{shown}" if where else f"{message}{shown}")
     more = error.error_count() - len(problems)
     return "; ".join(problems) + (f"; and {more} more" if more > 0 else "")

@@ -5,8 +5,7 @@ Whatever is there already is kept, so a trial that was stopped goes on.
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,8 @@ import numpy as np  # noqa: F401  # and with it linear algebra, before its threa
 from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
-from castor_envs.files import read_json, write_json
+from castor_envs.files import read_json, remove_leftovers, write_json
+from castor_envs.processes import Done, Job, Raised, run_jobs
 
 Task = tuple[Callable[..., None], tuple[Any, ...]]
 """What is to be done, with what."""
@@ -30,6 +30,7 @@ def begin(folder: Path, asked: dict[str, Any], parts: Sequence[str]) -> None:
         raise InputError(f"{folder}: holds another trial, {there}; give another folder")
     for part in parts:
         (folder / part).mkdir(parents=True, exist_ok=True)
+        remove_leftovers(folder / part)
     write_json(path, asked)
 
 
@@ -51,11 +52,28 @@ def each(tasks: Sequence[Task], jobs: int | None) -> None:
     if not tasks:
         return
     jobs = min(jobs or os.cpu_count() or 1, len(tasks))
-    with ProcessPoolExecutor(jobs, get_context("spawn"), _one_thread) as pool:
-        for done in [pool.submit(work, *given) for work, given in tasks]:
-            done.result()
+    with closing(run_jobs(_InOrder(tasks), jobs)) as outcomes:
+        for job, outcome in outcomes:
+            match outcome:
+                case Done():
+                    pass
+                case Raised() as raised:
+                    raise raised.again(f"trial, {job.subject}")
+                case _:
+                    raise RuntimeError(f"trial, {job.subject}: {outcome}")
 
 
-def _one_thread() -> None:
-    """Let linear algebra of this process use one thread."""
+class _InOrder:
+    """Tasks known from the start, one after another."""
+
+    def __init__(self, tasks: Sequence[Task]):
+        self._jobs = iter([Job(_in_one_thread, task, task[0].__name__.strip("_")) for task in tasks])
+
+    def next_job(self) -> Job | None:
+        return next(self._jobs, None)
+
+
+def _in_one_thread(work: Callable[..., None], given: tuple[Any, ...]) -> None:
+    """Do a task; linear algebra of this process uses one thread from then on."""
     threadpool_limits(1)
+    work(*given)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
@@ -98,7 +98,7 @@ def calibrate(
     or hold counts that jump.
     """
     if not logs:
-        raise InputError("there is no log; record one")
+        raise Declined("there is no log; record one")
     described, parameters = Geometry.of(robot), parameters_of(robot, pivots)
     scale, before = _scales(parameters), values_of(described, parameters)
     models = [LogLikelihood(described, log) for log in logs]
@@ -113,7 +113,7 @@ def calibrate(
     if strange:
         raise InputError(CONTRADICTION.format(robot.name, f" but with {', '.join(strange)}"))
     if not solution.seen.any():
-        raise InputError(_nothing(robot, poses))
+        raise Declined(_nothing(robot, poses))
     if solution.moved > 1.0:
         raise InputError(CONTRADICTION.format(robot.name, ""))
     way, variance = solution.way[:, solution.seen], 1 / solution.strength[solution.seen]
@@ -292,7 +292,7 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) ->
 
 def _check(robot: RobotDescription, logs: Sequence[Log], parameters: tuple[Parameter, ...]) -> None:
     if not parameters:
-        raise InputError(f"robot {robot.name!r} has no encoder whose numbers could be found")
+        raise Declined(f"robot {robot.name!r} has no encoder whose numbers could be found")
     turned = np.max([np.ptp(log.wheel, axis=0) for log in logs], axis=0)
     if not turned.any():
         raise InputError("no wheel turned in any log; record a drive")

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log, pivot_jumps
@@ -118,7 +118,7 @@ def calibrate(robot: RobotDescription, turns: Sequence[Turn]) -> PivotingCalibra
     _check(robot)
     n, held = len(robot.castors), sorted({turn.held for turn in turns})
     if not turns:
-        raise InputError("there is no log; record a turn clockwise and one counter-clockwise about a held castor")
+        raise Declined("there is no log; record a turn clockwise and one counter-clockwise about a held castor")
     if held[0] < 1 or held[-1] > n:
         raise InputError(f"castor {held[-1] if held[-1] > n else held[0]} cannot have been held: there are {n}")
     estimates, errors = [], []
@@ -127,7 +127,7 @@ def calibrate(robot: RobotDescription, turns: Sequence[Turn]) -> PivotingCalibra
         ways = [[m for m in measured if m.ccw == ccw] for ccw in (False, True)]
         for way, missing in zip(ways, ("clockwise", "counter-clockwise"), strict=True):
             if not way:
-                raise InputError(f"castor {castor} was held for turns in one direction only; record one {missing} too")
+                raise Declined(f"castor {castor} was held for turns in one direction only; record one {missing} too")
         estimates.append(_estimate(robot, castor, *(_mean(way) for way in ways)))
         errors.append(_rounding(robot, castor, *(_mean(way) for way in ways)))
     stacked, rounding = _stacked(estimates), _stacked(errors)
@@ -149,7 +149,7 @@ def held_castor(robot: RobotDescription, log: Log) -> int:
     still = np.flatnonzero(turned.reshape(-1, 2).max(axis=1) <= HELD) + 1
     if len(still) != 1:
         which = "none" if not len(still) else " and ".join(map(str, still))
-        raise InputError(
+        raise Declined(
             f"castors whose wheels stood: {which}; record turns in which the wheels of just one castor are blocked"
         )
     return int(still[0])
@@ -166,12 +166,12 @@ class _Measured(NamedTuple):
 
 def _check(robot: RobotDescription) -> None:
     if len(robot.castors) < 2:
-        raise InputError(f"robot {robot.name!r} has one castor; this calibration holds one and calibrates others")
+        raise Declined(f"robot {robot.name!r} has one castor; this calibration holds one and calibrates others")
     for i, castor in enumerate(robot.castors, start=1):
         if len(castor.wheels) != 2 or not all(w.driven and w.grip == "standard" for w in castor.wheels):
-            raise InputError(f"robot {robot.name!r}: castor {i} needs two driven wheels with grip 'standard'")
+            raise Declined(f"robot {robot.name!r}: castor {i} needs two driven wheels with grip 'standard'")
         if castor.pivot_counts_per_rev is None:
-            raise InputError(f"robot {robot.name!r}: castor {i} has no pivot encoder")
+            raise Declined(f"robot {robot.name!r}: castor {i} has no pivot encoder")
 
 
 def _check_sizes(robot: RobotDescription, found: CastorParameters) -> None:

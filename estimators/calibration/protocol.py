@@ -28,7 +28,7 @@ class CalibrationMethod(Protocol):
     def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording], /) -> RobotDescription:
         """Return the robot with the parameters that the recordings tell, its layout unchanged.
 
-        robot: as its user describes it. Raises ValueError (InputError is one) where the method does not serve this
-        robot or these recordings.
+        robot: as its user describes it. Raises `Declined` (`castor_envs.errors`) where the method does not serve this
+        robot or such recordings; whatever else it raises is a fault, of its own or in the recordings.
         """
         ...

@@ -22,7 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
@@ -156,7 +156,7 @@ def direction_of(log: Log) -> Literal["cw", "ccw"]:
     """Return which way a log with a reference went round; raises InputError where it has none at start or end."""
     ends = np.full((2, 3), np.nan) if log.reference is None else log.reference[[0, -1]]
     if not np.isfinite(ends).all():
-        raise InputError("has no reference at its start and end; record the true pose at both")
+        raise Declined("has no reference at its start and end; record the true pose at both")
     return "ccw" if ends[1, 2] > ends[0, 2] else "cw"
 
 
@@ -181,7 +181,7 @@ def _errors(direction: str, values: ArrayLike) -> Array:
     """Return return errors (n, 2 or 3) after checking them."""
     errors = np.asarray(values, dtype=float)
     if errors.size == 0:
-        raise InputError(
+        raise Declined(
             f"no {direction} run; record runs in both directions: one alone cannot tell wheel base from wheel diameters"
         )
     if errors.ndim != 2 or errors.shape[1] not in (2, 3):
@@ -227,7 +227,7 @@ def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "c
     ends = np.full((2, 3), np.nan) if log.reference is None or not len(log) else log.reference[[0, -1]]
     for place, pose in zip(("start", "end"), ends, strict=True):
         if not np.isfinite(pose).all():
-            raise InputError(f"{name} has no reference at the {place}; record the true pose at the start and the end")
+            raise Declined(f"{name} has no reference at the {place}; record the true pose at the start and the end")
     if not np.isfinite(log.wheel).all():
         raise InputError(f"{name} has wheel counts that are not finite; record the counts of every sample")
     truth = relative_pose(compose(ends[0], seat), compose(ends[1], seat))
@@ -259,7 +259,7 @@ class UMBmarkMethod:
         sides = sorted({side for _, side in squares})
         if len(sides) != 1:
             found = "none" if not sides else ", ".join(f"{side:g} m" for side in sides)
-            raise InputError(f"needs UMBmark squares of one side; sides of these recordings: {found}")
+            raise Declined(f"needs UMBmark squares of one side; sides of these recordings: {found}")
         logs = [log for log, _ in squares]
         return corrected(robot, from_logs(robot, logs, [direction_of(log) for log in logs], sides[0]))
 

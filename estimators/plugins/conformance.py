@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from castor_envs.errors import InputError
+from castor_envs.errors import one_line
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import wrap
+from castor_envs.processes import end_if_forked
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from castor_envs.vehicles.robot import RobotDescription
@@ -78,7 +79,7 @@ def candidates() -> list[str]:
 
 
 def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
-    """Return why the estimator's `reset` declines a robot or a train, with a ValueError; None if it does not.
+    """Return why the estimator's `reset` declines a robot or a train; None if it does not.
 
     Whatever else goes wrong is for `check` to find.
     """
@@ -134,13 +135,18 @@ class _Subject:
 def _serves(subject: _Subject) -> None:
     try:
         subject.estimate(subject.straight, observations=[])
-    except ValueError as error:
-        # Only an InputError is surely meant; any other may be a mistake, so it is said where it comes from.
-        place = "" if isinstance(error, InputError) else f" {_place(subject.entry, error)}"
-        raise _Wrong(
-            f"reset refuses {_kind(subject.vehicle)} {subject.vehicle.name!r}: {_reason(error)}{place}; check with one "
-            "that it serves"
-        ) from None
+    except Exception as error:
+        kind, reason = _kind(subject.vehicle), declines(error, subject.vehicle)
+        if reason is not None:
+            raise _Wrong(
+                f"reset declines {kind} {subject.vehicle.name!r}: {reason}; check with one that it serves"
+            ) from None
+        if isinstance(error, ValueError):
+            raise _Wrong(
+                f"reset raises {one_line(error)} {_place(subject.entry, error)}: mend it, or, if the estimator is not "
+                f"made for {kind} {subject.vehicle.name!r}, raise estimators.Declined with what it needs"
+            ) from None
+        raise
 
 
 def _returns_poses(subject: _Subject) -> None:
@@ -329,8 +335,8 @@ def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice
     except _Wrong as wrong:
         return Finding(name, False, str(wrong))
     except (Exception, SystemExit) as error:
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        return Finding(name, False, f"raises {text} {_place(entry, error)}{advice and ': ' + advice}")
+        end_if_forked()
+        return Finding(name, False, f"raises {one_line(error)} {_place(entry, error)}{advice and ': ' + advice}")
     return Finding(name, True)
 
 
@@ -339,10 +345,6 @@ def _place(entry: EstimatorEntry, error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
     return f"({own[-1].name}, line {own[-1].lineno} of {own[-1].filename})"
-
-
-def _reason(error: ValueError) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _kind(vehicle: Vehicle) -> str:
@@ -357,6 +359,7 @@ def _robot(subject: _Subject) -> RobotDescription:
 
 def _pose(value: object, k: int, shape: tuple[int, ...]) -> Array:
     """Return what update number k returned as an array of this shape; raises _Wrong where it is none."""
+    end_if_forked()
     try:
         pose = np.asarray(value)
     except ValueError:

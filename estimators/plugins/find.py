@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from castor_envs.discovery import offers
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError, did_you_mean, one_line
 from estimators.plugins.source_hash import source_files, source_hash
 
 _FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbours
@@ -142,8 +142,8 @@ def _imported(run: Callable[[], ModuleType], what: str, file: str | None) -> Mod
         if isinstance(error, SyntaxError) and error.filename == file:
             lines.append(error.lineno)
         where = f", line {lines[-1]}" if lines else ""
-        text = error.msg if isinstance(error, SyntaxError) else " ".join(str(error).split())
-        raise InputError(f"{what}: cannot be imported{where} ({type(error).__name__}: {text})") from None
+        text = f"{type(error).__name__}: {error.msg}" if isinstance(error, SyntaxError) else one_line(error)
+        raise InputError(f"{what}: cannot be imported{where} ({text})") from None
 
 
 def _class_in(module: ModuleType, name: str, where: str) -> type:

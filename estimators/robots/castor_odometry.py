@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
@@ -44,7 +44,7 @@ class CastorOdometry:
       about the axle, offset times turn, is taken across that heading too
     - "euler-axle": the axle as in "euler", the pivot's swing about it exact
 
-    Raises InputError where a castor lacks two driven standard wheels, or has no pivot encoder and is not fixed.
+    Raises Declined where a castor lacks two driven standard wheels, or has no pivot encoder and is not fixed.
     """
 
     def __init__(self, geometry: Geometry, castors: Sequence[int], step: Step = "arc") -> None:
@@ -109,17 +109,17 @@ class CastorOdometry:
 def several_castors(geometry: Geometry, left_out: int) -> tuple[tuple[int, ...], Array]:
     """Return indices (from 0) and pivots (..., n, 2) of all castors but number `left_out` (from 1; 0: none).
 
-    Raises InputError where there is no such castor, fewer than two remain, or those that remain share one pivot.
+    Raises Declined where there is no such castor, fewer than two remain, or those that remain share one pivot.
     """
     if not 0 <= left_out <= geometry.n_castors:
-        raise InputError(f"there is no castor {left_out} to leave out; the robot has {geometry.n_castors}")
+        raise Declined(f"there is no castor {left_out} to leave out; the robot has {geometry.n_castors}")
     castors = tuple(castor for castor in range(geometry.n_castors) if castor != left_out - 1)
     if len(castors) < 2:
         without = f" without castor {left_out}" if left_out else ""
-        raise InputError(f"needs at least two castors; the robot{without} has {len(castors)}")
+        raise Declined(f"needs at least two castors; the robot{without} has {len(castors)}")
     pivot = geometry.pivot[..., castors, :]
     if np.any(np.all(pivot == pivot[..., :1, :], axis=(-1, -2))):
-        raise InputError("needs castors whose pivots stand apart; here all have the same pivot")
+        raise Declined("needs castors whose pivots stand apart; here all have the same pivot")
     return castors, pivot
 
 
@@ -160,11 +160,11 @@ def _driven_pair(geometry: Geometry, castor: int) -> tuple[int, int]:
     number = castor + 1
     pair = np.flatnonzero((geometry.wheel_castor == castor) & ~np.isnan(geometry.counts_per_rev))
     if len(pair) != 2:
-        raise InputError(f"needs two driven wheels on castor {number}; there {_are(len(pair))}")
+        raise Declined(f"needs two driven wheels on castor {number}; there {_are(len(pair))}")
     if not geometry.standard[pair].all():
-        raise InputError(f"needs driven wheels with grip 'standard' on castor {number}; there are omni wheels")
+        raise Declined(f"needs driven wheels with grip 'standard' on castor {number}; there are omni wheels")
     if not geometry.fixed[castor] and np.isnan(geometry.pivot_counts_per_rev[castor]):
-        raise InputError(f"needs a pivot encoder on castor {number}, which is not fixed; there is none")
+        raise Declined(f"needs a pivot encoder on castor {number}, which is not fixed; there is none")
     return int(pair[0]), int(pair[1])
 
 

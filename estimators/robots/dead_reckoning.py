@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import wrap
@@ -32,7 +32,7 @@ class DeadReckoning:
         for castor in range(1, len(robot.castors) + 1):
             try:
                 cls(castor).reset(robot, np.zeros(3))
-            except InputError:
+            except Declined:
                 continue
             return (castor,)
         return ()
@@ -41,7 +41,7 @@ class DeadReckoning:
         """Start at `pose` (..., 3); raises InputError where the robot lacks the castor or it does not suit."""
         geometry, self._pose = start(robot, pose)
         if not 1 <= self.castor <= geometry.n_castors:
-            raise InputError(f"there is no castor {self.castor}; the robot has {geometry.n_castors}")
+            raise Declined(f"there is no castor {self.castor}; the robot has {geometry.n_castors}")
         self._castor = CastorOdometry(geometry, [self.castor - 1], self.step)
         pivot = geometry.pivot[..., self.castor - 1, :]
         self._pivot = pivot[..., 0], pivot[..., 1]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import wrap
@@ -43,7 +43,7 @@ class IPEC:
         castors, pivot = several_castors(geometry, self.left_out)
         if len(castors) != 2:
             advice = ": leave out one of them" if len(castors) == 3 and self.left_out == 0 else ""
-            raise InputError(f"uses two castors, and {len(castors)} are given{advice}")
+            raise Declined(f"uses two castors, and {len(castors)} are given{advice}")
         self._castors = CastorOdometry(geometry, castors, self.step)
         self._first, self._second = ((pivot[..., k, 0], pivot[..., k, 1]) for k in (0, 1))
         self._bearing = np.arctan2(self._second[1] - self._first[1], self._second[0] - self._first[0])

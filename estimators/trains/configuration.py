@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import wrap
@@ -35,18 +35,16 @@ class Configuration:
     Each axle is a differential robot of its own: a fixed castor with two driven wheels, integrated by exact arcs.
     interval: sample periods between two corrections; None: there are none, and relative poses are not read.
 
-    poses: (N, 3) = x, y (m), psi (rad, unwrapped) in N. Raises InputError for anything but a train, and for poses of
-    another shape.
+    poses: (N, 3) = x, y (m), psi (rad, unwrapped) in N. Raises Declined for anything but a train, InputError for
+    poses of another shape.
     """
 
     def __init__(self, train: object, poses: ArrayLike, interval: int | None) -> None:
         if isinstance(train, RobotDescription | Geometry):
             name = f" {train.name!r}" if isinstance(train, RobotDescription) else ""
-            raise InputError(
-                f"serves trains, and this is a robot{name}; for robots there are others, as dead-reckoning"
-            )
+            raise Declined(f"serves trains, and this is a robot{name}; for robots there are others, as dead-reckoning")
         if not isinstance(train, TrainDescription):
-            raise InputError(f"serves trains: give it a TrainDescription, not {type(train).__name__}")
+            raise Declined(f"serves trains: give it a TrainDescription, not {type(train).__name__}")
         self.poses = np.array(poses, dtype=float)
         if self.poses.shape != (train.n_axles, 3):
             raise InputError(

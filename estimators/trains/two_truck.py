@@ -20,7 +20,7 @@ Steps at a correction, axle 1 in front:
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
@@ -58,7 +58,7 @@ class TwoTruckIPEC:
         """Start at `poses` (2, 3); raises InputError for all but a train of two axles, and poses of another shape."""
         self._configuration = Configuration(train, poses, self.interval)
         if train.n_axles != 2:
-            raise InputError(f"joins two axles, and {train.name!r} has {train.n_axles}; grpec-xy serves any number")
+            raise Declined(f"joins two axles, and {train.name!r} has {train.n_axles}; grpec-xy serves any number")
 
     @property
     def status(self) -> str | None:

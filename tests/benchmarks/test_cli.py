@@ -203,10 +203,11 @@ def test_exported_episodes_are_what_estimators_get(castor_bench, fake_tasks, tmp
 
 CHOOSY = """
 import numpy as np
+from estimators import Declined
 
 class Choosy:
     def reset(self, robot, pose):
-        raise ValueError("needs\\n six legs")
+        raise Declined("needs\\n six legs")
 
     def update(self, observation):
         return np.zeros(3)
@@ -218,18 +219,25 @@ def test_a_plug_in_that_declines_the_robot_is_no_row_and_no_success(castor_bench
     arguments = ("run", "--task", "arcs", "--cases", 1, "--jobs", 1, "--estimator")
     code, out, err = castor_bench(*arguments, plugin("followers:Follower"), "--estimator", "choosy.py")
     assert code == 1, err
-    assert "choosy:Choosy does not serve this robot: needs six legs" in out
+    assert "choosy:Choosy declines this robot: needs six legs" in out
     assert "choosy:Choosy failed" not in out
+    assert err.endswith("not all succeeded: choosy:Choosy declined every task; the reasons are above\n")
     assert castor_bench(*arguments, plugin("followers:Follower"))[0] == 0
 
 
-def test_who_fails_everything_makes_the_run_fail_after_the_board(castor_bench, plugin):
+def test_a_row_that_failed_makes_the_run_fail_after_the_board(castor_bench, plugin):
+    """Whether it failed in this run or in one before; the last line says which."""
     arguments = ("run", "--task", "arcs", "--cases", 2, "--jobs", 1, "--estimator")
-    code, out, _ = castor_bench(*arguments, plugin("faulty:Raises"))
+    code, out, err = castor_bench(*arguments, plugin("faulty:Raises"))
     assert code == 1
+    assert err.endswith("not all succeeded: faulty:Raises failed 2 of 2 cases of arcs; the reasons are above\n")
     assert "failed 2 of 2 cases" in out
     assert out.endswith("castor-bench leaderboard --results castor-results\n")
-    code, _, err = castor_bench(*arguments, plugin("fails_on_some:FailsOnSome"), "--cases", 4)
+    for _ in range(2):
+        code, _, err = castor_bench(*arguments, plugin("fails_on_some:FailsOnSome"), "--cases", 4)
+        assert code == 1
+        assert err.endswith("fails_on_some:FailsOnSome failed 1 of 4 cases of arcs; the reasons are above\n")
+    code, _, err = castor_bench(*arguments, plugin("fails_on_some:FailsOnSome"))
     assert code == 0, err
 
 
@@ -254,7 +262,37 @@ def test_a_built_in_is_left_out_of_the_tasks_that_it_does_not_serve(castor_bench
     code, out, err = castor_bench("run", "--estimator", "cast-3", "--estimator", "dead-reckoning-1")
     assert code == 0, err
     assert heard == {"arcs": ["dead-reckoning-1"], "other": ["cast-3", "dead-reckoning-1"]}
-    assert "cast-3 does not serve this robot: " in out
+    assert "cast-3 declines this robot: " in out
+
+
+def test_a_full_disk_is_one_line_and_the_same_command_goes_on(castor_bench, plugin):
+    """In place of a full disk the system refuses files over 2 kB, in worker processes too."""
+    resource = pytest.importorskip("resource")
+    arguments = ("run", "--task", "arcs", "--cases", 1, "--jobs", 1, "--estimator", plugin("followers:Follower"))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        code, out, err = castor_bench(*arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (code, out) == (1, "")
+    assert err.splitlines()[-1] == (
+        "error: castor-results/episodes/arcs@1/0.npz: File too large; make room; "
+        "what is done is kept in castor-results: the same command continues"
+    )
+    assert not [path for path in Path("castor-results").rglob("*") if path.is_file()]
+    assert castor_bench(*arguments)[0] == 0
+
+
+def test_an_error_that_nobody_foresaw_is_one_line(castor_bench, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(cli, "run_plan", broken)
+    code, out, err = castor_bench("run", "--task", "arcs")
+    assert (code, out) == (1, "")
+    assert err.strip().startswith("error: unforeseen ZeroDivisionError: a bug; what is done is kept in castor-results")
+    assert "Traceback (most" in castor_bench("run", "--task", "arcs", "--traceback")[2]
 
 
 def test_ctrl_c_says_what_is_kept(castor_bench, monkeypatch):
@@ -276,12 +314,12 @@ def test_a_file_named_without_its_ending_is_suggested(castor_bench, command):
 
 
 ODOMETRY = """
-from estimators import DeadReckoning
+from estimators import Declined, DeadReckoning
 
 class MyOdometry(DeadReckoning):
     def reset(self, robot, pose):
         if len(robot.castors) != 1 or robot.castors[0].steering != "fixed":
-            raise ValueError("needs a differential robot: one fixed castor")
+            raise Declined("needs a differential robot: one fixed castor")
         super().reset(robot, pose)
     batched = False
 """
@@ -299,8 +337,7 @@ def test_check_names_the_robot_and_who_was_declined(castor_bench):
     code, out, _ = castor_bench("check", "choosy.py")
     assert code == 1
     assert out.splitlines()[0].endswith("(it declines every preset)")
-    assert "WRONG  serves the robot: reset refuses robot" in out
-    assert "needs six legs (reset, line 6 of" in out
+    assert "WRONG  serves the robot: reset declines robot 'asoc-prototype': needs six legs; check with" in out
 
 
 @pytest.mark.parametrize(

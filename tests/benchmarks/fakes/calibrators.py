@@ -4,7 +4,7 @@ import dataclasses
 import gc
 import os
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
 from castor_envs.vehicles.presets import differential, preset
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -24,7 +24,7 @@ class Raises:
 
 class Refuses:
     def calibrate(self, robot, recordings):
-        raise InputError("needs six legs")
+        raise Declined("needs six legs")
 
 
 class ReturnsText:

@@ -7,7 +7,8 @@ import time
 
 import numpy as np
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined
+from castor_envs.processes import MOST_MEMORY
 
 
 class Good:
@@ -81,7 +82,31 @@ class Beats(Good):
 
 class Refuses(Good):
     def reset(self, robot, pose):
-        raise InputError("needs six legs")
+        raise Declined("needs six legs")
+
+
+class RaisesInReset(Good):
+    def reset(self, robot, pose):
+        super().reset(robot, np.zeros((2, 2)) + np.zeros(3))
+
+
+class Forks(Good):
+    """Forks in an update; what comes of it goes on as if it were the worker."""
+
+    def fail(self):
+        os.fork()
+        return self.pose
+
+
+class TakesMemory(Good):
+    def fail(self):
+        return bytearray(MOST_MEMORY)
+
+
+class Prints(Good):
+    def fail(self):
+        while True:
+            sys.stderr.write("here I am\n" * 1000)
 
 
 class CannotBeMade(Good):

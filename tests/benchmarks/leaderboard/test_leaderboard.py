@@ -245,26 +245,26 @@ def test_who_declines_the_robot_is_no_row(board):
     """All of its rows are refusals: it did not fail, and its cases are not the board's."""
     board.put("good", HARD)
     reason = "needs six legs | or [b]eight[/b]"
-    board.put("choosy", [0.0] * 10, cases=range(10), failures=dict.fromkeys(range(10), f"not applicable: {reason}"))
-    board.put("half", HARD, failures={0: "not applicable: not this one"})
+    board.put("choosy", [0.0] * 10, cases=range(10), failures=dict.fromkeys(range(10), f"declined: {reason}"))
+    board.put("half", HARD, failures={0: "declined: not this one"})
     leaderboard = build([board.task], board.results)
     (shown,) = leaderboard.boards
     assert [entry.estimator for entry in shown.entries] == ["good", "half"]
     assert len(shown.cases) == 8
     assert not shown.entries[0].lacking
     (task,) = as_json(leaderboard)["tasks"]
-    assert task["not_served"] == [{"estimator": "choosy", "reason": reason}]
+    assert task["declined"] == [{"estimator": "choosy", "reason": reason}]
     text = as_markdown(leaderboard)
-    assert f"- choosy does not serve this robot: {reason}\n" in text
+    assert f"- choosy declines this robot: {reason}\n" in text
     assert "choosy failed" not in text
-    assert "half failed 1 of 8 cases (0): not applicable: not this one" in text
+    assert "half declined 1 of 8 cases (0): not this one" in text
 
 
 def test_a_board_of_refusals_alone_says_so(board, capsys):
-    board.put("choosy", HARD, failures=dict.fromkeys(CASES, "not applicable: needs six legs"))
+    board.put("choosy", HARD, failures=dict.fromkeys(CASES, "declined: needs six legs"))
     print_leaderboard(build([board.task], board.results), Console(width=80))
     out = capsys.readouterr().out
-    assert "choosy does not serve this robot: needs six legs" in out
+    assert "choosy declines this robot: needs six legs" in out
     assert "mean over" not in out
 
 

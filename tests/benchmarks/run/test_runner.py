@@ -1,9 +1,8 @@
 """The run on small fake tasks: rows are right, faults cost their own rows, and nothing is computed twice."""
 
+import contextlib
 import dataclasses
-import os
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -17,11 +16,13 @@ from benchmarks.run import evaluate as estimating
 from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_stacked, observed_runs
 from castor_envs.errors import InputError
+from castor_envs.processes import MOST_MEMORY
 from estimators.registry import load_estimator
 
+GIB = MOST_MEMORY / 2**30
 FAULTY = (
     *("Raises", "ReturnsNaN", "WrongShape", "ReturnsText", "Overflows", "Exits", "Dies", "Hangs", "Refuses"),
-    *("CannotBeMade", "LooksForTruth"),
+    *("CannotBeMade", "LooksForTruth", "RaisesInReset", "TakesMemory", "Prints", "Forks"),
 )
 
 
@@ -56,9 +57,9 @@ def all_sorts(tmp_path_factory, fake_tasks, plugin):
 
 def test_every_estimator_has_a_row_for_every_case(all_sorts):
     _, _, rows, heard = all_sorts
-    assert len(rows) == 15 * 2
+    assert len(rows) == 19 * 2
     assert heard.stages["recording episodes"] == 2
-    assert heard.stages["running estimators"] == 15 * 2
+    assert heard.stages["running estimators"] == 19 * 2
 
 
 @pytest.mark.parametrize(
@@ -72,8 +73,14 @@ def test_every_estimator_has_a_row_for_every_case(all_sorts):
         ("Exits", "raised SystemExit: 0 in update at sample 7 of run 1"),
         ("Dies", "ended its process (exit code 0)"),
         ("Hangs", "took over 3 s"),
-        ("Refuses", "not applicable: needs six legs"),
+        ("Refuses", "declined: needs six legs"),
         ("CannotBeMade", "raised RuntimeError: no when constructed"),
+        (
+            "RaisesInReset",
+            "raised ValueError: operands could not be broadcast together with shapes (2,2) (3,) in reset",
+        ),
+        ("TakesMemory", f"raised MemoryError (a worker process may take {GIB:.1f} GiB) in update at sample 7 of run 1"),
+        ("Prints", "printed over 100 kB to stderr"),
     ],
 )
 def test_a_fault_costs_its_own_rows_and_says_why(all_sorts, kind, reason):
@@ -82,6 +89,15 @@ def test_a_fault_costs_its_own_rows_and_says_why(all_sorts, kind, reason):
         row = rows[f"faulty:{kind}", case]
         assert row.failure == reason
         assert not row.scores
+
+
+def test_an_estimator_that_forks_has_its_own_rows_once(all_sorts):
+    """They are those of the start pose, as of one that does not fork."""
+    _, _, rows, _ = all_sorts
+    for case in (2, 3):
+        row = rows["faulty:Forks", case]
+        assert row.failure is None
+        assert row.scores["ate"] == row.scores["ate_standing_still"]
 
 
 def test_an_estimator_that_works_is_not_troubled(all_sorts, fake_tasks):
@@ -311,13 +327,14 @@ def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plug
     assert other.stages["running estimators"] == 0  # this world records the same
 
 
-def test_a_value_error_in_reset_declines_the_robot(tmp_path, fake_tasks):
-    """On a stack too, where it may be a mistake in broadcasting instead: single runs are tried then."""
+def test_a_refusal_declines_the_robot_and_a_value_error_does_not(tmp_path, fake_tasks):
+    """On a stack too; there other errors may be of broadcasting, and single runs are tried."""
     file, task = tmp_path / "mine.py", fake_tasks.Arcs()
     file.write_text(
         "import numpy as np\n"
+        "from estimators import Declined\n"
         "class Declines:\n"
-        " def reset(self, robot, pose): raise ValueError('needs\\n legs')\n"
+        " def reset(self, robot, pose): raise Declined('needs\\n legs')\n"
         " def update(self, seen): return np.zeros(3)\n"
         "class Broadcasts(Declines):\n"
         " batched = True\n"
@@ -333,19 +350,21 @@ def test_a_value_error_in_reset_declines_the_robot(tmp_path, fake_tasks):
     }
 
 
-def test_what_killed_runs_left_is_removed_after_an_hour(tmp_path, fake_tasks):
+def test_what_killed_runs_left_is_removed_and_what_is_being_written_stays(tmp_path, fake_tasks):
+    """A writer holds a lock on its temporary file as long as it lives."""
+    fcntl = pytest.importorskip("fcntl")
     kept = [".5.npz.abcd_123.tmp", ".notes.tmp", ".5.npz.abc.tmp", "5.npz.abcd_123.tmp", ".5.npz"]
-    old = time.time() - 3700
     folders = [tmp_path / "rows" / "arcs@1" / "mine-0", tmp_path / "episodes" / "arcs@1"]
-    for folder in folders:
-        folder.mkdir(parents=True)
-        for name in (*kept, ".6.npz.abcd_123.tmp", ".time.json.abcd_123.tmp"):
-            (folder / name).write_bytes(b"half")
-            if name != kept[0]:
-                os.utime(folder / name, (old, old))
-    run([Assignment(fake_tasks.Arcs(), (), ())], tmp_path)
-    for folder in folders:
-        assert sorted(path.name for path in folder.iterdir()) == sorted(kept)
+    with contextlib.ExitStack() as writers:
+        for folder in folders:
+            folder.mkdir(parents=True)
+            for name in (*kept, ".6.npz.abcd_123.tmp", ".time.json.abcd_123.tmp"):
+                (folder / name).write_bytes(b"half")
+            writer = writers.enter_context((folder / kept[0]).open("rb+"))
+            fcntl.flock(writer, fcntl.LOCK_EX)
+        run([Assignment(fake_tasks.Arcs(), (), ())], tmp_path)
+        for folder in folders:
+            assert sorted(path.name for path in folder.iterdir()) == sorted(kept)
 
 
 def test_a_plug_in_cannot_change_the_scores_of_others(tmp_path, fake_tasks, plugin):

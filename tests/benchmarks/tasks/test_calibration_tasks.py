@@ -38,7 +38,7 @@ from estimators.registry import load_calibration, load_estimator
 ERRORS = ("offset_error", "radius_error", "half_track_error", "pivot_zero_error")
 FAULTY = {
     "Raises": "raised RuntimeError: no idea in calibrate",
-    "Refuses": "not applicable: needs six legs",
+    "Refuses": "declined: needs six legs",
     "ReturnsText": "returned str instead of a RobotDescription",
     "OtherRobot": "returned a robot of another layout: wheels of its castors [2, 2, 2] instead of [2]",
     "OtherEncoders": "returned a robot of another layout: counts_per_rev of wheel 1 is 7.0 instead of 2000.0",
@@ -258,7 +258,7 @@ def test_the_board_ranks_methods(all_sorts, by_arcs):
     leaderboard = build([by_arcs], results)
     (board,) = leaderboard.boards
     assert board.odometry == "dead-reckoning-1"
-    assert [one.estimator for one in board.not_served] == ["calibrators:Refuses"]
+    assert [one.estimator for one in board.declined] == ["calibrators:Refuses"]
     assert [entry.estimator for entry in board.entries][:1] == ["calibrators:Truth"]
     (data,) = json.loads(json.dumps(as_json(leaderboard)))["tasks"]
     assert data["odometry"] == "dead-reckoning-1"
@@ -366,7 +366,7 @@ def test_both_kinds_may_be_named_and_all_run_without_names(castor_bench, plugin,
 def test_a_method_that_serves_nothing_is_no_success(castor_bench):
     code, out, _ = castor_bench("run", "--cases", 1, "--jobs", 1, "--method", "pivoting")
     assert code == 1
-    assert "pivoting does not serve this task: robot" in out
+    assert "pivoting declines this task: robot" in out
 
 
 def test_methods_are_listed(castor_bench):

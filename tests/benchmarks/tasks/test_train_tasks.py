@@ -412,7 +412,7 @@ def test_who_stays_put_in_a_snapshot_is_ranked_all_the_same(castor_bench):
     ("name", "said"),
     [
         ("OneAxle", "mine:OneAxle failed 1 of 1 cases (test-1): returned shape (3,) instead of (3, 3) in update"),
-        ("OfRobots", "mine:OfRobots does not serve this robot: is written for robots: it asks for 'castors'"),
+        ("OfRobots", "mine:OfRobots declines this robot: is written for robots: it asks for 'castors'"),
     ],
 )
 def test_a_plug_in_that_is_not_for_trains_is_told_apart(castor_bench, name, said):
@@ -434,8 +434,8 @@ def test_robots_and_trains_estimators_decline_each_other(castor_bench):
         *("--estimator", "drives.py", "--estimator", "rolls.py"),
     )
     assert code == 0
-    assert "drives:Drives does not serve this robot: serves a single robot, and 'CFMMR, 3 axles' is a train" in out
-    assert "rolls:Rolls does not serve this robot: serves trains, and this is a robot" in out
+    assert "drives:Drives declines this robot: serves a single robot, and 'CFMMR, 3 axles' is a train" in out
+    assert "rolls:Rolls declines this robot: serves trains, and this is a robot" in out
     assert "failed" not in out
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.motion.rolling import roll
@@ -93,12 +93,12 @@ def test_squares_tell_the_wheel_base(squares):
 def test_methods_decline_what_is_not_for_them(turns, squares):
     base, driven = turns
     robot, closed = squares
-    with pytest.raises(InputError, match="one castor"):
+    with pytest.raises(Declined, match="one castor"):
         PivotingMethod().calibrate(robot, closed)
-    with pytest.raises(InputError, match="needs UMBmark squares of one side; sides of these recordings: none"):
+    with pytest.raises(Declined, match="needs UMBmark squares of one side; sides of these recordings: none"):
         UMBmarkMethod().calibrate(base, driven)
     mixed = [*closed, Recording(closed[0].log, side=2.0)]
-    with pytest.raises(InputError, match=r"1\.5 m, 2 m"):
+    with pytest.raises(Declined, match=r"1\.5 m, 2 m"):
         UMBmarkMethod().calibrate(robot, mixed)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Gyro
@@ -164,7 +164,7 @@ class Choosy(Careful):
 
 class Refusing(Careful):
     def reset(self, robot, pose):
-        raise InputError("serves nobody")
+        raise Declined("serves nobody")
 
 
 class Unwrapped(Careful):
@@ -331,22 +331,36 @@ def test_robot_that_cannot_drive_straight_is_refused():
 
 
 class ForDifferential(Careful):
-    """Declines others as an author does who does not know InputError."""
+    """Declines others."""
 
     def reset(self, robot, pose):
         if len(robot.castors) != 1:
-            raise ValueError("needs\none castor")
+            raise Declined("needs\none castor")
         super().reset(robot, pose)
 
 
-def test_value_error_in_reset_declines_the_robot():
+class Misshapes(Careful):
+    """Makes a mistake in `reset` that numpy finds."""
+
+    def reset(self, robot, pose):
+        super().reset(robot, pose + np.zeros(2))
+
+
+def test_a_value_error_in_reset_is_a_mistake_and_no_refusal():
+    assert refusal(entry(Misshapes), preset("asoc-prototype")) is None
+    message = failed(Misshapes)["serves the robot"]
+    assert re.match(r"reset raises ValueError: operands could not be broadcast .* \(reset, line \d+ of", message)
+    assert "raise estimators.Declined with what it needs" in message
+
+
+def test_a_refusal_declines_the_robot():
     assert refusal(entry(ForDifferential), preset("asoc-prototype")) == "needs one castor"
     assert refusal(entry(ForDifferential), preset("differential")) is None
     assert failed(ForDifferential) == {}
     message = failed(ForDifferential, preset("asoc-prototype"))["serves the robot"]
-    assert re.search(r"reset refuses robot .*: needs one castor \(reset, line \d+ of", message)
+    assert message == "reset declines robot 'asoc-prototype': needs one castor; check with one that it serves"
 
 
-@pytest.mark.parametrize("kind", [Choosy, RaisingInReset])
+@pytest.mark.parametrize("kind", [Choosy, RaisingInReset, Misshapes])
 def test_other_errors_decline_nothing(kind):
     assert refusal(entry(kind), preset("asoc-prototype")) is None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import estimators
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.vehicles.presets import cfmmr, preset, preset_names
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, builtin_names, load_estimator
 from estimators.plugins.source_hash import source_files
@@ -320,3 +320,5 @@ def test_what_only_the_other_kind_of_vehicle_has_declines_it():
     assert reason(robot, "no_such_thing") is None
     assert declines(AttributeError("castors", name="castors", obj=object()), train) is None
     assert declines(KeyError("castors"), train) is None
+    assert declines(InputError("the poses to start at are not finite"), train) is None
+    assert declines(Declined("needs\n robots"), train) == "needs robots"

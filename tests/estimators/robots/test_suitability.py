@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.vehicles.presets import differential, n_castor, omnimate, preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator
@@ -51,12 +51,17 @@ ONE_PLACE = dataclasses.replace(omnimate(), castors=(omnimate().castors[0],) * 2
         (IPEC(1), n_castor(4), "uses two castors, and 3 are given"),
         (IPEC(), ONE_PLACE, "pivots stand apart"),
         (CASTArc(), ONE_PLACE, "pivots stand apart"),
-        (CAST(step=cast(Any, "runge")), n_castor(3), "unknown step 'runge'"),
     ],
 )
-def test_unsuitable_robot_is_refused(estimator, robot, message):
-    with pytest.raises(InputError, match=message):
+def test_unsuitable_robot_is_declined(estimator, robot, message):
+    with pytest.raises(Declined, match=message):
         estimator.reset(robot, np.zeros(3))
+
+
+def test_an_unknown_step_is_a_mistake_and_no_refusal():
+    with pytest.raises(InputError, match="unknown step 'runge'") as raised:
+        CAST(step=cast(Any, "runge")).reset(n_castor(3), np.zeros(3))
+    assert not isinstance(raised.value, Declined)
 
 
 @pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")

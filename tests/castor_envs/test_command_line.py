@@ -1,0 +1,169 @@
+"""Console scripts: one line and an exit code for every error, and Ctrl-C ends all of it at any moment."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from castor_envs import command_line
+from castor_envs.errors import InputError
+
+SCRIPTS = Path(sys.executable).parent
+COMMANDS = ("castor-bench", "castor-diagnose")
+
+
+def an_app(fail):
+    """Return an app with two commands, one of which calls `fail`."""
+    app = typer.Typer(pretty_exceptions_enable=False)
+
+    @app.callback()
+    def options(traceback: command_line.Traceback = False): ...
+
+    @app.command("fail")
+    def failing(files: list[str]):
+        with command_line.keeping("what is done is kept: the same command continues"):
+            fail()
+
+    @app.command("show")
+    def showing(words: list[str]):
+        print(*words)
+
+    return app
+
+
+@pytest.fixture
+def call(capsys):
+    def run(fail, *arguments):
+        with pytest.raises(SystemExit) as leaving:
+            command_line.run(an_app(fail), [*arguments])
+        return leaving.value.code, *capsys.readouterr()
+
+    return run
+
+
+def raises(error):
+    def fail():
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (InputError("a.csv, line 3:\nmend it"), 2, "error: a.csv, line 3: mend it"),
+        (
+            ZeroDivisionError("not\nforeseen"),
+            1,
+            "error: unforeseen ZeroDivisionError: not foreseen; what is done is kept: the same command continues; "
+            "run again with --traceback to see where it comes from",
+        ),
+        (
+            OSError(28, "No space left on device", "rows/3.npz"),
+            1,
+            "error: rows/3.npz: No space left on device; make room; what is done is kept: the same command continues",
+        ),
+        (
+            PermissionError(13, "Permission denied", "rows"),
+            1,
+            "error: rows: Permission denied; what is done is kept: the same command continues; "
+            "run again with --traceback to see where it comes from",
+        ),
+        (KeyboardInterrupt(), 130, "stopped; what is done is kept: the same command continues"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
+)
+def test_an_error_is_one_line_and_a_code(call, error, code, line):
+    assert call(raises(error), "fail", "a") == (code, "", line + "\n")
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--traceback", "fail", "a"), ("fail", "--traceback", "a"), ("fail", "a", "--traceback")]
+)
+def test_the_traceback_is_shown_where_it_is_asked_for(call, arguments):
+    code, out, err = call(raises(ZeroDivisionError("why")), *arguments)
+    assert (code, out) == (1, "")
+    assert err.startswith("Traceback (most recent call last)")
+    assert err.splitlines()[-1].startswith("error: unforeseen ZeroDivisionError: why; ")
+
+
+def test_after_two_dashes_an_argument_is_one(call):
+    assert call(None, "show", "--", "--traceback") == (0, "--traceback\n", "")
+
+
+def test_a_message_of_any_length_is_one_short_line(call):
+    _, _, err = call(raises(RuntimeError("word " * 10**6)), "fail", "a")
+    assert len(err) < 500
+    assert "word …;" in err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_output_that_has_no_room_is_one_line(command):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([SCRIPTS / command, "--help"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert done.stderr == "error: No space left on device; make room\n"
+
+
+def processes_with(mark):
+    """Return the processes that inherited an environment with this mark and have not ended."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark in (folder / "environ").read_bytes():  # empty once a process has ended
+                found.append(folder.name)
+        except OSError:
+            continue
+    return found
+
+
+def wait_until(condition, process=None):
+    for _ in range(6000):
+        if condition():
+            return
+        assert process is None or process.poll() is None, "the command ended by itself"
+        time.sleep(0.01)
+    raise AssertionError("waited for a minute")
+
+
+def imports(process, folder):
+    return "numpy" in Path(f"/proc/{process.pid}/maps").read_text()
+
+
+def records(process, folder):
+    return any(folder.glob("kept/episodes/*/*.npz"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="needs /proc")
+@pytest.mark.parametrize(("moment", "whole"), [(imports, True), (records, True), (records, False)])
+def test_ctrl_c_ends_a_run_and_all_its_processes(tmp_path, moment, whole):
+    """whole: the signal goes to all processes of the terminal, as from the keyboard, else to the command alone."""
+    said = "stopped; what is done is kept in kept: the same command continues\n" if moment is records else ""
+    mark = f"MARK_OF_{tmp_path}"
+    command = [SCRIPTS / "castor-bench", "run", "--jobs", "1", "--results", "kept"]
+    command += ["--task", "umbmark-kinematic-calibrated"]
+    process = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        env={**os.environ, "MARK": mark},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        wait_until(lambda: moment(process, tmp_path), process)
+        (os.killpg if whole else os.kill)(process.pid, signal.SIGINT)
+        out, err = process.communicate()
+    finally:
+        process.kill()
+    assert (process.returncode, out) == (130, "")
+    assert err.endswith(said)
+    assert "Traceback" not in err
+    wait_until(lambda: not processes_with(mark.encode()))
