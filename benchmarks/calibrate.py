@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from string import ascii_letters
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -22,7 +23,7 @@ from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from estimators.calibration import maximum_likelihood
-from estimators.calibration.identifiability import HARDLY, WHOLLY, scale_rests_on_pivots, unseen_of
+from estimators.calibration.identifiability import COVERAGE, WHOLLY, Unseen, rests_on, scale_rests_on_pivots, unseen_of
 from estimators.calibration.pivoting import Turn, calibrate, held_castor
 from estimators.calibration.umbmark import corrected, direction_of, from_errors, return_errors
 
@@ -35,15 +36,14 @@ METHODS: dict[Method, str] = {
     "umbmark-correction": "correction from UMBmark squares (Borenstein and Feng)",
 }
 FIRST_ORDER = "the method is of first order: of errors of per cents, calibrate again with the calibrated robot"
-COVERAGE = 1.96
-"""Standard errors on either side of a 95 % interval."""
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One number of the robot file: before, after with its standard error, SI; and how it is shown.
 
-    seen: "no": it keeps the file's number; "partly": the error holds only if what is not seen is right in the file.
+    seen: "no": it keeps the file's number; "partly": the error holds only if what is not seen, and moves this parameter
+    by more, is right in the file. rests_on: what that is.
     """
 
     name: str
@@ -54,14 +54,17 @@ class Parameter:
     after: float
     standard_error: float
     seen: Seen = "yes"
+    rests_on: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a method found. remarks: for people. more: for programs, beside the parameters."""
+    """What a method found. unseen: what the logs do not show. remarks: for people. more: for programs, beside the
+    parameters."""
 
     parameters: list[Parameter]
     calibrated: RobotDescription
+    unseen: tuple[Unseen, ...] = ()
     remarks: list[str] = field(default_factory=list)
     more: dict[str, Any] = field(default_factory=dict)
 
@@ -169,25 +172,33 @@ def likely(robot: RobotDescription, logs: Mapping[Path, Log], pivots: bool) -> F
     """Return what maximum likelihood finds, and what the logs do not show."""
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError
         found = maximum_likelihood.calibrate(robot, list(logs.values()), pivots=pivots)
-    rows = []
+    rows, unseen = [], unseen_of(found)
     hidden = np.linalg.norm(found.unseen, axis=0)
-    columns = (found.parameters, found.before, found.after, found.standard_errors, hidden)
-    for one, before, after, error, part in zip(*columns, strict=True):
-        unit, factor = ("deg", 180 / np.pi) if one.unit == "rad" else ("mm", 1e3)
-        seen: Seen = "no" if part > WHOLLY else "partly" if part > HARDLY else "yes"
-        rows.append(Parameter(one.name, one.unit, unit, factor, float(before), float(after), float(error), seen))
-    unseen = unseen_of(found)
-    remarks = [f"not seen: {one}" for one in unseen]
+    columns = (found.parameters, found.before, found.after, found.standard_errors, hidden, rests_on(found, unseen))
+    for parameter, before, after, error, part, rests in zip(*columns, strict=True):
+        unit, factor = ("deg", 180 / np.pi) if parameter.unit == "rad" else ("mm", 1e3)
+        seen: Seen = "no" if part > WHOLLY else "partly" if rests else "yes"
+        what = tuple(each.what for each in rests)
+        numbers = (float(before), float(after), float(error))
+        rows.append(Parameter(parameter.name, parameter.unit, unit, factor, *numbers, seen, what))
+    remarks = []
     if scale_rests_on_pivots(found):
         remarks.append("all lengths rest on the pivots' places in the robot file; reference poses would check them")
     noise, (x, y, yaw) = found.noise, found.mount
     remarks.append(f"slip {1e3 * noise.along:.2g} mm along and {1e3 * noise.across:.2g} mm across after 1 m")
-    more: dict[str, Any] = {"unseen": [one._asdict() for one in unseen], "slip_m": [noise.along, noise.across]}
+    names = [row.name for row in rows]
+    more: dict[str, Any] = {
+        "unseen": [
+            {"what": each.what, "shown_by": each.shown_by, "moves": dict(zip(names, each.moves.tolist(), strict=True))}
+            for each in unseen
+        ],
+        "slip_m": [noise.along, noise.across],
+    }
     if found.left is not None:
         before, after = found.left
         remarks += [
-            f"reference: tracked point at x {1e3 * x:.1f}, y {1e3 * y:.1f} mm, turned by {np.degrees(yaw):.2f} deg; "
-            f"noise {1e3 * noise.position:.2g} mm, {np.degrees(noise.heading):.2g} deg",
+            _tracked_point(found),
+            f"reference: noise {1e3 * noise.position:.2g} mm, {np.degrees(noise.heading):.2g} deg",
             *(
                 f"{path}: the reference is {1e3 * abs(ahead):.0f} ms {'ahead of' if ahead > 0 else 'behind'} the "
                 f"counts at the start, and gains {1e3 * rate:.1f} ms/s"
@@ -196,12 +207,27 @@ def likely(robot: RobotDescription, logs: Mapping[Path, Log], pivots: bool) -> F
             f"odometry is {1e3 * before:.1f} mm (rms) off the reference before, {1e3 * after:.1f} mm after",
         ]
         more |= {
-            "mount": {"x_m": x, "y_m": y, "psi_rad": yaw},
+            "mount": {"x_m": x, "y_m": y, "psi_rad": yaw}
+            | {"standard_errors": found.mount_errors.tolist(), "seen": found.mount_seen.tolist()},
             "clocks": [{"ahead_s": ahead, "rate": rate} for ahead, rate in found.clocks.tolist()],
             "reference_noise": {"position_m": noise.position, "heading_rad": noise.heading},
             "odometry_rms_m": {"before": before, "after": after},
         }
-    return Found(rows, found.calibrated, remarks, more)
+    return Found(rows, found.calibrated, unseen, remarks, more)
+
+
+def _tracked_point(found: maximum_likelihood.Calibration) -> str:
+    """Return where the tracked point is; of what the logs do not show, how far it may be off where it is believed."""
+    factors, units = (1e3, 1e3, 180 / np.pi), ("mm", "mm", "deg")
+    columns = zip(
+        ("x", "y", "turned by"), found.mount, found.mount_errors, found.mount_seen, factors, units, strict=True
+    )
+    parts = [
+        f"{name} {value * factor:.{1 if unit == 'mm' else 2}f} ± {COVERAGE * error * factor:.2g} {unit}"
+        + ("" if seen else " (not seen)")
+        for name, value, error, seen, factor, unit in columns
+    ]
+    return f"reference: tracked point at {', '.join(parts)}"
 
 
 def squares(robot: RobotDescription, logs: Mapping[Path, Log], side: float) -> tuple[list[Parameter], RobotDescription]:
@@ -271,18 +297,22 @@ def _length(name: str, before: float, after: float, error: float) -> Parameter:
 def _print(console: Console, robot: RobotDescription, method: Method, found: Found) -> None:
     console.print(f"{robot.name}: {METHODS[method]}", highlight=False, markup=False, soft_wrap=True)
     table = Table()
+    letters = {each.what: letter for each, letter in zip(found.unseen, ascii_letters, strict=False)}
     for heading in ("parameter", "unit", "before", "after", "± (95 %)"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
     for one in found.parameters:
         before, after, error = (
             f"{value * one.factor:.4f}" for value in (one.before, one.after, COVERAGE * one.standard_error)
         )
-        interval = {"yes": error, "partly": f"{error} *", "no": "kept"}[one.seen]
+        marks = f" ({', '.join(letters[what] for what in one.rests_on)})" if one.rests_on else ""
+        interval = ("kept" if one.seen == "no" else error) + marks
         table.add_row(one.name, one.shown_unit, before, after, interval)
     console.print(table, highlight=False, markup=False)
-    if any(one.seen == "partly" for one in found.parameters):
-        console.print("* if what is not seen is right in the robot file", highlight=False, markup=False)
-    for remark in found.remarks:
+    if found.unseen:
+        console.print(
+            "± with a letter: if what it stands for is right in the robot file", highlight=False, markup=False
+        )
+    for remark in [*(f"({letters[each.what]}) not seen: {each}" for each in found.unseen), *found.remarks]:
         console.print(remark, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -299,6 +329,7 @@ def _as_json(method: Method, robot: RobotDescription, found: Found) -> dict[str,
                 f"after_{one.unit}": one.after,
                 f"standard_error_{one.unit}": None if one.seen == "no" else one.standard_error,
                 "seen": one.seen,
+                "rests_on": list(one.rests_on),
             }
             for one in found.parameters
         ],

@@ -179,7 +179,7 @@ def evidence_of(
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
-    models = [LogLikelihood(geometry, log) for log in logs]
+    models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
     at, sizes, shared, slips = settled(robot, models, logs, noise, start, usual)
     beyond = tuple(
         slips_of(robot, model, log, state, one.certain + one.known @ shared.parts)

@@ -1,6 +1,6 @@
 """What logs do not show of a robot's parameters, in words, and the drive that would show it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,36 +20,78 @@ WELL = 0.01
 """Standard error, as `UNSEEN`, of the maximum-likelihood method, that a drive must leave to be proposed."""
 
 
+COVERAGE = 1.96
+"""Standard errors on either side of a 95 % interval."""
+
+FILE = 1.0
+"""What is believed of an unseen change without logs, in parts of the scales: no robot file is off by a whole length."""
+
+NOTHING = 0.5
+"""Standard error, in parts of the scales, from which on the logs say nothing of a change."""
+
+RESTS = 0.5
+"""Of a parameter's standard error: what moves it by more would widen its interval by over a tenth."""
+
+
 class Unseen(NamedTuple):
-    """A change of the parameters that the logs do not show. shown_by: the simplest drive that would; None: no drive."""
+    """A change of the parameters that the logs do not show.
+
+    shown_by: the simplest drive that would; None: no drive. moves (P,): standard deviations of what it may still be, in
+    parts of the parameters' scales, by these logs alone. width: its 95 % interval, for people; "" if it has no unit.
+    """
 
     what: str
     shown_by: str | None
+    moves: Array
+    width: str = ""
 
     def __str__(self) -> str:
+        what = f"{self.what} ({self.width})" if self.width else self.what
         if self.shown_by is None:
-            return f"{self.what}: makes no difference to any drive; keeps the robot file's numbers"
-        return f"{self.what}: keeps the robot file's numbers; {self.shown_by} would show it"
+            return f"{what}: makes no difference to any drive; keeps the robot file's numbers"
+        return f"{what}: keeps the robot file's numbers; {self.shown_by} would show it"
 
 
 def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:
     """Return what the logs of a calibration do not show; empty if they show everything that was sought."""
-    left = calibration.unseen
+    left, parameters = calibration.unseen, calibration.parameters
     changes: list[tuple[str, Array]] = []
-    for what, change in _known_changes(calibration.parameters, calibration.before):
+    for what, change in _known_changes(parameters, calibration.before):
         part = left @ change
         if len(left) and np.linalg.norm(part) > WHOLLY:
-            changes.append((what, change))
+            changes.append((what, change[None]))
             # The rest: all unseen directions at right angles to this one.
             left = np.linalg.svd(part[None])[2][1:] @ left
-    drives = _Drives(calibration)
-    found = [Unseen(what, drives.showing(change[None])) for what, change in changes]
     if len(left):
         concerned = np.linalg.norm(left, axis=0) > HARDLY
-        names = [p.name for p, is_in in zip(calibration.parameters, concerned, strict=True) if is_in]
-        what = f"{len(left)} combinations of {', '.join(names)}" if len(left) > 1 else " against ".join(names)
-        found.append(Unseen(what, drives.showing(left)))
+        names = [p.name for p, is_in in zip(parameters, concerned, strict=True) if is_in]
+        changes.append(
+            (f"{len(left)} combinations of {', '.join(names)}" if len(left) > 1 else " against ".join(names), left)
+        )
+    drives, spread = _Drives(calibration), np.linalg.inv(calibration.information + np.eye(len(parameters)) / FILE**2)
+    found = []
+    for what, change in changes:
+        moves = np.sqrt(np.diag(change.T @ (change @ spread @ change.T) @ change))
+        found.append(Unseen(what, drives.showing(change), moves, _width(parameters, moves)))
     return tuple(found)
+
+
+def rests_on(calibration: Calibration, unseen: Sequence[Unseen]) -> list[tuple[Unseen, ...]]:
+    """Return for every parameter what its interval takes to be right in the robot file."""
+    scale = np.array([p.scale for p in calibration.parameters])
+    moved = [one.moves * scale > RESTS * calibration.standard_errors for one in unseen]
+    return [tuple(one for one, by in zip(unseen, moved, strict=True) if by[i]) for i in range(len(scale))]
+
+
+def _width(parameters: Sequence[Parameter], moves: Array) -> str:
+    """Return the 95 % interval of an unseen change: by how much it may move what it moves most."""
+    units = {p.unit for p, by in zip(parameters, moves, strict=True) if by > HARDLY * moves.max()}
+    if np.linalg.norm(moves) > NOTHING:
+        return "these logs say nothing of it"
+    if len(units) > 1:
+        return ""
+    most = COVERAGE * float(moves.max())
+    return f"± {100 * most:.2g} %" if units == {"m"} else f"± {np.degrees(most):.2g} deg"
 
 
 def scale_rests_on_pivots(calibration: Calibration) -> bool:

@@ -84,13 +84,15 @@ class Reduced(NamedTuple):
 
     information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of drawn residuals in their place.
     clock (2, 2): information on the clock, the parameters known. finish: from changes of the parameters (P, 1 + probes)
-    to the changed state and what is left over.
+    and the part of the step that is taken to the changed state and clock, and what is left over. squares: from any
+    geometry, state, clock and mount to the sum of squares there, weighed as around this state.
     """
 
     information: Array
     gradient: Array
     clock: Array
-    finish: Callable[[Array], tuple[Array, Array, Leftover]]
+    finish: Callable[..., tuple[Array, Array, Leftover]]
+    squares: Callable[[Geometry, Array, Array, Array], float]
 
 
 class _Rows(NamedTuple):
@@ -125,7 +127,13 @@ class LogLikelihood:
     pivot and d wheel encoders, as they would be were they not rounded.
     """
 
-    def __init__(self, layout: Geometry, log: Log) -> None:
+    def __init__(self, layout: Geometry, log: Log, number: int = 0) -> None:
+        """number: of the log among those fitted together; what is drawn for it (`reduce`) is its own.
+
+        Were the same residuals drawn for logs that are alike, the parameters would take them all away at once: too
+        little would be expected to be left, and all noise found too large.
+        """
+        self._number = number
         sensed = np.flatnonzero(~np.isnan(layout.pivot_counts_per_rev))
         per_pivot = layout.pivot_counts_per_rev[sensed]
         for column, (castor, turn) in enumerate(zip(sensed, per_pivot, strict=True)):
@@ -199,24 +207,43 @@ class LogLikelihood:
         return len(self._used_poses)
 
     def start(self, geometry: Geometry) -> Array:
-        """Return a state (K, m) to begin with: counts as read, poses by odometry, anew from every reference pose."""
-        return np.column_stack([self.odometry(geometry, again=True), self._counts])
+        """Return a state (K, m) to begin with: counts as read, poses by odometry bent to meet all reference poses.
 
-    def odometry(self, geometry: Geometry, again: bool = False) -> Array:
+        Odometry's error between two reference poses, first of the heading and then of the place, is shared out by the
+        distance rolled: a jump at the second one would be out of any linearisation's reach.
+        """
+        twist, anchors = self._twist(geometry), np.flatnonzero(self._posed)
+        if len(anchors) < 2:
+            return np.column_stack([self.odometry(geometry), self._counts])
+        way = np.abs(self._rolled(geometry, self._counts)).max(axis=1)
+        way = np.concatenate([[0.0], np.cumsum(way + FLOOR)])
+
+        def shared_out(errors: Array) -> Array:
+            return np.column_stack([np.interp(way, way[anchors], column) for column in errors.T])
+
+        known = self._reference[anchors]
+        turned = np.concatenate([[0.0], np.cumsum(twist[:, 2])])[:, None]
+        twist[:, 2:] += np.diff(shared_out(known[:, 2:] - turned[anchors]), axis=0)
+        path = _chained(twist)
+        path = compose(known[0], relative_pose(path[anchors[0]], path))
+        path += shared_out(known - path[anchors])
+        return np.column_stack([path, self._counts])
+
+    def odometry(self, geometry: Geometry) -> Array:
         """Return poses (K, 3) from counts alone, by least squares in every step.
 
-        From the first reference pose on, or from 0 at the first sample; `again`: anew from every reference pose.
+        From the first reference pose on, or from 0 at the first sample.
         """
+        path = _chained(self._twist(geometry))
+        anchors = np.flatnonzero(self._posed)[:1]
+        return compose(self._reference[anchors[0]], relative_pose(path[anchors[0]], path)) if len(anchors) else path
+
+    def _twist(self, geometry: Geometry) -> Array:
+        """Return the body's motion (K - 1, 3) in every step, in B, from counts alone, by least squares."""
         angle = self._angles(geometry, self._counts)
         a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         right = self._rolled(geometry, self._counts) - b * np.diff(angle, axis=0)[:, self._castor]
-        twist = (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
-        path = _chained(twist)
-        anchors = np.flatnonzero(self._posed)[: None if again else 1]
-        if not len(anchors):
-            return path
-        anchor = anchors[np.maximum(np.searchsorted(anchors, np.arange(len(path)), side="right") - 1, 0)]
-        return compose(self._reference[anchor], relative_pose(path[anchor], path))
+        return (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
 
     def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array) -> Array:
         """Return by how much odometry is off at every reference pose (poses, 3); it starts where the state does."""
@@ -273,14 +300,15 @@ class LogLikelihood:
         """Return what the log says of P parameters around a state (K, m).
 
         changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: how often residuals
-        are drawn (standard normal, the same ones each time) to learn what sums of squares to expect. more: of the other
-        P - G parameters.
+        are drawn (standard normal, the same ones each time, other ones for each log) to learn what sums of squares to
+        expect. more: of the other P - G parameters.
         """
         more = more or More(np.zeros((*self._readings.shape, 0)), np.zeros((len(state) - 1, len(self._used), 0)))
-        kinds = self._linearised(geometry, changed, change, state, clock, mount, noise, more)
+        weights = self._weights(geometry, state, noise)
+        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, more)
         size, p = state.shape[1], len(change) + more.slips.shape[-1] + len(mount)
         n = p + len(clock)
-        random = np.random.default_rng(0)
+        random = np.random.default_rng(self._number)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
         columns, own = np.zeros((len(state), size, n + 1 + probes)), np.zeros((n, n + 1 + probes))
         rights = {}
@@ -298,7 +326,7 @@ class LogLikelihood:
                 _add(above, at, start @ rows.end)
                 _add(columns, at + 1, end @ right)
             own += _squared(right.reshape(k * r, right.shape[-1]))[:n]
-        believed = CLOCK if len(self._used_poses) >= TIMED else CLOCK * 1e-6
+        believed = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6
         own[p:, p:n] += np.diag(believed**-2.0)
         own[p:, n] += clock / believed**2
         factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
@@ -308,10 +336,12 @@ class LogLikelihood:
         clocks = np.linalg.solve(own[p:, p:n], np.delete(own[p:], np.s_[p:n], axis=1))
         reduced = np.delete(own[:p], np.s_[p:n], axis=1) - own[:p, p:n] @ clocks
 
-        def finish(moved_by: Array) -> tuple[Array, Array, Leftover]:
+        def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
             all_by = np.concatenate([moved_by, set_by])
             away = -solve(factors, half[:, n:] + half[:, :n] @ all_by)[0].reshape(len(state), size, 1 + probes)
+            if part < 1:
+                away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
             squares, expected = {}, {}
             for name, rows in kinds.items():
                 left = rights[name][..., n:] + rights[name][..., :n] @ all_by + rows.start @ away[rows.at]
@@ -321,7 +351,46 @@ class LogLikelihood:
                 squares[name], expected[name] = float(total[0]), float(np.mean(total[1:])) if probes else 0.0
             return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
 
-        return Reduced((reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], own[p:, p:n], finish)
+        def squares_at(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
+            values = self._values(geometry, state, clock, mount, weights)
+            return float(sum(np.sum(part**2) for part in values.values()) + np.sum((clock / believed) ** 2))
+
+        return Reduced((reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], own[p:, p:n], finish, squares_at)
+
+    def _weights(self, geometry: Geometry, state: Array, noise: Noise) -> dict[str, Array]:
+        """Return one over the standard deviation of every equation around a state, by the kinds of `_values`."""
+        farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
+        unsure, rolling = self._unsure(geometry, state), len(self._rolling)
+        found = {"counts": self._readings}
+        for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
+            found[name] = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, own] ** 2)
+        if not self.poses:
+            return found | {"pinned": np.full((1, 3), 1 / PINNED)}
+        return found | {name: np.full((1, 1), 1 / getattr(noise, name)) for name in ("position", "heading")}
+
+    def _values(
+        self, geometry: Geometry, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
+    ) -> dict[str, Array]:
+        """Return by how much a state misses all equations, in standard deviations: "counts", "pinned", or by the field
+        of `Noise` that they are weighed by."""
+        slips, rolling = self.missed(geometry, state) - self._expected, len(self._rolling)
+        missed = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
+        if self.poses:
+            at, part, known = self._shown(clock)
+            off = compose((1 - part) * state[at, :3] + part * state[at + 1, :3], mount)
+            off = known * (off - self._reference[self._used_poses])
+            missed |= {"position": off[:, :2], "heading": off[:, 2:]}
+        else:
+            missed["pinned"] = state[:1, :3]
+        return {name: weights[name] * off for name, off in missed.items()}
+
+    def _shown(self, clock: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return after which sample each used reference pose was taken, what part (k, 1) of the step later, and how
+        much of it counts (k, 1): what was taken beyond a log's ends fades out."""
+        at, part = self._sought(self._used_poses, clock)
+        held = np.clip(part, 0.0 if self._rests[0] else -np.inf, 1.0 if self._rests[1] else np.inf)
+        outside = np.abs(held - np.clip(held, 0.0, 1.0))
+        return at, np.clip(held, -FADED, 1 + FADED), np.clip((FADED - outside) / (FADED - EXTENDED), 0.0, 1.0)
 
     def _linearised(
         self,
@@ -331,37 +400,30 @@ class LogLikelihood:
         state: Array,
         clock: Array,
         mount: Array,
-        noise: Noise,
+        weights: dict[str, Array],
         more: More,
     ) -> dict[str, _Rows]:
-        """Return all equations around a state, by what they are weighed by: "counts", or a field of `Noise`."""
+        """Return all equations around a state, by the kinds of `_values`."""
         every, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         placed, others = len(mount) + len(clock), more.slips.shape[-1]
-        off, read = self._readings * (state[:, 3:] - self._counts), None
+        values, read = self._values(geometry, state, clock, mount, weights), None
         if others:
             read = np.pad(self._readings[..., None] * more.readings, ((0, 0), (0, 0), (first, placed)))
-        kinds = {"counts": _Rows(every, off, self._readings[..., None] * eye[3:], numbers=read)}
+        kinds = {"counts": _Rows(every, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
         missed, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
         by_parameters = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
         by_parameters = np.concatenate([by_parameters, -more.slips], axis=-1)
         by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, placed)))
-        farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
-        unsure = self._unsure(geometry, state)
         rolling = len(self._rolling)
         for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            weight = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, own] ** 2)
-            parts = (weight[..., None] * part[:, own] for part in (*derivatives, by_parameters))
-            kinds[name] = _Rows(every[:-1], weight * (missed - self._expected)[:, own], *parts)
+            parts = (weights[name][..., None] * part[:, own] for part in (*derivatives, by_parameters))
+            kinds[name] = _Rows(every[:-1], values[name], *parts)
         if not self.poses:
-            kinds["pinned"] = _Rows(every[:1], state[:1, :3] / PINNED, eye[None, :3] / PINNED)
+            kinds["pinned"] = _Rows(every[:1], values["pinned"], eye[None, :3] / PINNED)
             return kinds
 
-        at, part = self._sought(self._used_poses, clock)
-        held = np.clip(part, 0.0 if self._rests[0] else -np.inf, 1.0 if self._rests[1] else np.inf)
-        part = np.clip(held, -FADED, 1 + FADED)
-        outside = np.abs(held - np.clip(held, 0.0, 1.0))
-        known = np.clip((FADED - outside) / (FADED - EXTENDED), 0.0, 1.0)
+        at, part, known = self._shown(clock)
         since = self._t[self._used_poses] - self._t[0]
         body = (1 - part) * state[at, :3] + part * state[at + 1, :3]
         seen = compose(body, mount)
@@ -372,11 +434,10 @@ class LogLikelihood:
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([one, since])[:, None, :]
         numbers = np.concatenate([np.zeros((len(at), 3, first + others)), by_mount, by_clock], axis=-1)
-        parts = (seen - self._reference[self._used_poses], (1 - part)[..., None] * by_body, part[..., None] * by_body)
+        parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         for name, own in (("position", slice(0, 2)), ("heading", slice(2, 3))):
-            weight = known[..., None] / getattr(noise, name)
-            values, *slopes = (each[:, own] for each in (*parts, numbers))
-            kinds[name] = _Rows(at, weight[..., 0] * values, *(weight * slope for slope in slopes))
+            weight = (weights[name] * known)[..., None]
+            kinds[name] = _Rows(at, values[name], *(weight * slope[:, own] for slope in parts))
         return kinds
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
@@ -490,6 +551,20 @@ def _chained(twist: Array) -> Array:
     way = (twist[:, 0] + 1j * twist[:, 1]) * np.sinc(twist[:, 2] / (2 * np.pi)) * np.exp(1j * middle)
     x, y = (np.concatenate([[0.0], np.cumsum(part)]) for part in (way.real, way.imag))
     return np.column_stack([x, y, heading])
+
+
+def moved_along(state: Array, step: Array) -> Array:
+    """Return a state (K, m) moved by a step, of which the change of each pose relative to the one before is kept.
+
+    In the world the same step is another one where the path turns by much: a path that turns as a whole by 0.1 rad is
+    drawn out by half a per cent of its length if every point moves straight on, and wheels do not slip so far.
+    """
+    moved, heading = state + step, state[:-1, 2]
+    motion, change = relative_pose(state[:-1, :3], state[1:, :3])[:, :2], np.diff(step[:, :2], axis=0)
+    motion = motion @ [1, 1j] * (1 - 1j * step[:-1, 2]) + change @ [1, 1j] * np.exp(-1j * heading)
+    way = np.cumsum(motion * np.exp(1j * moved[:-1, 2]))
+    moved[1:, :2] = moved[0, :2] + np.column_stack([way.real, way.imag])
+    return moved
 
 
 def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:

@@ -9,7 +9,7 @@ A reference is taken as it comes: another point of the body may have been tracke
 its clock early or late. All of this is found beside the robot's parameters, never mistaken for them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced
+from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced, moved_along
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
 from estimators.calibration.protocol import Recording
 
@@ -33,16 +33,29 @@ is not quite as random as it is taken to be; what is hardly seen would be made u
 MOUNT = np.array([1.0, 1.0, 1.0])
 """m, m, rad: where the tracked point may lie and how it may be turned; wide enough not to matter."""
 
+TURNED = 0.25
+"""rad: how far a tracker's axes are usually turned against the body's, which they are meant to be along."""
+
+MOUNT_SEEN = 0.5
+"""Of what is believed before: a number of the mount is seen if less than so much of its uncertainty is left."""
+
 LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5)
 ROUNDS, PROBES = 60, 4
-CONVERGED, SETTLED = 0.01, 0.02
-"""Done when no parameter moves by more of its standard error, and no noise changes by more of itself."""
+CONVERGED, SETTLED, SETTLED_BY = 0.01, 0.02, 0.1
+"""Done when no parameter moves by more of its standard error, and no noise changes by more of itself or, where few
+residuals tell of it, of its standard error."""
 
 FARTHEST = 0.2
 """No step changes a parameter by more, as a part of its scale."""
 
 FARTHEST_POINT = 3.0
 """Of the robot's size: how far from its origin the tracked point may lie."""
+
+LEAST_FREEDOM = 1e-3
+"""Degrees of freedom, of residuals: fewer tell nothing of a noise's size."""
+
+SHORTEST, SLACK = 1 / 64, 0.01
+"""Of a step, the least part that is taken; and the sum of squares by which a whole step may fail, by rounding alone."""
 
 SETTLING = 2
 """Rounds in which all else settles before the parameters move."""
@@ -58,7 +71,8 @@ class Calibration:
     before, after (P,): SI. covariance (P, P): of `after`; unseen directions count as known. unseen (u, P): orthogonal
     changes, in parts of the parameters' scales, that the logs do not show; `after` keeps the robot file's numbers
     there. information (P, P): of all logs, in the same scales. noise: as found. mount (3,): the tracked point in B, m,
-    and how its axes are turned, rad. clocks (logs, 2): the reference at t is the pose at t + clock[0] +
+    and how its axes are turned, rad; mount_covariance (3, 3): where the logs do not show it, as they do not if all end
+    where they began, that of `mount_prior`. clocks (logs, 2): the reference at t is the pose at t + clock[0] +
     clock[1] (t - t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry,
     from the most likely pose at a log's first reference pose on, is off the reference, before and after; None without.
     """
@@ -72,6 +86,7 @@ class Calibration:
     information: Array
     noise: Noise
     mount: Array
+    mount_covariance: Array
     clocks: Array
     poses: int
     left: tuple[float, float] | None
@@ -85,6 +100,25 @@ class Calibration:
     def standard_errors(self) -> Array:
         """Of `after` (P,); 0 of parameters that keep their numbers."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def mount_errors(self) -> Array:
+        """Standard errors (3,) of the mount: m, m, rad."""
+        return np.sqrt(np.diag(self.mount_covariance))
+
+    @property
+    def mount_seen(self) -> NDArray[np.bool_]:
+        """Which numbers (3,) of the mount the logs show: much better than was believed without them."""
+        return self.mount_errors < MOUNT_SEEN * mount_prior(Geometry.of(self.robot))
+
+
+class State(NamedTuple):
+    """All that is sought: parameters (P,), mount (3,), and of each log its state and clock."""
+
+    found: Array
+    mount: Array
+    states: list[Array]
+    clocks: Array
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -101,11 +135,11 @@ def calibrate(
         raise Declined("there is no log; record one")
     described, parameters = Geometry.of(robot), parameters_of(robot, pivots)
     scale, before = _scales(parameters), values_of(described, parameters)
-    models = [LogLikelihood(described, log) for log in logs]
+    models = [LogLikelihood(described, log, k) for k, log in enumerate(logs)]
     poses = sum(model.poses for model in models)
     _check(robot, logs, parameters)
     try:
-        at, sizes, solution = fitted(models, described, parameters, before, noise)
+        at, sizes, solution = fitted(models, described, parameters, before, noise, placed=mount_prior(described))
         robot_with(robot, parameters, at.found)
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
@@ -127,6 +161,7 @@ def calibrate(
         information=(solution.way * solution.strength) @ solution.way.T,
         noise=sizes,
         mount=at.mount,
+        mount_covariance=solution.mount_covariance,
         clocks=at.clocks,
         poses=poses,
         left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
@@ -139,13 +174,14 @@ def fitted(
     parameters: tuple[Parameter, ...],
     before: Array,
     noise: Noise | None,
-    start: tuple["State", Noise] | None = None,
+    start: tuple[State, Noise] | None = None,
     rounds: int = ROUNDS,
-) -> tuple["State", Noise, "_Solution"]:
+    placed: Array = MOUNT,
+) -> tuple[State, Noise, "_Solution"]:
     """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well.
 
     noise: known sizes; None: they are found. start: what to begin with, of the same logs; None: what the counts say.
-    rounds: how many steps to take at most.
+    rounds: how many steps to take at most. placed (3,): standard deviations of the mount before any log speaks.
     """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
@@ -160,21 +196,67 @@ def fitted(
             model.reduce(geometry, changed, CHANGE * scale, state, clock, at.mount, sizes, probes)
             for model, state, clock in zip(models, at.states, at.clocks, strict=True)
         ]
-        solution = _solve(each, scale, at.mount, (at.found - before) / scale, FARTHEST if k >= settling else 0.0)
-        finished = [one.finish(np.concatenate([scale[:, None] * solution.step, solution.mount])) for one in each]
-        at = State(
-            at.found + scale * solution.step[:, 0],
-            at.mount + solution.mount[:, 0],
-            [state for state, _, _ in finished],
-            np.array([clock for _, clock, _ in finished]),
+        solution = _solve(
+            each, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= settling else 0.0
         )
-        last, sizes = sizes, sizes if noise else resized(sizes, [left for _, _, left in finished])
-        changes = np.array(list(asdict(sizes).values())) / list(asdict(last).values()) - 1
-        done = k > settling and solution.moved < CONVERGED and np.abs(changes).max() < SETTLED
+        at, left, part = _stepped(each, described, parameters, at, solution, placed)
+        last, sizes = sizes, sizes if noise else resized(sizes, left)
+        done = k > settling and part == 1 and solution.moved < CONVERGED and _same(sizes, last, left)
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
         k += 1
+
+
+def _same(sizes: Noise, last: Noise, left: list[Leftover]) -> bool:
+    """Whether no noise changed by more than `SETTLED` of itself, or `SETTLED_BY` of its standard error."""
+    for name, size in asdict(sizes).items():
+        freedom = sum(one.expected.get(name, 0.0) for one in left)
+        error = 1 / np.sqrt(2 * max(freedom, LEAST_FREEDOM))
+        if abs(size / getattr(last, name) - 1) > max(SETTLED, SETTLED_BY * error):
+            return False
+    return True
+
+
+def _stepped(
+    each: list[Reduced],
+    described: Geometry,
+    parameters: tuple[Parameter, ...],
+    at: State,
+    solution: "_Solution",
+    placed: Array,
+) -> tuple[State, list[Leftover], float]:
+    """Return the state after a step, what it leaves of each log, and what part of the step was taken.
+
+    All is moved by the whole step, or half of it, and so on: until the sum of squares, as it truly is there and not as
+    it was linearised, is no larger than before. Weights are those of the state before. Each time, poses are moved in
+    the world, and if that does not serve, relative to each other (`moved_along`).
+    """
+    scale = _scales(parameters)
+    moved_by = np.concatenate([scale[:, None] * solution.step, solution.mount])
+
+    def squares(state: State) -> float:  # and what was believed of the mount
+        geometry = geometry_with(described, parameters, state.found)
+        logs = zip(each, state.states, state.clocks, strict=True)
+        return sum(one.squares(geometry, *log, state.mount) for one, *log in logs) + np.sum((state.mount / placed) ** 2)
+
+    def part_of(part: float, moved: Callable[[Array, Array], Array]) -> State:
+        return State(
+            at.found + part * scale * solution.step[:, 0],
+            at.mount + part * solution.mount[:, 0],
+            [moved(old, part * (new - old)) for old, (new, _, _) in zip(at.states, whole, strict=True)],
+            at.clocks + part * (np.array([clock for _, clock, _ in whole]) - at.clocks),
+        )
+
+    whole = [one.finish(moved_by) for one in each]
+    most, part = squares(at) + SLACK, 1.0
+    while True:
+        for moved in (np.add, moved_along):
+            after = part_of(part, moved)
+            if squares(after) <= most or part <= SHORTEST:
+                left = whole if part == 1 else [one.finish(moved_by, part) for one in each]
+                return after, [one for _, _, one in left], part
+        part /= 2
 
 
 def _scales(parameters: tuple[Parameter, ...]) -> Array:
@@ -192,7 +274,7 @@ def information_of(
         model.reduce(geometry, changed, CHANGE * scale, model.start(geometry), np.zeros(2), np.zeros(3), noise)
         for model in models
     ]
-    solution = _solve(each, scale, np.zeros(3), np.zeros(len(scale)), FARTHEST)
+    solution = _solve(each, scale, np.zeros(3), mount_prior(geometry), np.zeros(len(scale)), FARTHEST)
     return (solution.way * solution.strength) @ solution.way.T
 
 
@@ -205,9 +287,20 @@ MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3)
 """More noise than this is no noise: something else is wrong."""
 
 
+def mount_prior(described: Geometry) -> Array:
+    """Return the standard deviations (3,), m, m, rad, of where a tracked point is, before any log speaks."""
+    size = _size(described)
+    return np.array([size, size, TURNED])
+
+
+def _size(described: Geometry) -> float:
+    """Return how far a robot's wheels may be from its origin, m."""
+    return float(np.max(np.hypot(*described.pivot.T) + described.offset) + np.max(np.abs(described.lateral)))
+
+
 def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
     """Return what no sound robot with a sound reference shows."""
-    size = float(np.max(np.hypot(*described.pivot.T) + described.offset) + np.max(np.abs(described.lateral)))
+    size = _size(described)
     away, turned = float(np.hypot(*mount[:2])), abs(float(mount[2]))
     found = []
     if max(noise.along, noise.across) > MOST.along:
@@ -219,17 +312,8 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
     return found
 
 
-class State(NamedTuple):
-    """All that is sought: parameters (P,), mount (3,), and of each log its state and clock."""
-
-    found: Array
-    mount: Array
-    states: list[Array]
-    clocks: Array
-
-
 class _Solution(NamedTuple):
-    """step (P, 1 + probes), in scales; mount (3, 1 + probes); moved: the step in standard errors.
+    """step (P, 1 + probes), in scales; mount (3, 1 + probes) and its covariance (3, 3); moved: in standard errors.
 
     strength (P,), way (P, P): eigenvalues and -vectors (columns) of the information, in scales; seen (P,): which of
     them are.
@@ -237,19 +321,20 @@ class _Solution(NamedTuple):
 
     step: Array
     mount: Array
+    mount_covariance: Array
     moved: float
     strength: Array
     way: Array
     seen: NDArray[np.bool_]
 
 
-def _solve(each: list[Reduced], scale: Array, mount: Array, away: Array, farthest: float) -> _Solution:
+def _solve(each: list[Reduced], scale: Array, mount: Array, placed: Array, away: Array, farthest: float) -> _Solution:
     """Return the next step; away (P,): how far it is already from the robot file, in scales."""
     information = np.sum([one.information for one in each], axis=0)
     gradient = np.sum([one.gradient for one in each], axis=0)
     n = len(scale)
-    information[n:, n:] += np.diag(MOUNT**-2.0)
-    gradient[n:, 0] += mount / MOUNT**2
+    information[n:, n:] += np.diag(placed**-2.0)
+    gradient[n:, 0] += mount / placed**2
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
     told = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ both[:, :n])
     slope = scale[:, None] * (gradient[:n] - information[:n, n:] @ both[:, n:])
@@ -261,7 +346,9 @@ def _solve(each: list[Reduced], scale: Array, mount: Array, away: Array, farthes
     moved = float(np.sqrt(np.sum(along[seen, 0] ** 2 * strength[seen])))
     step = way @ along
     set_by = -(both[:, n:] + both[:, :n] @ (scale[:, None] * step))
-    return _Solution(step, set_by, moved, strength, way, seen)
+    by_seen = both[:, :n] @ (scale[:, None] * way[:, seen])
+    covariance = np.linalg.inv(information[n:, n:]) + (by_seen / strength[seen]) @ by_seen.T
+    return _Solution(step, set_by, covariance, moved, strength, way, seen)
 
 
 def resized(sizes: Noise, left: list[Leftover]) -> Noise:

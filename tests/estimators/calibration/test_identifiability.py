@@ -12,9 +12,10 @@ from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import n_castor, preset
-from estimators.calibration.identifiability import Unseen, scale_rests_on_pivots, unseen_of
+from estimators.calibration.identifiability import Unseen, rests_on, scale_rests_on_pivots, unseen_of
 from estimators.calibration.log_likelihood import Noise
 from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.parameters import values_of
 
 SLIP = Noise(along=3e-4, across=3e-4)
 
@@ -91,9 +92,27 @@ def test_four_changes_are_seen_by_no_encoder_and_have_names(with_pivots):
 
 
 def test_words_say_what_would_help():
-    assert "x: " in str(Unseen("x", None))
-    assert "keeps the robot file's numbers" in str(Unseen("x", None))
-    assert "a drive would show it" in str(Unseen("x", "a drive"))
+    moves = np.zeros(3)
+    assert "x: " in str(Unseen("x", None, moves))
+    assert "keeps the robot file's numbers" in str(Unseen("x", None, moves))
+    assert "x (± 3 %): " in str(Unseen("x", None, moves, "± 3 %"))
+    assert "a drive would show it" in str(Unseen("x", "a drive", moves))
+
+
+def test_what_nobody_saw_is_in_no_interval_unsaid(with_pivots):
+    """The file's scale is off: intervals that do not know of it miss; with what they are told to rest on, they hold."""
+    found, unseen = with_pivots, unseen_of(with_pivots)
+    scale = np.array([p.scale for p in found.parameters])
+    geometry = Geometry.of(built(n_castor(3), 1))
+    off = np.abs(found.after - values_of(geometry, found.parameters))
+    missed = off > 4 * found.standard_errors
+    rests = rests_on(found, unseen)
+    assert missed.any()
+    assert all(rests[i] for i in np.flatnonzero(missed))
+    lengths = [i for i, p in enumerate(found.parameters) if p.kind in ("radius", "lateral", "offset")]
+    assert all("the scale (all lengths together)" in [each.what for each in rests[i]] for i in lengths)
+    wide = np.sqrt(found.standard_errors**2 + np.sum([(each.moves * scale) ** 2 for each in unseen], axis=0))
+    assert np.all(off < 4 * wide)
 
 
 def test_the_scale_rests_on_pivots_where_there_is_nothing_else(with_pivots):
