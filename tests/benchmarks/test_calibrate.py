@@ -1,6 +1,7 @@
 """castor-bench calibrate: logs in, a calibrated robot file out; every mistake is one line."""
 
 import json
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -159,3 +160,37 @@ def test_squares_that_cannot_be_used_are_refused(squares, logs, tmp_path, capsys
         assert code == 2, err
         assert said in err
         assert not out.exists()
+
+
+def test_an_interval_names_the_unseen_change_that_it_rests_on(tmp_path, capsys):
+    """Closed squares do not show the scale, nor where the tracked point is; both stand beside the intervals."""
+    described = replace(differential(), sample_period=0.1)
+    paths, random = [], np.random.default_rng(1)
+    for way in ("cw", "ccw"):
+        rolled = roll(with_axle(described, 0.34 * 1.01, 0.15, 0.1495), umbmark(way, side=1.0))
+        ends = np.full_like(rolled.pose, np.nan)
+        ends[[0, -1]] = rolled.pose[[0, -1]] + random.normal(size=(2, 3)) * [1e-3, 1e-3, 2e-3]
+        counts = Encoders(Geometry.of(described), np.zeros(2)).wheel(rolled.wheel_angle)
+        paths.append(tmp_path / f"{way}.csv")
+        write_log(paths[-1], Log(rolled.t, counts, np.empty((len(rolled.t), 0)), reference=ends), described)
+    described.save(tmp_path / "robot.json")
+    code, text, err = call(capsys, *paths, "--robot", tmp_path / "robot.json", "--out", tmp_path / "new.json")
+    assert code == 0, err
+    lines = text.splitlines()
+    (scale,) = [line for line in lines if "not seen: the scale (all lengths together)" in line]
+    assert scale.startswith("(a) ")
+    radii = [line for line in lines if " radius " in line]
+    assert len(radii) == 2
+    assert all("(a)" in line for line in radii)
+    assert any("with a letter: if what it stands for is right in the robot file" in line for line in lines)
+    assert any(line.startswith("reference: tracked point at x ") and " ± " in line for line in lines)
+    code, text, err = call(
+        capsys, *paths, "--robot", tmp_path / "robot.json", "--out", tmp_path / "again.json", "--json"
+    )
+    assert code == 0, err
+    data = json.loads(text)
+    rows = {row["name"]: row for row in data["parameters"]}
+    assert rows["castor 1 left radius"]["seen"] == "partly"
+    assert rows["castor 1 left radius"]["rests_on"] == ["the scale (all lengths together)"]
+    moves = {each["what"]: each["moves"] for each in data["unseen"]}
+    assert moves["the scale (all lengths together)"]["castor 1 left radius"] > 0.03

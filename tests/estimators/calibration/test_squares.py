@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from castor_envs.differential_axle import with_axle
-from castor_envs.encoders import Encoders
-from castor_envs.kinematics import Geometry
-from castor_envs.logs import Log
-from castor_envs.presets import preset
-from castor_envs.rolling import roll
-from castor_envs.se2 import compose
-from castor_envs.trajectories import umbmark, wander
+from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.se2 import compose
+from castor_envs.logs.log import Log
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import umbmark, wander
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.axle import with_axle
+from castor_envs.vehicles.presets import preset
 from estimators.calibration.log_likelihood import Noise, moved_along
 from estimators.calibration.maximum_likelihood import calibrate
 
