@@ -184,13 +184,3 @@ def test_an_interval_names_the_unseen_change_that_it_rests_on(tmp_path, capsys):
     assert all("(a)" in line for line in radii)
     assert any("with a letter: if what it stands for is right in the robot file" in line for line in lines)
     assert any(line.startswith("reference: tracked point at x ") and " ± " in line for line in lines)
-    code, text, err = call(
-        capsys, *paths, "--robot", tmp_path / "robot.json", "--out", tmp_path / "again.json", "--json"
-    )
-    assert code == 0, err
-    data = json.loads(text)
-    rows = {row["name"]: row for row in data["parameters"]}
-    assert rows["castor 1 left radius"]["seen"] == "partly"
-    assert rows["castor 1 left radius"]["rests_on"] == ["the scale (all lengths together)"]
-    moves = {each["what"]: each["moves"] for each in data["unseen"]}
-    assert moves["the scale (all lengths together)"]["castor 1 left radius"] > 0.03
