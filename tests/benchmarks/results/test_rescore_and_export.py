@@ -54,7 +54,8 @@ def test_scores_that_differ_are_stored_again_unless_it_is_a_dry_run(stored):
         assert now[1].scores["E_max_syst"] == left
     assert now[1].scores == before[1].scores
     assert now[1].origin.created == before[1].origin.created
-    assert now[1].origin.rescored >= before[1].origin.created
+    assert now[1].origin.rescored is not None
+    assert now[1].origin.rescored >= now[1].origin.created
     assert now[0].origin == before[0].origin
 
 
