@@ -18,8 +18,9 @@ def _declared(folder: Path) -> dict[str, str]:
     """Return the entry points of all environments in a folder's modules, by their IDs."""
     found: dict[str, str] = {}
     for path in sorted(folder.glob("[!_]*.py")):
-        for kind in ast.parse(path.read_bytes()).body:
-            for line in kind.body if isinstance(kind, ast.ClassDef) else ():
+        kinds = [node for node in ast.parse(path.read_bytes()).body if isinstance(node, ast.ClassDef)]
+        for kind in kinds:
+            for line in kind.body:
                 match line:
                     case ast.Assign(targets=[ast.Name(id="ID")], value=ast.Constant(value=str(name))):
                         if name in found:
@@ -39,7 +40,7 @@ def make_many(entry_point: str, num_envs: int, **arguments: Any) -> SyncVectorEn
     gain from arrays over robots, and nothing to lose: seeds, episodes and numbers are those of the single environments,
     bit for bit.
     """
-    kind = load_env_creator(entry_point)
+    kind: Any = load_env_creator(entry_point)
     return SyncVectorEnv([lambda: kind(**arguments)] * num_envs)
 
 

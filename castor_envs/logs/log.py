@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Numbers
 from castor_envs.sensors.observation import Observations, increments
 
 #: The parts of a log that are always there, and those that may be None.
@@ -27,15 +27,15 @@ class Log:
     (K, F), s: how old each frame's reading is; zeros where it is left out. Both are None for robots alone.
     """
 
-    t: Array
-    wheel: Array
-    pivot: Array
-    command: Array | None = None
-    steering_command: Array | None = None
-    reference: Array | None = None
-    gyro: Array | None = None
-    rps: Array | None = None
-    rps_age: Array | None = None
+    t: Numbers
+    wheel: Numbers
+    pivot: Numbers
+    command: Numbers | None = None
+    steering_command: Numbers | None = None
+    reference: Numbers | None = None
+    gyro: Numbers | None = None
+    rps: Numbers | None = None
+    rps_age: Numbers | None = None
     extra: dict[str, list[str]] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -59,7 +59,7 @@ class Log:
         return Observations(increments(self.wheel), self.t, pivot, self.gyro, self.rps, self.rps_age)
 
 
-def pivot_jumps(count: Array, counts_per_rev: float) -> NDArray[np.intp]:
+def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:
     """Return the indices k at which pivot counts (N,) jump, from k - 1 to k, by over half a turn.
 
     A stream that stays within one revolution (max - min <= counts_per_rev) may come from an encoder that

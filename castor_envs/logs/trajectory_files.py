@@ -8,11 +8,11 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Numbers
 
 
 def export_trajectory(
-    path: str | os.PathLike[str], t: Array, pose: Array, format: Literal["tum", "kitti"] = "tum"
+    path: str | os.PathLike[str], t: Numbers, pose: Numbers, format: Literal["tum", "kitti"] = "tum"
 ) -> None:
     """Write poses (K, 3) = x, y, psi at times (K,), s, as "tum" or "kitti" text; see `export_tum` and `export_kitti`.
 
@@ -31,7 +31,7 @@ def export_trajectory(
         export_kitti(path, pose)
 
 
-def export_tum(path: str | os.PathLike[str], t: Array, pose: Array) -> None:
+def export_tum(path: str | os.PathLike[str], t: Numbers, pose: Numbers) -> None:
     """Write poses (N, 3) = x, y, psi at times (N,) as TUM text: t x y z qx qy qz qw.
 
     Rows without a pose (NaN) are left out.
@@ -42,7 +42,7 @@ def export_tum(path: str | os.PathLike[str], t: Array, pose: Array) -> None:
     _write_rows(Path(path), rows[np.isfinite(pose).all(axis=1)])
 
 
-def export_kitti(path: str | os.PathLike[str], pose: Array) -> None:
+def export_kitti(path: str | os.PathLike[str], pose: Numbers) -> None:
     """Write poses (N, 3) = x, y, psi as KITTI text: the 3x4 matrix [R | p] row by row.
 
     Raises InputError for a pose that is not finite: KITTI text has no times, so no row can be left out.
@@ -54,5 +54,5 @@ def export_kitti(path: str | os.PathLike[str], pose: Array) -> None:
     _write_rows(Path(path), np.column_stack([c, -s, zero, x, s, c, zero, y, zero, zero, unit, zero]))
 
 
-def _write_rows(path: Path, rows: Array) -> None:
+def _write_rows(path: Path, rows: Numbers) -> None:
     write_atomically(path, "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()))

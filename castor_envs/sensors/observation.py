@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Numbers
 
-Observation = dict[str, Array]
+Observation = dict[str, Numbers]
 
 
-def increments(counts: ArrayLike) -> Array:
+def increments(counts: ArrayLike) -> Numbers:
     """Return the counts since the sample before (K, ...), 0 in the first, from cumulative counts (K, ...)."""
     counts = np.asarray(counts, dtype=float)
     return np.diff(counts, axis=0, prepend=counts[:1])
@@ -56,23 +56,21 @@ class Observations:
     (..., K), rps (..., K, 3 F) and rps_age (..., K, F): None where the vehicle has none.
     """
 
-    wheel: Array
-    time: Array
-    pivot: Array | None = None
-    gyro: Array | None = None
-    rps: Array | None = None
-    rps_age: Array | None = None
+    wheel: Numbers
+    time: Numbers
+    pivot: Numbers | None = None
+    gyro: Numbers | None = None
+    rps: Numbers | None = None
+    rps_age: Numbers | None = None
 
     @classmethod
     def stack(cls, members: Sequence["Observations"]) -> "Observations":
         """Return the observations of runs of equal length and layout along one new leading axis."""
-        columns = {name: [getattr(member, name) for member in members] for name in cls.__dataclass_fields__}
-        return cls(
-            **{
-                name: None if any(values is None for values in parts) else np.stack(parts)
-                for name, parts in columns.items()
-            }
-        )
+        stacked: dict[str, Any] = {}
+        for name in cls.__dataclass_fields__:
+            parts = [getattr(member, name) for member in members]
+            stacked[name] = None if any(part is None for part in parts) else np.stack(parts)
+        return cls(**stacked)
 
     def __len__(self) -> int:
         return self.time.shape[-1]
@@ -83,7 +81,7 @@ class Observations:
     def at(self, k: int) -> Observation:
         """Return observation k, in arrays of its own."""
 
-        def sample(values: Array | None) -> Array | None:
+        def sample(values: Numbers | None) -> Numbers | None:
             return None if values is None else values[..., k, :]
 
         return observation(

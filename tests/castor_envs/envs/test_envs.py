@@ -311,7 +311,7 @@ def test_many_environments_at_once_are_the_single_ones_and_their_spec_is_data(na
 def test_what_is_seen_live_is_what_the_log_of_it_gives():
     for name, parts in (("castor/ASOC-v0", {"pivot"}), ("castor/CFMMR-v0", {"rps", "rps_age"})):
         env = RecordLog(gym.make(name))
-        action = np.full(env.action_space.shape, 0.3, dtype=np.float32)
+        action = np.full_like(env.action_space.sample(), 0.3)
         seen = [env.reset(seed=3)[0], *(env.step(action)[0] for _ in range(20))]
         logged = list(env.log().observations())
         assert len(logged) == len(seen)

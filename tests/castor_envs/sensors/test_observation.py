@@ -18,11 +18,13 @@ def test_increments_are_of_the_last_sample_and_start_at_zero():
 
 
 def test_a_robot_has_pivots_a_train_has_relative_poses_and_none_the_truth():
-    for k, seen in enumerate(a_log(0).observations()):
+    log = a_log(0)
+    assert log.gyro is not None
+    for k, seen in enumerate(log.observations()):
         assert seen.keys() == {"wheel", "pivot", "time", "gyro"}
         np.testing.assert_array_equal(seen["time"], [0.05 * k])
-        np.testing.assert_array_equal(seen["pivot"], a_log(0).pivot[k])
-        np.testing.assert_array_equal(seen["gyro"], a_log(0).gyro[k : k + 1])
+        np.testing.assert_array_equal(seen["pivot"], log.pivot[k])
+        np.testing.assert_array_equal(seen["gyro"], log.gyro[k : k + 1])
     assert next(iter(a_log(0, gyro=False).observations())).keys() == {"wheel", "pivot", "time"}
     rps = np.full((7, 6), np.nan)
     train = Log(0.05 * np.arange(7), np.zeros((7, 6)), np.empty((7, 0)), reference=np.zeros((7, 9)), rps=rps)
