@@ -32,7 +32,7 @@ from castor_envs.errors import InputError
 from castor_envs.logs.importers import import_sessions
 from castor_envs.vehicles.load import load_robot, load_train, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
-from estimators.registry import CALIBRATION, ESTIMATOR, builtin_names
+from estimators.plugins.registry import CALIBRATION, ESTIMATOR, builtin_names
 
 app = typer.Typer(
     help="Benchmark of odometry and localisation for robots on castors and trains.",

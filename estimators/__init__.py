@@ -7,8 +7,8 @@ what a plug-in needs, which raises `Declined` for robots and trains that it does
 """
 
 from castor_envs.errors import Declined
+from estimators.plugins.registry import EstimatorEntry, builtin_names, load_estimator
 from estimators.protocol import Estimator, Observation
-from estimators.registry import EstimatorEntry, builtin_names, load_estimator
 from estimators.robots.cast import CAST, SmallTurnWarning
 from estimators.robots.cast_arc import CASTArc
 from estimators.robots.dead_reckoning import DeadReckoning

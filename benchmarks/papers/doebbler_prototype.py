@@ -16,7 +16,7 @@ from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.trajectories import CORNER_RADIUS, Direction
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 #: Table III: E_max, mm, of one robot.
 TABLE_3 = {"ipec-1": 540, "ipec-2": 511, "ipec-3": 458, "cast-1": 544, "cast-2": 459, "cast-3": 432, "cast-0": 191}

@@ -29,7 +29,7 @@ from castor_envs.vehicles.load import file_name as vehicle_file_name
 from castor_envs.vehicles.load import vehicle_from_dict
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 FORMAT = "castor-episode/2"
 BELIEFS_FORMAT = "castor-beliefs/1"

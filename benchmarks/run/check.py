@@ -9,7 +9,7 @@ from castor_envs.processes import Died, Done, Exceeded, Job, Raised, TimedOut, r
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from estimators.plugins import conformance
 from estimators.plugins.conformance import Finding
-from estimators.registry import CalibrationEntry, EstimatorEntry, load_estimator
+from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, load_estimator
 
 Load = Callable[[str], EstimatorEntry] | Callable[[str], CalibrationEntry]
 """`load_estimator` or `load_calibration`."""

@@ -13,7 +13,7 @@ from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.task import Task, odometry_of
 from castor_envs.errors import InputError
-from estimators.registry import (
+from estimators.plugins.registry import (
     CALIBRATION,
     CalibrationEntry,
     EstimatorEntry,

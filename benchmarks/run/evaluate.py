@@ -20,7 +20,7 @@ from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_st
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.task import Case, Episode, Task
 from castor_envs.processes import Died, Done, Exceeded, Job, Outcome, Raised, TimedOut, run_jobs
-from estimators.registry import CalibrationEntry, EstimatorEntry
+from estimators.plugins.registry import CalibrationEntry, EstimatorEntry
 
 MOST_TIMEOUTS = 3
 """After so many time-outs of an estimator in a task, its other episodes there are not tried."""

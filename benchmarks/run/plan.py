@@ -20,7 +20,7 @@ from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task, odometry_of
 from castor_envs.processes import Done, Job, run_jobs
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.registry import CalibrationEntry
+from estimators.plugins.registry import CalibrationEntry
 
 STACK = 50
 """At most so many cases of a task are stacked for one batched estimator."""

@@ -23,7 +23,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.processes import end_if_forked
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
-from estimators.registry import declines, load_calibration
+from estimators.plugins.registry import declines, load_calibration
 
 _LAYOUT = (
     ("", ("sample_period", "effects")),

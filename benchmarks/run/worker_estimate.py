@@ -24,7 +24,7 @@ from castor_envs.processes import MOST_MEMORY, end_if_forked
 from castor_envs.sensors.observation import Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
+from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
 from estimators.robots.cast import SmallTurnWarning
 from estimators.trains.relative_poses import RelativePoseWarning
 

@@ -13,7 +13,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 Case = int | str
 

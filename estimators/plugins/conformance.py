@@ -24,8 +24,8 @@ from castor_envs.vehicles.train import TrainDescription
 from estimators.plugins import drives as check_drives
 from estimators.plugins import train_drives
 from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped
+from estimators.plugins.registry import EstimatorEntry, declines, reset_at_origin
 from estimators.protocol import Estimator
-from estimators.registry import EstimatorEntry, declines, reset_at_origin
 
 TOLERANCE = 1e-9
 """m and rad: what a change of frame or of batch size may change."""

@@ -11,7 +11,7 @@ from benchmarks.results.rescore import rescore, rescore_task
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
 from castor_envs.errors import InputError
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 
 @pytest.fixture(scope="module")

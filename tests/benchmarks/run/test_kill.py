@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 SCRIPT = """
 import sys
@@ -23,7 +23,7 @@ sys.path.append({fakes!r})
 from fake_tasks import Arcs
 
 from benchmarks.run.plan import Assignment, run
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 if __name__ == "__main__":
     task = Arcs(pause=0.05)

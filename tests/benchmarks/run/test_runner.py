@@ -17,7 +17,7 @@ from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_stacked, observed_runs
 from castor_envs.errors import InputError
 from castor_envs.processes import MOST_MEMORY
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 
 GIB = MOST_MEMORY / 2**30
 FAULTY = (

@@ -33,7 +33,7 @@ from castor_envs import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.registry import load_calibration, load_estimator
+from estimators.plugins.registry import load_calibration, load_estimator
 
 ERRORS = ("offset_error", "radius_error", "half_track_error", "pivot_zero_error")
 FAULTY = {

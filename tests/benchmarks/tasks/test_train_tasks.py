@@ -24,7 +24,7 @@ from castor_envs.logs.csv import read_log
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.train import TrainDescription
-from estimators.registry import load_estimator
+from estimators.plugins.registry import load_estimator
 from estimators.trains.grpec import GRPECXY
 from estimators.trains.odometry import TrainOdometry
 

@@ -19,7 +19,7 @@ from estimators.calibration.pivoting import PivotingMethod
 from estimators.calibration.protocol import CalibrationMethod, Recording
 from estimators.calibration.umbmark import UMBmarkMethod
 from estimators.calibration.uncalibrated import Uncalibrated
-from estimators.registry import CALIBRATION, load_calibration, load_estimator
+from estimators.plugins.registry import CALIBRATION, load_calibration, load_estimator
 
 
 def log_of(robot, trajectory, theta=None):

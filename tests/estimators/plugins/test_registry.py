@@ -13,8 +13,8 @@ import estimators
 from castor_envs.errors import Declined, InputError
 from castor_envs.vehicles.presets import cfmmr, preset, preset_names
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, builtin_names, load_estimator
+from estimators.plugins.registry import declines
 from estimators.plugins.source_hash import source_files
-from estimators.registry import declines
 
 MINE = """
 import numpy as np

@@ -9,7 +9,7 @@ import pytest
 from castor_envs.errors import InputError
 from castor_envs.geometry.kinematics import Geometry
 from castor_envs.vehicles.presets import cfmmr, preset
-from estimators.registry import TRAINS, builtin_names, estimator_names, load_estimator
+from estimators.plugins.registry import TRAINS, builtin_names, estimator_names, load_estimator
 from estimators.trains.configuration import MAX_AGE
 from estimators.trains.relative_poses import RelativePoseWarning
 
