@@ -66,7 +66,7 @@ class Observations:
     @classmethod
     def stack(cls, members: Sequence["Observations"]) -> "Observations":
         """Return the observations of runs of equal length and layout along one new leading axis."""
-        stacked: dict[str, Any] = {}
+        stacked: dict[str, Numbers | None] = {}
         for name in cls.__dataclass_fields__:
             parts = [getattr(member, name) for member in members]
             stacked[name] = None if any(part is None for part in parts) else np.stack(parts)
