@@ -24,7 +24,6 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced, moved_along
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
-from estimators.calibration.protocol import Recording
 
 UNSEEN = 0.03
 """A change of the parameters is not seen if its standard error is larger: as a part of each length, or in rad. Rounding
@@ -397,14 +396,3 @@ def _nothing(robot: RobotDescription, poses: int) -> str:
         f"without reference poses nothing can be seen of robot {robot.name!r}: its encoders cannot contradict each "
         "other, or did not move enough to; give logs with ref_x, ref_y and ref_psi, at least at start and end"
     )
-
-
-class MaximumLikelihoodMethod:
-    """All parameters that the logs tell, by maximum likelihood of what the sensors reported."""
-
-    def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
-        """Return the robot with the most likely parameters."""
-        return calibrate(robot, [recording.log for recording in recordings]).calibrated
-
-
-METHODS = {"maximum-likelihood": MaximumLikelihoodMethod}

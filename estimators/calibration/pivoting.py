@@ -19,7 +19,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.protocol import Recording
+from estimators.calibration.protocol import Recording, Report, Result, in_recording
 
 STEADY = 2.0
 """Counts by which a castor's angle may still move for it to have swung in."""
@@ -310,10 +310,40 @@ def _spread(values: Array) -> Array:
 class PivotingMethod:
     """Turns about held castors, both ways (Doebbler, eqs. 1-9); bases on two or more split castors."""
 
+    title = "pivoting about held castors (Doebbler, eqs. 1-9)"
+    takes_squares = False
+    finds_pivots = False
+
     def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
         """Return the robot with the mean of what the turns about each castor tell of the others."""
-        turns = [Turn(turn.log, turn.held or held_castor(robot, turn.log)) for turn in recordings]
-        return calibrate(robot, turns).applied()
+        return self._fit(robot, recordings).applied()
+
+    def report(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Report:
+        """Return the same with every parameter of the castors that turned, and its standard error."""
+        found = self._fit(robot, recordings)
+        calibrated, errors, results = found.applied(), found.errors, []
+        for i, (old, new) in enumerate(zip(robot.castors, calibrated.castors, strict=True)):
+            if not np.isfinite(found.parameters.offset[i]):
+                continue
+            numbers = [
+                ("offset", "m", old.offset, new.offset, errors.offset[i]),
+                ("pivot_zero", "rad", old.pivot_zero, new.pivot_zero, errors.pivot_zero[i]),
+            ]
+            for k, side in enumerate(("left", "right")):
+                before, after = old.wheels[k], new.wheels[k]
+                numbers.append((f"{side} radius", "m", before.radius, after.radius, errors.radius[i, k]))
+                numbers.append((f"{side} lateral", "m", before.lateral, after.lateral, errors.half_track[i, k]))
+            results += [Result(f"castor {i + 1} {what}", *rest, float(error)) for what, *rest, error in numbers]
+        return Report(tuple(results), calibrated)
+
+    def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> PivotingCalibration:
+        turns = []
+        for recording in recordings:
+            try:
+                turns.append(Turn(recording.log, recording.held or held_castor(robot, recording.log)))
+            except InputError as error:
+                raise in_recording(error, recording) from None
+        return calibrate(robot, turns)
 
 
 METHODS = {"pivoting": PivotingMethod}

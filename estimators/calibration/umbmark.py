@@ -28,7 +28,7 @@ from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.axle import AxleCorrection, driven_axle
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.protocol import Recording
+from estimators.calibration.protocol import Recording, Report, Result, in_recording
 from estimators.robots.dead_reckoning import DeadReckoning
 
 CLOSED = 0.25
@@ -36,6 +36,9 @@ CLOSED = 0.25
 
 TURNED = np.pi / 4
 """By how much a run's true turn may differ from a full one, rad: half a corner."""
+
+
+FIRST_ORDER = "the method is of first order: of errors of per cents, calibrate again with the calibrated robot"
 
 
 class StandardErrors(NamedTuple):
@@ -160,6 +163,17 @@ def direction_of(log: Log) -> Literal["cw", "ccw"]:
     return "ccw" if ends[1, 2] > ends[0, 2] else "cw"
 
 
+def directions_of(recordings: Sequence[Recording]) -> list[Literal["cw", "ccw"]]:
+    """Return the direction of each square; raises InputError that names a recording that has none."""
+    directions = []
+    for recording in recordings:
+        try:
+            directions.append(direction_of(recording.log))
+        except InputError as error:
+            raise in_recording(error, recording) from None
+    return directions
+
+
 def corrected(robot: RobotDescription, correction: UMBmarkCorrection) -> RobotDescription:
     """Return the robot with the corrected wheel base and diameters; all else, and the middle of the axle, stays."""
     return correction.axle.apply(robot)
@@ -253,15 +267,37 @@ def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "c
 class UMBmarkMethod:
     """UMBmark squares, both ways, with the true pose at start and end (Borenstein and Feng); differential robots."""
 
+    title = "correction from UMBmark squares (Borenstein and Feng)"
+    takes_squares = True
+    finds_pivots = False
+
     def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
         """Return the robot with corrected wheel base and diameters; the diameters' mean stays."""
-        squares = [(square.log, square.side) for square in recordings if square.side is not None]
+        return corrected(robot, self._fit(robot, recordings))
+
+    def report(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Report:
+        """Return the same with wheel base and diameters, and their standard errors."""
+        found = self._fit(robot, recordings)
+        errors, calibrated, axle = found.standard_errors, corrected(robot, found), driven_axle(robot)
+        (left, right), (new_left, new_right) = (
+            [wheel for wheel in each.castors[axle].wheels if wheel.driven] for each in (robot, calibrated)
+        )
+        base, new_base = left.lateral - right.lateral, new_left.lateral - new_right.lateral
+        results = (
+            Result("wheel base", "m", base, new_base, float(errors.wheel_base)),
+            Result("left diameter", "m", 2 * left.radius, 2 * new_left.radius, float(errors.diameters[1])),
+            Result("right diameter", "m", 2 * right.radius, 2 * new_right.radius, float(errors.diameters[0])),
+        )
+        return Report(results, calibrated, remarks=(FIRST_ORDER,))
+
+    def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> UMBmarkCorrection:
+        squares = [(square, square.side) for square in recordings if square.side is not None]
         sides = sorted({side for _, side in squares})
         if len(sides) != 1:
             found = "none" if not sides else ", ".join(f"{side:g} m" for side in sides)
             raise Declined(f"needs UMBmark squares of one side; sides of these recordings: {found}")
-        logs = [log for log, _ in squares]
-        return corrected(robot, from_logs(robot, logs, [direction_of(log) for log in logs], sides[0]))
+        logs = [square.log for square, _ in squares]
+        return from_logs(robot, logs, directions_of([square for square, _ in squares]), sides[0])
 
 
 METHODS = {"umbmark-correction": UMBmarkMethod}

@@ -14,7 +14,7 @@ from castor_envs.motion.trajectories import pivoting, umbmark
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.axle import with_axle
 from castor_envs.vehicles.presets import differential, n_castor, preset
-from estimators.calibration.maximum_likelihood import MaximumLikelihoodMethod
+from estimators.calibration.likelihood_method import MaximumLikelihoodMethod
 from estimators.calibration.pivoting import PivotingMethod
 from estimators.calibration.protocol import CalibrationMethod, Recording
 from estimators.calibration.umbmark import UMBmarkMethod

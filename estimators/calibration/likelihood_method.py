@@ -1,0 +1,100 @@
+"""Maximum likelihood as a calibration method: what it finds, what the logs do not show, and how sure it is."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.identifiability import COVERAGE, WHOLLY, rests_on, scale_rests_on_pivots, unseen_of
+from estimators.calibration.maximum_likelihood import Calibration, calibrate
+from estimators.calibration.protocol import Recording, Report, Result
+
+
+class MaximumLikelihoodMethod:
+    """All parameters that the logs tell, by maximum likelihood of what the sensors reported.
+
+    pivots: whether the places of free castors' pivots are found too.
+    """
+
+    title = "maximum likelihood of all counts and reference poses"
+    takes_squares = False
+    finds_pivots = True
+
+    def __init__(self, pivots: bool = False) -> None:
+        self._pivots = pivots
+
+    def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
+        """Return the robot with the most likely parameters."""
+        return self._fit(robot, recordings).calibrated
+
+    def report(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Report:
+        """Return what maximum likelihood finds, and what the logs do not show."""
+        found = self._fit(robot, recordings)
+        results, unseen = [], unseen_of(found)
+        hidden = np.linalg.norm(found.unseen, axis=0)
+        columns = (found.parameters, found.before, found.after, found.standard_errors, hidden, rests_on(found, unseen))
+        for parameter, before, after, error, part, rests in zip(*columns, strict=True):
+            seen = "no" if part > WHOLLY else "partly" if rests else "yes"
+            what = tuple(change.what for change in rests)
+            numbers = (float(before), float(after), float(error))
+            results.append(Result(parameter.name, parameter.unit, *numbers, seen, what))
+        remarks = []
+        if scale_rests_on_pivots(found):
+            remarks.append("all lengths rest on the pivots' places in the robot file; reference poses would check them")
+        noise, (x, y, yaw) = found.noise, found.mount
+        remarks.append(f"slip {1e3 * noise.along:.2g} mm along and {1e3 * noise.across:.2g} mm across after 1 m")
+        names = [result.name for result in results]
+        more: dict[str, Any] = {
+            "unseen": [
+                {
+                    "what": change.what,
+                    "shown_by": change.shown_by,
+                    "moves": dict(zip(names, change.moves.tolist(), strict=True)),
+                }
+                for change in unseen
+            ],
+            "slip_m": [noise.along, noise.across],
+        }
+        if found.left is not None:
+            before, after = found.left
+            remarks += [
+                _tracked_point(found),
+                f"reference: noise {1e3 * noise.position:.2g} mm, {np.degrees(noise.heading):.2g} deg",
+                *(
+                    f"{recording.name}: the reference is {1e3 * abs(ahead):.0f} ms "
+                    f"{'ahead of' if ahead > 0 else 'behind'} the counts at the start, and gains {1e3 * rate:.1f} ms/s"
+                    for recording, (ahead, rate) in zip(recordings, found.clocks, strict=True)
+                ),
+                f"odometry is {1e3 * before:.1f} mm (rms) off the reference before, {1e3 * after:.1f} mm after",
+            ]
+            more |= {
+                "mount": {"x_m": x, "y_m": y, "psi_rad": yaw}
+                | {"standard_errors": found.mount_errors.tolist(), "seen": found.mount_seen.tolist()},
+                "clocks": [{"ahead_s": ahead, "rate": rate} for ahead, rate in found.clocks.tolist()],
+                "reference_noise": {"position_m": noise.position, "heading_rad": noise.heading},
+                "odometry_rms_m": {"before": before, "after": after},
+            }
+        told = {change.what: str(change) for change in unseen}
+        return Report(tuple(results), found.calibrated, told, tuple(remarks), more)
+
+    def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Calibration:
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError
+            return calibrate(robot, [recording.log for recording in recordings], pivots=self._pivots)
+
+
+def _tracked_point(found: Calibration) -> str:
+    """Return where the tracked point is; of what the logs do not show, how far it may be off where it is believed."""
+    factors, units = (1e3, 1e3, 180 / np.pi), ("mm", "mm", "deg")
+    columns = zip(
+        ("x", "y", "turned by"), found.mount, found.mount_errors, found.mount_seen, factors, units, strict=True
+    )
+    parts = [
+        f"{name} {value * factor:.{1 if unit == 'mm' else 2}f} ± {COVERAGE * error * factor:.2g} {unit}"
+        + ("" if seen else " (not seen)")
+        for name, value, error, seen, factor, unit in columns
+    ]
+    return f"reference: tracked point at {', '.join(parts)}"
+
+
+METHODS = {"maximum-likelihood": MaximumLikelihoodMethod}
