@@ -3,6 +3,7 @@
 Importing this package registers the environments; ``gym.make("castor_envs:castor/UMBmark-v0")`` does both.
 """
 
+from castor_envs.effects import catalogue as _catalogue  # noqa: F401  (every effect is known before a file is read)
 from castor_envs.envs import register_envs
 
 register_envs()

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
+from castor_envs import description
+from castor_envs.description import CONFIG, Angle, Extent, FrictionOrNone, Place
 from castor_envs.errors import InputError
-from castor_envs.vehicles import description
-from castor_envs.vehicles.description import CONFIG, Angle, Extent, FrictionOrNone, Place
 
 FORMAT = "castor-floor/1"
 

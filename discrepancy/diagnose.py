@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.effects import Effect, readings
+from castor_envs.effects.catalogue import readings
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.inference.findings import WEAKEST_FIRST, Diagnosis, Left
 from discrepancy.inference.forward_selection import diagnose
@@ -23,7 +24,7 @@ from discrepancy.report import pictures
 from discrepancy.report.page import html_of
 from discrepancy.report.text import Data, as_data, mistake_data
 from discrepancy.report.traces import traces_of
-from discrepancy.validation.replay import WIRING, Replay, joined, replay
+from discrepancy.validation.replay import Replay, joined, replay
 
 Logs = Mapping[str, Log]
 
@@ -104,15 +105,15 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
 
 def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescription, Sequence[Effect]]:
     """Return the robot with the gross mistakes of some logs, and those of its wiring, which are undone in the logs."""
-    wiring = [effect for effect in checked.effects if isinstance(effect, WIRING)]
-    return robot.with_effects(*(effect for effect in checked.effects if not isinstance(effect, WIRING))), wiring
+    wiring = [effect for effect in checked.effects if effect.wiring]
+    return robot.with_effects(*(effect for effect in checked.effects if not effect.wiring)), wiring
 
 
 def _found(
     robot: RobotDescription, checked: Preflight, wiring: Sequence[Effect], diagnosis: Diagnosis
 ) -> RobotDescription | None:
     doubtful = {effect for mistake in checked.mistakes if mistake.rivals for effect in mistake.effects}
-    built = [effect for effect in checked.effects if not isinstance(effect, WIRING) and effect not in doubtful]
+    built = [effect for effect in checked.effects if not effect.wiring and effect not in doubtful]
     effects = [*built, *diagnosis.effects, *(effect for effect in wiring if effect not in doubtful)]
     return robot.with_effects(*effects) if effects else None
 

@@ -15,8 +15,8 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from benchmarks.tasks.kinematic import UNCALIBRATED_BETA
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import pivoting as turn
 from castor_envs.sensors.encoders import Encoders

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.presets import preset
@@ -43,12 +43,12 @@ def spent(advance: Callable[[], None]) -> float:
 def variants(name: str, floor: Floor) -> tuple[Callable[[], None], Callable[[], None], int]:
     """Return a sample period of the physics, one of bare steps, and how many substeps both take."""
 
-    def world_of() -> tuple[World | TrainWorld, int]:
+    def world_of() -> tuple[RobotWorld | TrainWorld, int]:
         if name.startswith("cfmmr"):
             train = load_train(name)
             return TrainWorld(train, floor), 2 * train.n_axles
         robot = preset(name)
-        return World(robot, floor), len(robot.driven_wheels)
+        return RobotWorld(robot, floor), len(robot.driven_wheels)
 
     (world, motors), (still, _) = world_of(), world_of()
     command = np.full(motors, 3.0)

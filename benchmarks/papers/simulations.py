@@ -19,7 +19,7 @@ from benchmarks.scoring.square_metrics import return_errors, umbmark
 from benchmarks.tasks.kinematic import NORMAL, UNCALIBRATED_BETA, ParameterErrors
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Direction, Trajectory
 from castor_envs.sensors.encoders import Encoders

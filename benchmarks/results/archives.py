@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from castor_envs.description import explain
 from castor_envs.files import write_atomically
-from castor_envs.vehicles.description import explain
 
 M = TypeVar("M")
 

@@ -20,11 +20,11 @@ from benchmarks.results.archives import (
 )
 from benchmarks.results.provenance import Origin, provenance, world_digest
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
+from castor_envs.description import CONFIG, Length
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.description import CONFIG, Length
 from castor_envs.vehicles.load import file_name as vehicle_file_name
 from castor_envs.vehicles.load import vehicle_from_dict
 from castor_envs.vehicles.robot import RobotDescription

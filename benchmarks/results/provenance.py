@@ -13,7 +13,7 @@ from pydantic.dataclasses import dataclass
 
 import benchmarks.tasks
 import castor_envs
-from castor_envs.vehicles.description import CONFIG
+from castor_envs.description import CONFIG
 
 _PACKAGES = ("castor-envs", "numpy", "pymunk", "numba")
 

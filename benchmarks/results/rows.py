@@ -25,10 +25,10 @@ from benchmarks.results.archives import CorruptFileError, OlderFormatError, chec
 from benchmarks.results.episodes import Hash, Name, StoredCase, file_name
 from benchmarks.results.provenance import Origin, provenance
 from benchmarks.tasks.task import Case
+from castor_envs.description import CONFIG, Duration
 from castor_envs.errors import InputError
 from castor_envs.files import remove_leftovers, write_json
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.description import CONFIG, Duration
 from castor_envs.vehicles.robot import RobotDescription
 
 ROW_FORMAT = "castor-row/2"

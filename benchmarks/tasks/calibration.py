@@ -30,9 +30,9 @@ from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Direction, Trajectory, figure_eight, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders

@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_as_described
 from benchmarks.tasks.task import Case, Episode, Run, Task
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Direction, umbmark
 from castor_envs.sensors.encoders import Encoders

@@ -17,10 +17,10 @@ from benchmarks.tasks.kinematic import CALIBRATED
 from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_square
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.controllers import trailing_angles
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Direction
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription

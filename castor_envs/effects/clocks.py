@@ -1,26 +1,16 @@
 """Effects on time: what is read late, early or unevenly, and clocks that disagree."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.base import (
-    Effect,
-    Number,
-    Reader,
-    all_channels,
-    channel,
-    pivot_encoders,
-    through,
-    wheel_encoders,
-)
+from castor_envs.description import CONFIG, Seed
+from castor_envs.effects.parts import all_channels, channel, on_channels, pivot_encoders, wheel_encoders
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.description import CONFIG, Seed
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.effect import Effect, Number, SensorModel
+from castor_envs.vehicles.robot import RobotDescription
 
 Latency = Annotated[float, Field(ge=-0.1, le=1.0)]
 
@@ -40,37 +30,37 @@ class Past:
         """Return how long after the sample before each of some new ones (k,) comes, s; 0 for the first of all."""
         return np.diff(t, prepend=self._t[-1:] if len(self._t) else t[:1])
 
-    def at(self, wanted: Array, t: Array, angle: Array) -> Array:
-        """Add samples at t (k,); return the angles (k, c) at the times that are wanted when each of them is taken.
+    def at(self, taken: Array, t: Array, angle: Array) -> Array:
+        """Add samples at t (k,); return the angles (k, c) as they stood at the times `taken` (k,), s.
 
-        After this one they go on as between the last two by then.
+        Each is read when its sample is there: after that one angles go on as between the last two by then.
         """
         first = len(self._t)
         self._t = np.concatenate([self._t, t])
         self._angle = np.concatenate([self._angle, angle]) if first else angle.copy()
-        own = np.arange(first, len(self._t))
-        k = np.minimum(np.searchsorted(self._t, wanted, side="right") - 1, own)
-        known = (k >= 0) & (own > 0)
-        begin = np.where(known, np.minimum(k, own - 1), 0)
+        new = np.arange(first, len(self._t))
+        k = np.minimum(np.searchsorted(self._t, taken, side="right") - 1, new)
+        known = (k >= 0) & (new > 0)
+        begin = np.where(known, np.minimum(k, new - 1), 0)
         end = np.where(known, begin + 1, 0)
         step = np.where(known, self._t[end] - self._t[begin], 1.0)
         rate = (self._angle[end] - self._angle[begin]) / step[:, None]
         k = np.where(known, k, 0)
-        seen = self._angle[k] + rate * (wanted - self._t[k])[:, None]
+        seen = self._angle[k] + rate * (taken - self._t[k])[:, None]
         needed = int(np.searchsorted(self._t, self._t[-1] - self._back, side="right")) - 1
         needed = int(np.clip(needed, 0, max(len(self._t) - 2, 0)))
         self._t, self._angle = self._t[needed:], self._angle[needed:]
         return seen
 
 
-def late(robot: "RobotDescription", channels: list[int], latency: float) -> Reader:
-    """Return a reader that sees some channels as they were `latency` s before."""
+def late(robot: RobotDescription, channels: list[int], latency: float) -> SensorModel:
+    """Return a model that sees some channels as they were `latency` s before."""
     past = Past(latency)
-    return through(robot, channels, lambda t, angle: past.at(t - latency, t, angle))
+    return on_channels(robot, channels, lambda t, angle: past.at(t - latency, t, angle))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class EncoderLatency(Effect):
+class EncoderLatency(Effect[RobotDescription]):
     """One encoder is read `value` (s) late: a wheel's, or the castor's pivot encoder where `wheel` is left out.
 
     Between samples by interpolation; before the start the robot stood still. Below 0 it is read early, as the last two
@@ -87,18 +77,18 @@ class EncoderLatency(Effect):
     check = "Check this encoder's filter, bus and the order in which the encoders are read."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["EncoderLatency", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["EncoderLatency", ...]:
         """Return one for each encoder."""
         places = [*wheel_encoders(robot), *((i, None) for i in pivot_encoders(robot))]
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in places)
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that sees this encoder late."""
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that sees this encoder late."""
         return late(robot, [channel(robot, self.castor, self.wheel, self.name)], self.value)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class AllLatency(Effect):
+class AllLatency(Effect[RobotDescription]):
     """All encoders are read `value` (s) late, as `encoder_latency` of each."""
 
     name: Literal["all_latency"] = "all_latency"
@@ -106,21 +96,22 @@ class AllLatency(Effect):
     title = "latency of all encoders"
     unit = "s"
     step = 1e-3
+    timing = True
     check = "Check what the log's time stamps mean, and the buffers between encoders and log."
-    same_as = ("all_latency", "clock_offset")
+    indistinguishable_from = ("all_latency", "clock_offset")
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["AllLatency", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["AllLatency", ...]:
         """Return one if the robot has encoders."""
         return (cls(value=cls.step),) if all_channels(robot) else ()
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that sees every encoder late."""
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that sees every encoder late."""
         return late(robot, all_channels(robot), self.value)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class SampleJitter(Effect):
+class SampleJitter(Effect[RobotDescription]):
     """All encoders are read together at t + value (s) times white noise of standard deviation 1, drawn from `seed`.
 
     Never more than half a sample early or late, so samples keep their order.
@@ -132,26 +123,27 @@ class SampleJitter(Effect):
     title = "jitter of sampling"
     unit = "s"
     step = 1e-3
+    timing = True
     check = "Look at the differences of time stamps; give the sampling task a fixed period and priority."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["SampleJitter", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["SampleJitter", ...]:
         """Return one if the robot has encoders."""
         return (cls(value=cls.step),) if all_channels(robot) else ()
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that sees every encoder a little early or late."""
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that sees every encoder a little early or late."""
         past, random = Past(0.0), np.random.default_rng(self.seed)
 
         def read(t: Array, angle: Array) -> Array:
             half = past.since(t) / 2
             return past.at(t + np.clip(self.value * random.standard_normal(len(t)), -half, half), t, angle)
 
-        return through(robot, all_channels(robot), read)
+        return on_channels(robot, all_channels(robot), read)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ClockSkew(Effect):
+class ClockSkew(Effect[RobotDescription]):
     """The reference's clock runs slow: the reference in a log's row of time t was taken at (1 + value) t."""
 
     name: Literal["clock_skew"] = "clock_skew"
@@ -159,10 +151,11 @@ class ClockSkew(Effect):
     title = "skew of the reference's clock"
     unit = "s/s"
     step = 1e-4
+    timing = True
     check = "Let both clocks stamp one event at the start and one at the end of a long run; check the sample period."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["ClockSkew", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["ClockSkew", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 
@@ -172,7 +165,7 @@ class ClockSkew(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ClockOffset(Effect):
+class ClockOffset(Effect[RobotDescription]):
     """The reference comes too early in the log: that in the row of time t was taken at t + value (s)."""
 
     name: Literal["clock_offset"] = "clock_offset"
@@ -180,11 +173,12 @@ class ClockOffset(Effect):
     title = "offset of the reference's clock"
     unit = "s"
     step = 1e-3
+    timing = True
     check = "Let both clocks stamp one event, as a tap on the robot; check when the reference system stamps its poses."
-    same_as = ("all_latency", "clock_offset")
+    indistinguishable_from = ("all_latency", "clock_offset")
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["ClockOffset", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["ClockOffset", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 

@@ -1,25 +1,21 @@
 """Effects on how wheels hold the floor: tyres that creep more or less than described, under drive and side forces."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.base import Effect
-from castor_envs.floor import Floor
-from castor_envs.motion.steps import Motion, Slip
-from castor_envs.physics.contact_motion import creep
-from castor_envs.vehicles.description import CONFIG
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.description import CONFIG
+from castor_envs.geometry.steps import Slip
+from castor_envs.vehicles.effect import Contacts, Effect
+from castor_envs.vehicles.robot import RobotDescription
 
 Stiffness = Annotated[float, Field(ge=-0.9, le=10.0)]
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class SlipStiffness(Effect):
+class SlipStiffness(Effect[RobotDescription]):
     """All wheels creep less under drive forces: their longitudinal slip stiffness is larger by the fraction `value`."""
 
     name: Literal["slip_stiffness"] = "slip_stiffness"
@@ -27,25 +23,26 @@ class SlipStiffness(Effect):
     title = "slip stiffness of the tyres"
     unit = "1"
     step = 0.1
+    creep = "compliance"
     check = "Compare wheel counts on a distance driven softly with those driven with hard starts and stops."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["SlipStiffness", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["SlipStiffness", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with `contact.slip_stiffness_long` scaled by 1 + value."""
         stiffness = robot.contact.slip_stiffness_long * (1.0 + self.value)
         return dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, slip_stiffness_long=stiffness))
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return how far wheels creep more under the forces of the motion than with the stiffness described."""
-        return creep(self.apply(robot), motion, Floor()) - creep(robot, motion, Floor())
+        return contacts.of(self.apply(contacts.robot)).creep() - contacts.creep()
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class SlipStiffnessLateral(Effect):
+class SlipStiffnessLateral(Effect[RobotDescription]):
     """All wheels slip less under side forces: their lateral slip stiffness is larger by the fraction `value`."""
 
     name: Literal["slip_stiffness_lateral"] = "slip_stiffness_lateral"
@@ -53,25 +50,26 @@ class SlipStiffnessLateral(Effect):
     title = "side slip with load"
     unit = "1"
     step = 0.1
+    creep = "compliance"
     check = "Drive bends fast and slowly and compare where the robot ends; look at the tyres' pressure and hardness."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["SlipStiffnessLateral", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["SlipStiffnessLateral", ...]:
         """Return one if the robot has wheels without rollers."""
         return (cls(value=cls.step),) if any(wheel.grip == "standard" for wheel in robot.wheels) else ()
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with `contact.slip_stiffness_lat` scaled by 1 + value."""
         stiffness = robot.contact.slip_stiffness_lat * (1.0 + self.value)
         return dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, slip_stiffness_lat=stiffness))
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return how far castors slip more to their side than with the stiffness described."""
-        return creep(self.apply(robot), motion, Floor()) - creep(robot, motion, Floor())
+        return contacts.of(self.apply(contacts.robot)).creep() - contacts.creep()
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ContactCreep(Effect):
+class ContactCreep(Effect[RobotDescription]):
     """Contacts give way even where they hardly roll: each slips at `value` (m/s) for every N of force on it.
 
     Along and across, beside the slip in proportion to the distance rolled.
@@ -82,17 +80,18 @@ class ContactCreep(Effect):
     title = "contacts that creep at standstill"
     unit = "m/s/N"
     step = 1e-5
+    creep = "compliance"
     check = "Leave the robot on a slope, wheels braked, and see whether it moves; look for soft or wet tyres or carpet."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["ContactCreep", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["ContactCreep", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 
-    def yielding(self) -> float:
+    def creep_compliance(self) -> float:
         """Return `value`."""
         return self.value
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return how far contacts slip more under the forces of the motion."""
-        return creep(robot, motion, Floor(), self.value) - creep(robot, motion, Floor())
+        return contacts.creep(creep_compliance=self.value) - contacts.creep()

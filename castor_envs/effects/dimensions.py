@@ -1,38 +1,30 @@
 """Effects on the robot's dimensions: what is built otherwise than described."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.base import (
-    Effect,
-    Number,
-    Rolling,
-    castor_of,
-    pivot_encoders,
-    standing_loads,
-    wheel_channel,
-    wheel_encoders,
-    with_castor,
-    with_wheels,
-)
+from castor_envs.description import CONFIG
+from castor_envs.effects.parts import castor_of, pivot_encoders, wheel_channel, wheel_encoders, with_castor, with_wheels
 from castor_envs.errors import InputError
+from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.steps import Motion, Slip, contact_paths
-from castor_envs.vehicles.description import CONFIG
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.geometry.steps import Slip
+from castor_envs.vehicles.effect import Contacts, Effect, Number, RadiusChange
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.weight import swung_loads, wheel_loads
 
 Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Metres = Annotated[float, Field(ge=-1.0, le=1.0)]
+GRAVITY = Floor().normal_gravity
+"""m/s2, on a level floor: where radii under load are measured."""
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class WheelRadius(Effect):
+class WheelRadius(Effect[RobotDescription]):
     """A wheel (castor and wheel counted from 1; wheel 1 is the left one) is larger by the fraction `value`."""
 
     name: Literal["wheel_radius"] = "wheel_radius"
@@ -43,20 +35,20 @@ class WheelRadius(Effect):
     unit = "1"
     step = 1e-3
     check = "Measure the wheel's diameter under load; look for wear and dirt on the tread."
-    same_as = ("wheel_radius", "counts_per_rev")
+    indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["WheelRadius", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["WheelRadius", ...]:
         """Return one for each wheel with an encoder."""
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with this wheel's radius scaled by 1 + value."""
         return with_wheels(robot, self.castor, self.name, self.wheel, radius=1.0 + self.value)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class AllWheelRadius(Effect):
+class AllWheelRadius(Effect[RobotDescription]):
     """All wheels of the robot are larger by the fraction `value`."""
 
     name: Literal["all_wheel_radius"] = "all_wheel_radius"
@@ -67,11 +59,11 @@ class AllWheelRadius(Effect):
     check = "Measure the diameters under load; compare a straight drive with a tape measure."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["AllWheelRadius", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["AllWheelRadius", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with all radii scaled by 1 + value."""
         for i in range(len(robot.castors)):
             robot = with_wheels(robot, i + 1, self.name, radius=1.0 + self.value)
@@ -79,7 +71,7 @@ class AllWheelRadius(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class CountsPerRev(Effect):
+class CountsPerRev(Effect[RobotDescription]):
     """A wheel's encoder counts more a turn, by the fraction `value`: as a radius smaller by value/(1 + value)."""
 
     name: Literal["counts_per_rev"] = "counts_per_rev"
@@ -90,21 +82,21 @@ class CountsPerRev(Effect):
     unit = "1"
     step = 1e-3
     check = "Turn the wheel ten times by hand and read the counts; check gear ratio and encoder settings."
-    same_as = ("wheel_radius", "counts_per_rev")
+    indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["CountsPerRev", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["CountsPerRev", ...]:
         """Return one for each wheel with an encoder."""
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with this wheel's counts a turn scaled by 1 + value."""
         wheel_channel(robot, self.castor, self.wheel, self.name)
         return with_wheels(robot, self.castor, self.name, self.wheel, counts_per_rev=1.0 + self.value)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class Track(Effect):
+class Track(Effect[RobotDescription]):
     """The wheels of a castor stand wider apart by the fraction `value`."""
 
     name: Literal["track"] = "track"
@@ -116,17 +108,17 @@ class Track(Effect):
     check = "Measure the distance between the wheels' contact lines; look for play along the axle."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["Track", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["Track", ...]:
         """Return one for each castor with more than one wheel."""
         return tuple(cls(castor=i, value=cls.step) for i, c in enumerate(robot.castors, start=1) if len(c.wheels) > 1)
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with all laterals of this castor scaled by 1 + value."""
         return with_wheels(robot, self.castor, self.name, lateral=1.0 + self.value)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotOffset(Effect):
+class PivotOffset(Effect[RobotDescription]):
     """A castor's axle trails its pivot by `value` (m) more."""
 
     name: Literal["pivot_offset"] = "pivot_offset"
@@ -138,19 +130,19 @@ class PivotOffset(Effect):
     check = "Measure from the pivot's axis to the wheels' axle; look for play of the pivot's bearing and a bent fork."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotOffset", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotOffset", ...]:
         """Return one for each castor that turns about a pivot ahead of its axle."""
         trailing = [i for i, c in enumerate(robot.castors, start=1) if c.steering != "fixed" and c.offset > 0]
         return tuple(cls(castor=i, value=cls.step) for i in trailing)
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with `value` added to this castor's offset."""
         offset = castor_of(robot, self.castor, self.name).offset + self.value
         return with_castor(robot, self.castor, self.name, offset=offset)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotPositionX(Effect):
+class PivotPositionX(Effect[RobotDescription]):
     """A castor's pivot stands `value` (m) further forward in the body."""
 
     name: Literal["pivot_position_x"] = "pivot_position_x"
@@ -162,18 +154,18 @@ class PivotPositionX(Effect):
     check = "Measure the pivots' distances from each other and from the point that the reference tracks."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotPositionX", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotPositionX", ...]:
         """Return one for each castor."""
         return tuple(cls(castor=i + 1, value=cls.step) for i in range(len(robot.castors)))
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with `value` added to this pivot's x."""
         x, y = castor_of(robot, self.castor, self.name).pivot
         return with_castor(robot, self.castor, self.name, pivot=(x + self.value, y))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotPositionY(Effect):
+class PivotPositionY(Effect[RobotDescription]):
     """A castor's pivot stands `value` (m) further to the left in the body."""
 
     name: Literal["pivot_position_y"] = "pivot_position_y"
@@ -185,18 +177,18 @@ class PivotPositionY(Effect):
     check = "Measure the pivots' distances from each other and from the point that the reference tracks."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotPositionY", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotPositionY", ...]:
         """Return one for each castor."""
         return tuple(cls(castor=i + 1, value=cls.step) for i in range(len(robot.castors)))
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with `value` added to this pivot's y."""
         x, y = castor_of(robot, self.castor, self.name).pivot
         return with_castor(robot, self.castor, self.name, pivot=(x, y + self.value))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotBias(Effect):
+class PivotBias(Effect[RobotDescription]):
     """The pivot encoder of a castor (counted from 1) reads `value` (rad) more than the model's `pivot_zero` says."""
 
     name: Literal["pivot_bias"] = "pivot_bias"
@@ -208,21 +200,21 @@ class PivotBias(Effect):
     check = "Align the castor with the body by a straight edge and read its pivot; check the encoder's clamp."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotBias", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotBias", ...]:
         """Return one for each castor with a pivot encoder."""
         return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with the bias added to the true beta."""
         zero = castor_of(robot, self.castor, self.name).pivot_zero + self.value
         return with_castor(robot, self.castor, self.name, pivot_zero=zero)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class LoadRadius(Effect):
+class LoadRadius(Effect[RobotDescription]):
     """Tyres give way: a wheel's radius is smaller by `value` (m/N) times what it carries more than wheels on average.
 
-    As castors turn, loads shift (`castor_envs.physics.statics.swung_loads`); what accelerating shifts is left out. The
+    As castors turn, loads shift (`castor_envs.vehicles.weight.swung_loads`); what accelerating shifts is left out. The
     average is of the standing loads of wheels with encoders. `apply` takes those that stand on each.
     """
 
@@ -234,7 +226,7 @@ class LoadRadius(Effect):
     check = "Measure the height of the axles above the floor, with and without a known weight on the robot."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["LoadRadius", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["LoadRadius", ...]:
         """Return one if loads on wheels with encoders differ, or change as castors turn, by over 1 %."""
         try:
             loads = _shifting_loads(robot)[:, list(robot.driven_wheels)]
@@ -242,9 +234,9 @@ class LoadRadius(Effect):
             return ()
         return (cls(value=cls.step),) if loads.size and np.ptp(loads) > 0.01 * np.mean(loads) else ()
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot with the radii under its standing loads."""
-        loads, radius = standing_loads(robot), np.array([wheel.radius for wheel in robot.wheels])
+        loads, radius = wheel_loads(robot, GRAVITY), np.array([wheel.radius for wheel in robot.wheels])
         less = self.value * (_shifting_loads(robot) - np.mean(loads[list(robot.driven_wheels)]))
         if np.any(gone := np.max(less, axis=0) >= radius):
             castor = robot.wheel_castors[int(np.argmax(gone))] + 1
@@ -255,28 +247,29 @@ class LoadRadius(Effect):
                 robot = with_wheels(robot, i, self.name, j, radius=1.0 - next(less) / wheel.radius)
         return robot
 
-    def rolling(self, robot: "RobotDescription") -> Rolling | None:
+    def radius_change(self, robot: RobotDescription) -> RadiusChange | None:
         """Return by what part radii are larger than under standing loads; None where loads do not shift."""
         if self.value == 0.0 or not _swinging(robot):
             return None
-        radius, standing = np.array([wheel.radius for wheel in self.apply(robot).wheels]), standing_loads(robot)
-        return lambda castor_angle: self.value * (standing - standing_loads(robot, castor_angle)) / radius
+        radius, standing = np.array([wheel.radius for wheel in self.apply(robot).wheels]), wheel_loads(robot, GRAVITY)
+        return lambda castor_angle: self.value * (standing - swung_loads(robot, GRAVITY, castor_angle)) / radius
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip | None:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip | None:
         """Return how much further contacts move than wheels of standing loads' radii roll."""
-        if (larger := self.rolling(robot)) is None:
+        robot, half_way = contacts.robot, contacts.motion.half_way
+        if (larger := self.radius_change(robot)) is None:
             return None
-        path, part = contact_paths(self.apply(robot), motion)[:, : len(robot.wheels)], larger(motion.half_way)
-        return Slip(path * part / (1.0 + part), np.zeros_like(motion.half_way))
+        path, part = contacts.of(self.apply(robot)).paths()[:, : len(robot.wheels)], larger(half_way)
+        return Slip(path * part / (1.0 + part), np.zeros_like(half_way))
 
 
-def _shifting_loads(robot: "RobotDescription") -> Array:
+def _shifting_loads(robot: RobotDescription) -> Array:
     """Return loads on wheels (5, w), N: standing ones, and with all castors that swing turned to each side of B."""
     angles = np.array([castor.angle for castor in robot.castors]) + np.zeros((4, 1))
     angles[:, _swinging(robot)] = np.arange(4)[:, None] * np.pi / 2
-    return np.vstack([standing_loads(robot), standing_loads(robot, angles)])
+    return np.vstack([wheel_loads(robot, GRAVITY), swung_loads(robot, GRAVITY, angles)])
 
 
-def _swinging(robot: "RobotDescription") -> list[int]:
+def _swinging(robot: RobotDescription) -> list[int]:
     """Return the castors (from 0) whose axles move as they turn."""
     return [i for i, castor in enumerate(robot.castors) if castor.steering != "fixed" and castor.offset]

@@ -2,28 +2,24 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.base import (
-    Effect,
-    Number,
-    Reader,
-    in_turn,
+from castor_envs.description import CONFIG, Duration, DurationOrNone, RateOrNone, Seed
+from castor_envs.effects.parts import (
+    on_channels,
     pivot_channel,
     pivot_encoders,
-    through,
+    sample_by_sample,
     wheel_channel,
     wheel_encoders,
 )
 from castor_envs.geometry.arrays import Array
-from castor_envs.vehicles.description import CONFIG, Duration, DurationOrNone, RateOrNone, Seed
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.effect import Effect, Number, SensorModel, ThereOrNot
+from castor_envs.vehicles.robot import RobotDescription
 
 Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward"]
@@ -38,8 +34,8 @@ def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Ar
 
     def read(t: Array, angle: Array) -> Array:
         since, before, gone = last[0] if last else (t[:1], angle[:1], np.zeros_like(angle[:1]))
-        own = lost(np.diff(t, prepend=since), np.diff(angle, axis=0, prepend=before))
-        total = np.cumsum(np.concatenate([gone, own]), axis=0)[1:]
+        newly = lost(np.diff(t, prepend=since), np.diff(angle, axis=0, prepend=before))
+        total = np.cumsum(np.concatenate([gone, newly]), axis=0)[1:]
         last[:] = [(t[-1:], angle[-1:].copy(), total[-1:])]
         return angle - total
 
@@ -47,7 +43,7 @@ def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Ar
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotGain(Effect):
+class PivotGain(Effect[RobotDescription]):
     """A pivot encoder reads (1 + value) theta: too many degrees for each degree turned, counted from theta = 0."""
 
     name: Literal["pivot_gain"] = "pivot_gain"
@@ -59,18 +55,18 @@ class PivotGain(Effect):
     check = "Turn the castor by ten full turns and read its pivot; check the gear or belt between pivot and encoder."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotGain", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotGain", ...]:
         """Return one for each castor with a pivot encoder."""
         return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that scales theta."""
-        own = pivot_channel(robot, self.castor, self.name)
-        return through(robot, [own], lambda t, angle: (1.0 + self.value) * angle)
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that scales theta."""
+        channel = pivot_channel(robot, self.castor, self.name)
+        return on_channels(robot, [channel], lambda t, angle: (1.0 + self.value) * angle)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotEccentricity(Effect):
+class PivotEccentricity(Effect[RobotDescription]):
     """A pivot encoder's disc sits off its centre: it reads theta + value sin(theta - phase)."""
 
     name: Literal["pivot_eccentricity"] = "pivot_eccentricity"
@@ -83,18 +79,18 @@ class PivotEccentricity(Effect):
     check = "Turn the castor by quarter turns against a protractor; check the encoder disc's or magnet's centring."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotEccentricity", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotEccentricity", ...]:
         """Return two for each castor with a pivot encoder, a quarter turn apart."""
         return tuple(cls(castor=i, value=cls.step, phase=phase) for i in pivot_encoders(robot) for phase in QUARTERS)
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that adds the sine of theta."""
-        own = pivot_channel(robot, self.castor, self.name)
-        return through(robot, [own], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that adds the sine of theta."""
+        channel = pivot_channel(robot, self.castor, self.name)
+        return on_channels(robot, [channel], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class WheelEccentricity(Effect):
+class WheelEccentricity(Effect[RobotDescription]):
     """A wheel or its encoder's disc sits off its centre: at angle phi it reads phi + value sin(phi - phase).
 
     phi is the angle turned since the start of the run.
@@ -111,19 +107,19 @@ class WheelEccentricity(Effect):
     check = "Spin the wheel against a dial gauge; check its hub and its encoder's centring."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["WheelEccentricity", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["WheelEccentricity", ...]:
         """Return two for each wheel with an encoder, a quarter turn apart."""
-        places = [(*own, phase) for own in wheel_encoders(robot) for phase in QUARTERS]
+        places = [(*place, phase) for place in wheel_encoders(robot) for phase in QUARTERS]
         return tuple(cls(castor=i, wheel=j, value=cls.step, phase=phase) for i, j, phase in places)
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that adds the sine of the wheel's angle."""
-        own = wheel_channel(robot, self.castor, self.wheel, self.name)
-        return through(robot, [own], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that adds the sine of the wheel's angle."""
+        channel = wheel_channel(robot, self.castor, self.wheel, self.name)
+        return on_channels(robot, [channel], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class PivotBacklash(Effect):
+class PivotBacklash(Effect[RobotDescription]):
     """A pivot encoder's gear has backlash: turned left it reads half of `value` (rad) too little, right too much.
 
     Turned back, it stands still for `value`, then follows. The run starts in the middle of the backlash.
@@ -138,24 +134,24 @@ class PivotBacklash(Effect):
     check = "Rock the castor by hand and watch its pivot's counts; check the encoder's gear, belt and coupling."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["PivotBacklash", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["PivotBacklash", ...]:
         """Return one for each castor with a pivot encoder."""
         return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that follows theta at half the backlash."""
-        own, half = pivot_channel(robot, self.castor, self.name), self.value / 2
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that follows theta at half the backlash."""
+        channel, half = pivot_channel(robot, self.castor, self.name), self.value / 2
         before: list[Array] = []
 
         def read(t: float, angle: Array) -> Array:
             before[:] = [np.clip(before[0], angle - half, angle + half) if before else angle]
             return before[0]
 
-        return through(robot, [own], in_turn(read))
+        return on_channels(robot, [channel], sample_by_sample(read))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class TickLoss(Effect):
+class TickLoss(Effect[RobotDescription]):
     """A wheel's encoder loses the fraction `value` of what the wheel turns in samples faster than `above` (rad/s).
 
     Only while it turns in one `direction`, which is that of its castor. The speed is a sample's mean.
@@ -175,7 +171,7 @@ class TickLoss(Effect):
     )
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["TickLoss", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["TickLoss", ...]:
         """Return two for each wheel with an encoder, one a direction, above a quarter of the robot's top speed."""
         above = robot.max_wheel_speed / 4
         ways: tuple[Direction, ...] = ("forward", "backward")
@@ -185,9 +181,13 @@ class TickLoss(Effect):
             for way in ways
         )
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that leaves out what was lost so far."""
-        own, sign = (
+    def where(self) -> tuple[str, ...]:
+        """Return the wheel, the way it turns, and how fast."""
+        return (*super().where(), f"{self.direction}, above {self.above:.3g} rad/s")
+
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that leaves out what was lost so far."""
+        channel, sign = (
             wheel_channel(robot, self.castor, self.wheel, self.name),
             1.0 if self.direction == "forward" else -1.0,
         )
@@ -195,11 +195,11 @@ class TickLoss(Effect):
         def lost(t: Array, turned: Array) -> Array:
             return np.where(sign * turned > self.above * t[:, None], self.value * turned, 0.0)
 
-        return through(robot, [own], losing(lost))
+        return on_channels(robot, [channel], losing(lost))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class TickLossBursts(Effect):
+class TickLossBursts(Effect[RobotDescription]):
     """A wheel's encoder loses the fraction `value` of what the wheel turns in bursts: `width` (s) every `period` (s).
 
     The first burst begins at `start` (s), the others `period` after the one before; with a `seed` their distances are
@@ -220,13 +220,13 @@ class TickLossBursts(Effect):
     check = "Look for a loose plug or cable; watch the counts while shaking it and while other devices switch on."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["TickLossBursts", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["TickLossBursts", ...]:
         """Return none: when counts may be lost has to be found first."""
         return ()
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that leaves out what was lost so far."""
-        own = wheel_channel(robot, self.castor, self.wheel, self.name)
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that leaves out what was lost so far."""
+        channel = wheel_channel(robot, self.castor, self.wheel, self.name)
         random = None if self.seed is None else np.random.default_rng(self.seed)
         before: list[tuple[float, Array]] = []
         bursts = [self.start]
@@ -246,11 +246,11 @@ class TickLossBursts(Effect):
             before[:] = [(t, angle)]
             return angle - lost
 
-        return through(robot, [own], in_turn(read))
+        return on_channels(robot, [channel], sample_by_sample(read))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class LostRemainders(Effect):
+class LostRemainders(Effect[RobotDescription]):
     """A wheel's counts are cut to whole ones, toward zero, sample by sample, and what is left over is lost.
 
     It is there or not: its value is always 1.
@@ -259,21 +259,23 @@ class LostRemainders(Effect):
     name: Literal["lost_remainders"] = "lost_remainders"
     castor: Number
     wheel: Number
-    value: Annotated[float, Field(ge=1.0, le=1.0)] = 1.0
+    value: ThereOrNot = 1.0
     title = "remainders lost between samples"
     unit = "1"
     step = 1.0
+    discrete = True
+    binary = True
     check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["LostRemainders", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["LostRemainders", ...]:
         """Return one for each wheel with an encoder."""
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
 
-    def reader(self, robot: "RobotDescription") -> Reader:
-        """Return a reader that leaves out the remainders so far."""
-        own = wheel_channel(robot, self.castor, self.wheel, self.name)
-        per_rev = robot.wheels[own].counts_per_rev
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that leaves out the remainders so far."""
+        channel = wheel_channel(robot, self.castor, self.wheel, self.name)
+        per_rev = robot.wheels[channel].counts_per_rev
         assert per_rev is not None  # as the wheel has a channel
         count = 2 * math.pi / per_rev
-        return through(robot, [own], losing(lambda t, turned: turned - np.trunc(turned / count) * count))
+        return on_channels(robot, [channel], losing(lambda t, turned: turned - np.trunc(turned / count) * count))

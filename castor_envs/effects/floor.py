@@ -2,23 +2,20 @@
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.base import Effect
+from castor_envs.description import CONFIG, FINEST, Extent, Place
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.steps import Motion, Slip, contact_paths, contact_places
-from castor_envs.physics.contact_motion import creep
-from castor_envs.vehicles.description import CONFIG, FINEST, Extent, Place
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.geometry.steps import Motion, Slip
+from castor_envs.vehicles.effect import Contacts, Effect
+from castor_envs.vehicles.robot import RobotDescription
 
 Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 
@@ -27,7 +24,7 @@ PARTS = 128
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class FloorSlope(Effect):
+class FloorSlope(Effect[RobotDescription]):
     """The floor rises along x or y (`direction`) of N by `value` (m) each metre."""
 
     name: Literal["floor_slope"] = "floor_slope"
@@ -36,26 +33,27 @@ class FloorSlope(Effect):
     title = "slope of the floor"
     unit = "m/m"
     step = 0.01
+    creep = "forces"
     check = "Lay a spirit level on the floor along both axes; compare wheel counts uphill with those downhill."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["FloorSlope", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["FloorSlope", ...]:
         """Return one along each axis."""
         return (cls(direction="x", value=cls.step), cls(direction="y", value=cls.step))
 
-    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+    def floor(self, robot: RobotDescription, floor: Floor) -> Floor:
         """Return the floor, steeper by `value`."""
         x, y = floor.slope
         slope = (x + self.value, y) if self.direction == "x" else (x, y + self.value)
         return dataclasses.replace(floor, slope=slope)
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return how far contacts creep more as the weight's part along the floor pulls at them."""
-        return creep(robot, motion, self.floor(robot, Floor())) - creep(robot, motion, Floor())
+        return contacts.creep(self.floor(contacts.robot, Floor())) - contacts.creep()
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class Bump(Effect):
+class Bump(Effect[RobotDescription]):
     """A cable of diameter `value` (m) lies on the floor through (x, y), along `direction` (rad, in N).
 
     `length` (m) of it lies there, (x, y) in the middle.
@@ -73,11 +71,15 @@ class Bump(Effect):
     check = "Look on the floor at this place for a cable, a joint or a threshold."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["Bump", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["Bump", ...]:
         """Return none: where a cable may lie has to be found first."""
         return ()
 
-    def apply(self, robot: "RobotDescription") -> "RobotDescription":
+    def where(self) -> tuple[str, ...]:
+        """Return where the cable lies."""
+        return f"through x {self.x:.2f}, y {self.y:.2f} m", f"direction {self.direction:.2f} rad"
+
+    def apply(self, robot: RobotDescription) -> RobotDescription:
         """Return the robot as it is; raises InputError where its wheels cannot climb the cable."""
         smallest = min(wheel.radius for wheel in robot.wheels)
         if self.value >= smallest:
@@ -87,26 +89,27 @@ class Bump(Effect):
             )
         return robot
 
-    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+    def floor(self, robot: RobotDescription, floor: Floor) -> Floor:
         """Return the floor with the cable on it, if there is any to speak of."""
         if self.value < FINEST:
             return floor
         cable = Cable(center=(self.x, self.y), direction=self.direction, length=self.length, diameter=self.value)
         return dataclasses.replace(floor, cables=(*floor.cables, cable))
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return how much less far contacts move in plan than wheels roll on their way over the cable.
 
         What the climb pulls at the contacts is left out: it is paid back on the way down.
         """
-        path = contact_paths(robot, motion)[:, : len(robot.wheels)]
-        places, longer = contact_places(robot, motion), np.zeros_like(path)
+        robot, motion = contacts.robot, contacts.motion
+        path = contacts.paths()[:, : len(robot.wheels)]
+        places, longer = contacts.places(), np.zeros_like(path)
         for part in (np.arange(PARTS) + 0.5) / PARTS:
             climb = self._climb(robot, motion, (1 - part) * places[:-1] + part * places[1:])
             longer += (np.sqrt(1.0 + climb**2) - 1.0) / PARTS
         return Slip(-path * longer, np.zeros_like(motion.half_way))
 
-    def _climb(self, robot: "RobotDescription", motion: Motion, places: Array) -> Array:
+    def _climb(self, robot: RobotDescription, motion: Motion, places: Array) -> Array:
         """Return how steeply wheels climb along their rolling directions (K - 1, w), m/m, at places in steps.
 
         On the cable a wheel's centre follows an arc of the sum of both radii about the cable's axis.
@@ -120,7 +123,7 @@ class Bump(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class FrictionPatch(Effect):
+class FrictionPatch(Effect[RobotDescription]):
     """In a rectangle of the floor the fraction `value` of the friction is missing.
 
     x, y: its centre in N, m. length, width: its sides, m, turned by `angle` (rad).
@@ -139,11 +142,16 @@ class FrictionPatch(Effect):
     check = "Look on the floor at this place for dust, water or another covering."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["FrictionPatch", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["FrictionPatch", ...]:
         """Return none: where the floor may be slippery has to be found first."""
         return ()
 
-    def floor(self, robot: "RobotDescription", floor: Floor) -> Floor:
+    def where(self) -> tuple[str, ...]:
+        """Return where the rectangle lies, and how large it is."""
+        size = f"{self.length:.2f} by {self.width:.2f} m"
+        return f"around x {self.x:.2f}, y {self.y:.2f} m", size, f"turned by {self.angle:.2f} rad"
+
+    def floor(self, robot: RobotDescription, floor: Floor) -> Floor:
         """Return the floor with the patch on it."""
         if self.value == 0.0:
             return floor
@@ -155,21 +163,21 @@ class FrictionPatch(Effect):
         )
         return dataclasses.replace(floor, patches=(*floor.patches, patch))
 
-    def inside(self, robot: "RobotDescription", motion: Motion) -> NDArray[np.bool_]:
+    def inside(self, contacts: Contacts[RobotDescription]) -> NDArray[np.bool_]:
         """Return which contacts stand in the rectangle half-way through each step (K - 1, w)."""
-        places = contact_places(robot, motion)
+        places = contacts.places()
         middle = (places[1:] + places[:-1]) / 2
         along, across = _along_and_across(middle, self.x, self.y, self.angle)
         return (np.abs(along) <= self.length / 2) & (np.abs(across) <= self.width / 2)
 
-    def slip(self, robot: "RobotDescription", motion: Motion) -> Slip:
+    def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return where contacts may slide: the fraction `value` of each path inside, as of wheels that spin.
 
         A shape only: how far they slide differs from pass to pass, in size and sign.
         """
-        path = contact_paths(robot, motion)[:, : len(robot.wheels)]
-        lost = -self.value * np.where(self.inside(robot, motion), path, 0.0)
-        return Slip(lost, np.zeros_like(motion.half_way))
+        path = contacts.paths()[:, : len(contacts.robot.wheels)]
+        lost = -self.value * np.where(self.inside(contacts), path, 0.0)
+        return Slip(lost, np.zeros_like(contacts.motion.half_way))
 
 
 def _along_and_across(places: Array, x: float, y: float, direction: float) -> tuple[Array, Array]:

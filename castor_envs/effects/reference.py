@@ -1,25 +1,23 @@
 """Effects on the reference: where on the body the tracked point is, and how its axes stand."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.base import Effect
+from castor_envs.description import CONFIG
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
-from castor_envs.vehicles.description import CONFIG
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.robot import RobotDescription
 
 Metres = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ReferenceYaw(Effect):
+class ReferenceYaw(Effect[RobotDescription]):
     """The reference's axes are turned against the body: its heading is larger by `value` (rad).
 
     As biases of all pivots and pivots that are all turned about the body's origin.
@@ -33,7 +31,7 @@ class ReferenceYaw(Effect):
     check = "Push the robot straight along a ruler and compare the reference's heading with its path."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["ReferenceYaw", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["ReferenceYaw", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 
@@ -43,7 +41,7 @@ class ReferenceYaw(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ReferenceLeverX(Effect):
+class ReferenceLeverX(Effect[RobotDescription]):
     """The point that the reference tracks stands `value` (m) further forward than the body's origin.
 
     As if all pivots stood further back.
@@ -57,7 +55,7 @@ class ReferenceLeverX(Effect):
     check = "Measure from the robot's origin to the tracked point; turn on the spot and fit a circle to the reference."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["ReferenceLeverX", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["ReferenceLeverX", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 
@@ -67,7 +65,7 @@ class ReferenceLeverX(Effect):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ReferenceLeverY(Effect):
+class ReferenceLeverY(Effect[RobotDescription]):
     """The point that the reference tracks stands `value` (m) further to the left than the body's origin.
 
     As if all pivots stood further to the right.
@@ -81,7 +79,7 @@ class ReferenceLeverY(Effect):
     check = "Measure from the robot's origin to the tracked point; turn on the spot and fit a circle to the reference."
 
     @classmethod
-    def variants(cls, robot: "RobotDescription") -> tuple["ReferenceLeverY", ...]:
+    def variants(cls, robot: RobotDescription) -> tuple["ReferenceLeverY", ...]:
         """Return one."""
         return (cls(value=cls.step),)
 

@@ -2,53 +2,23 @@
 
 An effect stands in the train file as ``{"name": "gauge_gain", "frame": 1, "value": 0.05}``. Frames are counted from 1
 at the front (A), gauges from 1 at the frame's rear, axles from 1 at the front. What a single axle module may have, its
-track and wheels among it, are effects of that robot (`castor_envs.effects`) and stand in its module. To add an effect,
-add a class to this module and to `TrainEffect`.
+track and wheels among it, are effects of that robot and stand in its module.
 """
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from castor_envs.description import CONFIG, DurationOrNone
 from castor_envs.errors import InputError
-from castor_envs.vehicles.description import CONFIG, DurationOrNone
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.train import Frame, TrainDescription
-
-Number = Annotated[int, Field(ge=1)]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class EffectOfTrain:
-    """What every effect of a train is.
-
-    name: in files. title: what people read. unit: of its `value`, if it has one. step: a small typical amplitude, to
-    take derivatives with. check: what to look at on the train. same_as: names that no log tells apart, the one to
-    report first.
-    """
-
-    name: str
-    title: ClassVar[str]
-    unit: ClassVar[str]
-    step: ClassVar[float]
-    check: ClassVar[str]
-    same_as: ClassVar[tuple[str, ...]] = ()
-
-    @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple[Self, ...]:
-        """Return one instance of size `step` for everything on the train that may have this effect."""
-        raise NotImplementedError
-
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
-        """Return the train as this effect builds it; raises InputError where it lacks what the effect changes."""
-        raise NotImplementedError
+from castor_envs.vehicles.effect import Effect, Number, ThereOrNot
+from castor_envs.vehicles.train import Frame, TrainDescription
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class GaugeNoise(EffectOfTrain):
+class GaugeNoise(Effect[TrainDescription]):
     """Readings of a frame's gauges carry `value` (1/m, standard deviation) of white noise beyond what is described."""
 
     frame: Number
@@ -60,18 +30,18 @@ class GaugeNoise(EffectOfTrain):
     check = "Log the standing train; look for loose wires and for motors near the gauges' cables."
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["GaugeNoise", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["GaugeNoise", ...]:
         """Return one for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train with this noise added to the frame's own, in the sum of squares."""
         noise = (frame_of(train, self.frame, self.name).gauge_noise ** 2 + self.value**2) ** 0.5
         return with_frame(train, self.frame, gauge_noise=noise)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class GaugeGain(EffectOfTrain):
+class GaugeGain(Effect[TrainDescription]):
     """Readings of a gauge, or of all gauges of a frame (`gauge` left out), are larger by the fraction `value`."""
 
     frame: Number
@@ -84,7 +54,7 @@ class GaugeGain(EffectOfTrain):
     check = "Bend the frame along a template of known radius and read the gauges; check amplifier settings and glue."
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["GaugeGain", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["GaugeGain", ...]:
         """Return one for each frame's gauges together, and one for each gauge of frames with more than one."""
         return tuple(
             cls(frame=f, gauge=gauge, value=cls.step)
@@ -92,7 +62,7 @@ class GaugeGain(EffectOfTrain):
             for gauge in (None, *(_gauges(train, f) if len(_gauges(train, f)) > 1 else ()))
         )
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train with these gauges' gains scaled by 1 + value."""
         frame = frame_of(train, self.frame, self.name)
         gains = list(frame.gauge_gains or [1.0] * len(frame.gauge_positions))
@@ -102,7 +72,7 @@ class GaugeGain(EffectOfTrain):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class GaugeDrift(EffectOfTrain):
+class GaugeDrift(Effect[TrainDescription]):
     """The zero of a frame's gauges drifts by `value` (1/m) a second."""
 
     frame: Number
@@ -114,30 +84,32 @@ class GaugeDrift(EffectOfTrain):
     check = "Log the standing train for some minutes after switching it on; look for what warms the frame on one side."
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["GaugeDrift", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["GaugeDrift", ...]:
         """Return one for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train with this drift added to the frame's."""
         drift = frame_of(train, self.frame, self.name).gauge_drift + self.value
         return with_frame(train, self.frame, gauge_drift=drift)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class DeadGauge(EffectOfTrain):
+class DeadGauge(Effect[TrainDescription]):
     """A gauge reads 0, whatever the frame does."""
 
     frame: Number
     gauge: Number
+    value: ThereOrNot = 1.0
     name: Literal["dead_gauge"] = "dead_gauge"
     title = "dead gauge"
     unit = "1"
     step = 1.0
+    binary = True
     check = "Bend the frame by hand and look at this gauge's reading; check its wires, bridge and amplifier."
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["DeadGauge", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["DeadGauge", ...]:
         """Return one for each gauge that is not known to be dead."""
         built = train.as_built()
         return tuple(
@@ -147,7 +119,7 @@ class DeadGauge(EffectOfTrain):
             if gauge not in built.frames[f - 1].dead_gauges
         )
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train with this gauge dead."""
         frame = frame_of(train, self.frame, self.name)
         dead = tuple(sorted({*frame.dead_gauges, gauge_of(frame, self.gauge, self.name)}))
@@ -155,7 +127,7 @@ class DeadGauge(EffectOfTrain):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class ForeshorteningLeftOut(EffectOfTrain):
+class ForeshorteningLeftOut(Effect[TrainDescription]):
     """A frame's posture is computed without the share `value` of the shortening of the bent frame: x is too long."""
 
     frame: Number
@@ -167,18 +139,18 @@ class ForeshorteningLeftOut(EffectOfTrain):
     check = "Look how the sensor's program gets x from curvature: the integral of cos, or just the frame's length?"
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["ForeshorteningLeftOut", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["ForeshorteningLeftOut", ...]:
         """Return one for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train with this share of the shortening left out of what is still computed."""
         left = 1.0 - frame_of(train, self.frame, self.name).foreshortening_left_out
         return with_frame(train, self.frame, foreshortening_left_out=1.0 - left * (1.0 - self.value))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class SensorStops(EffectOfTrain):
+class SensorStops(Effect[TrainDescription]):
     """A frame's relative posture sensor repeats its last reading after `value` seconds; its age tells."""
 
     frame: Number
@@ -190,18 +162,18 @@ class SensorStops(EffectOfTrain):
     check = "Look at the sensor's supply and its connection at that time."
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["SensorStops", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["SensorStops", ...]:
         """Return one for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train whose sensor stops then, or when it stopped before."""
         before = frame_of(train, self.frame, self.name).rps_stops
         return with_frame(train, self.frame, rps_stops=self.value if before is None else min(before, self.value))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
-class AxleSlip(EffectOfTrain):
+class AxleSlip(Effect[TrainDescription]):
     """Wheels of one axle slip more under the forces that they carry, along and across, by the fraction `value`."""
 
     axle: Number
@@ -213,11 +185,11 @@ class AxleSlip(EffectOfTrain):
     check = "Look for dirt or wear on this axle's treads, for low load on it, and for what lies on the floor there."
 
     @classmethod
-    def variants(cls, train: "TrainDescription") -> tuple["AxleSlip", ...]:
+    def variants(cls, train: TrainDescription) -> tuple["AxleSlip", ...]:
         """Return one for each axle."""
         return tuple(cls(axle=i, value=cls.step) for i in range(1, train.n_axles + 1))
 
-    def apply(self, train: "TrainDescription") -> "TrainDescription":
+    def apply(self, train: TrainDescription) -> TrainDescription:
         """Return the train with both slip stiffnesses of this module's contact divided by 1 + value."""
         if self.axle > train.n_axles:
             raise InputError(f"effect {self.name}: train {train.name!r} has no axle {self.axle}")
@@ -232,46 +204,30 @@ class AxleSlip(EffectOfTrain):
         return dataclasses.replace(train, modules=tuple(modules))
 
 
-AnyTrainEffect = GaugeNoise | GaugeGain | GaugeDrift | DeadGauge | ForeshorteningLeftOut | SensorStops | AxleSlip
-TrainEffect = Annotated[AnyTrainEffect, Field(discriminator="name")]
-
-TRAIN_EFFECTS: dict[str, type[EffectOfTrain]] = {
-    kind.__dataclass_fields__["name"].default: kind for kind in EffectOfTrain.__subclasses__()
-}
-"""Every effect of trains by its name."""
-
-
-def frame_of(train: "TrainDescription", number: int, effect: str) -> "Frame":
+def frame_of(train: TrainDescription, number: int, effect: str) -> Frame:
     """Return frame `number` (from 1); raises InputError where the train has no such frame."""
     if number > len(train.frames):
         raise InputError(f"effect {effect}: train {train.name!r} has no frame {number}")
     return train.frames[number - 1]
 
 
-def gauge_of(frame: "Frame", number: int, effect: str) -> int:
+def gauge_of(frame: Frame, number: int, effect: str) -> int:
     """Return a gauge's number (from 1); raises InputError where the frame has no such gauge."""
     if number > len(frame.gauge_positions):
         raise InputError(f"effect {effect}: the frame has no gauge {number}, it has {len(frame.gauge_positions)}")
     return number
 
 
-def with_frame(train: "TrainDescription", number: int, **changes: object) -> "TrainDescription":
+def with_frame(train: TrainDescription, number: int, **changes: object) -> TrainDescription:
     """Return the train with some fields of frame `number` (from 1) replaced."""
     frames = list(train.frames)
     frames[number - 1] = dataclasses.replace(frames[number - 1], **changes)
     return dataclasses.replace(train, frames=tuple(frames))
 
 
-def apply_train_effects(train: "TrainDescription", effects: tuple[AnyTrainEffect, ...]) -> "TrainDescription":
-    """Apply effects in order."""
-    for effect in effects:
-        train = effect.apply(train)
-    return train
-
-
-def _frames(train: "TrainDescription") -> range:
+def _frames(train: TrainDescription) -> range:
     return range(1, len(train.frames) + 1)
 
 
-def _gauges(train: "TrainDescription", frame: int) -> range:
+def _gauges(train: TrainDescription, frame: int) -> range:
     return range(1, len(train.frames[frame - 1].gauge_positions) + 1)

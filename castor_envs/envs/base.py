@@ -12,8 +12,8 @@ from castor_envs.envs.sensed import SensedRobot, SensedTrain
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, load_floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.motion.controllers import Commands, trailing_angles
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.rendering import Renderer

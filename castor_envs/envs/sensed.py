@@ -8,13 +8,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.effects import reader_of, reference
+from castor_envs.effects.catalogue import reference, sensor_model_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.motion.controllers import Commands
-from castor_envs.physics.robot_world import World
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.stepper import Drive
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
@@ -35,7 +35,7 @@ class SensedVehicle(ABC):
     `reset` of subclasses. observation: the newest.
     """
 
-    world: Any  # World or TrainWorld
+    world: Any  # RobotWorld or TrainWorld
     described: Any  # RobotDescription or TrainDescription
 
     def __init__(
@@ -75,7 +75,7 @@ class SensedVehicle(ABC):
     def _start_encoders(self, random: np.random.Generator) -> None:
         """Draw the phases of the wheel encoders."""
         self._encoders = [Encoders(built, Encoders.random_phase(built, random)) for built in self._built]
-        self._readers = [reader_of(body) for body in self._bodies]
+        self._readers = [sensor_model_of(body) for body in self._bodies]
         self._counts: Array | None = None
 
     def _read(self, wheel_angles: Array, castors: Sequence[Array]) -> list[tuple[Array, Array]]:
@@ -130,7 +130,7 @@ class SensedRobot(SensedVehicle):
     on sensors leave them for the encoders to round.
     """
 
-    world: World
+    world: RobotWorld
     described: RobotDescription
 
     def __init__(self, robot: RobotDescription, floor: Floor, held: int | None = None) -> None:
@@ -145,7 +145,9 @@ class SensedRobot(SensedVehicle):
         if not robot.driven_wheels:
             raise InputError(f"robot {robot.name!r} has no driven wheel; give one wheel counts_per_rev")
         self._robot, self._held = robot, held
-        self.world = World(robot, floor, held=held)  # refuses what cannot stand or be computed; `reset` makes it anew
+        self.world = RobotWorld(
+            robot, floor, held=held
+        )  # refuses what cannot stand or be computed; `reset` makes it anew
         super().__init__(robot, (robot,), (robot.as_built(),), floor)
         self._believed = Geometry.of(self.described)
 
@@ -153,7 +155,7 @@ class SensedRobot(SensedVehicle):
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
         self._random = random
         self._start_encoders(random)
-        self.world = World(self._robot, self.floor, castor_angles=theta, held=self._held)
+        self.world = RobotWorld(self._robot, self.floor, castor_angles=theta, held=self._held)
         self._sense()
 
     def advance(self, commands: Commands, drive: Drive = "servo") -> None:

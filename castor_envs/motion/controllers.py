@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse, pivot_velocity
+from castor_envs.motion.kinematics import Geometry, castor_rates, inverse, pivot_velocity
 from castor_envs.motion.paths import TrainPath, axles_behind
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription

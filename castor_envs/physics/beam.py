@@ -51,11 +51,11 @@ def chain(frame: Frame, rear: Clamp, front: Clamp, dt: float, bend: float = 0.0)
             body = pymunk.Body(mass, inertia)
             middle = compose(tip, (0.5 * h, 0.0, 0.0))
             body.position, body.angle = (float(middle[0]), float(middle[1])), float(middle[2])
-            own = np.array([-0.5 * h, 0.0])
+            rear_end = np.array([-0.5 * h, 0.0])
             links.append(body)
         else:
-            body, own = front.body, front.end - np.array([0.5 * h, 0.0])
-        pivot = PivotJoint(before, body, tuple(anchor), tuple(own))
+            body, rear_end = front.body, front.end - np.array([0.5 * h, 0.0])
+        pivot = PivotJoint(before, body, tuple(anchor), tuple(rear_end))
         # Joints keep Chipmunk's slow drift correction (6 a second): its solver is never quite done with a chain of
         # light links between heavy axles, and what it leaves over, put right at once, would feed energy into them.
         stiffness = frame.bending_stiffness / h
@@ -72,8 +72,8 @@ def _chipmunk_damping(frame: Frame, a: pymunk.Body, b: pymunk.Body, dt: float) -
     were free, and in every iteration what the other joints have put back since the last one. So all its impulses add
     up to a / (1 - a) / (1 / I_a + 1 / I_b) times the rate that is left in the end.
     """
-    yielding = dt * (1.0 / a.moment + 1.0 / b.moment)
-    return math.log1p(frame.damping / (frame.length / frame.links) * yielding) / yielding
+    mobility = dt * (1.0 / a.moment + 1.0 / b.moment)
+    return math.log1p(frame.damping / (frame.length / frame.links) * mobility) / mobility
 
 
 def link_inertia(frame: Frame) -> tuple[float, float]:

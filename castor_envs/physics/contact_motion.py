@@ -2,9 +2,9 @@
 
 A rolling contact slips at a speed in proportion to its force (`castor_envs.physics.tyre`, in steady rolling)
 
-    s = -(V / C + yielding) F        V rolling speed, C = slip stiffness * load
+    s = -(V / C + creep_compliance) F        V rolling speed, C = slip stiffness * load
 
-With A the rows of `castor_envs.geometry.kinematics.constraint_matrix`, any deviation delta of the robot's speeds
+With A the rows of `castor_envs.motion.kinematics.constraint_matrix`, any deviation delta of the robot's speeds
 changes slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that lose the least
 power. How far wheels disagree does not change with delta, so it is known from what they roll (smoothed), however well
 the body's motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
@@ -13,18 +13,17 @@ Left out are friction limits, and bristles that have yet to build up their force
 after reversals).
 """
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
+from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
-from castor_envs.motion.steps import Motion, Slip, contact_paths, smoothed
-
-if TYPE_CHECKING:
-    from castor_envs.floor import Floor
-    from castor_envs.vehicles.robot import RobotDescription
-
+from castor_envs.geometry.steps import Motion, Slip, integrated, smoothed
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.weight import castor_center, chassis, wheel_loads
 
 LEAST = 0.02
 """Of the fastest wheel's speed: no contact is taken to roll slower, as bristles average over a relaxation length."""
@@ -33,14 +32,57 @@ STANDING = 1e-6
 """m/s: rolling speed of a robot at rest, to divide by."""
 
 
-def creep(robot: "RobotDescription", motion: Motion, floor: "Floor", yielding: float = 0.0) -> Slip:
+@dataclass(frozen=True, eq=False)
+class ContactMotion:
+    """What the contacts of a robot built as described do in a motion: the `Contacts` that effects are handed."""
+
+    robot: RobotDescription
+    motion: Motion
+
+    def of(self, robot: RobotDescription) -> "ContactMotion":
+        """Return the contacts of another robot in the same motion."""
+        return ContactMotion(robot, self.motion)
+
+    def paths(self) -> Array:
+        """Return `contact_paths`."""
+        return contact_paths(self.robot, self.motion)
+
+    def places(self) -> Array:
+        """Return `contact_places`."""
+        return contact_places(self.robot, self.motion)
+
+    def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0) -> Slip:
+        """Return `creep`; floor None: an even one."""
+        return creep(self.robot, self.motion, floor or Floor(), creep_compliance)
+
+
+def contact_paths(robot: RobotDescription, motion: Motion) -> Array:
+    """Return how far contacts move in each step (K - 1, 2w), m: all along their rolling directions, then to the left.
+
+    Along is what a wheel without slip rolls; to the left is 0 without slip, but for wheels on rollers. Even steps are
+    integrated to fourth order in their length: wheels that disagree creep less than half-way values are off by.
+    """
+    geometry = Geometry.of(robot)
+    by_body, by_castor = constraint_matrix(geometry, motion.half_way)
+    turned = motion.turned[:, np.tile(geometry.wheel_castor, 2)]
+    return integrated(by_body, motion.body, motion.even) + by_castor * turned
+
+
+def contact_places(robot: RobotDescription, motion: Motion) -> Array:
+    """Return where in N each wheel touches the floor at every sample (K, w, 2), m."""
+    places = []
+    for castor, angle in zip(robot.castors, motion.castor_angle.T, strict=True):
+        for wheel in castor.wheels:
+            arm = np.array(castor.pivot) + rotate(np.array([-castor.offset, wheel.lateral]), angle)
+            places.append(motion.pose[:, :2] + rotate(arm, motion.pose[:, 2]))
+    return np.stack(places, axis=1)
+
+
+def creep(robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0) -> Slip:
     """Return by how much a robot's contacts creep in a motion on a floor, of which the slope counts.
 
-    yielding: m/s for each N, at which contacts slip beside their creep in rolling.
+    creep_compliance: m/s for each N, at which contacts slip beside their creep in rolling.
     """
-    from castor_envs.geometry.kinematics import Geometry, constraint_matrix  # built on robots, which have effects
-    from castor_envs.physics.statics import wheel_loads
-
     geometry, w = Geometry.of(robot), len(robot.wheels)
     by_body, by_castor = constraint_matrix(geometry, motion.half_way)
     of_wheel = np.tile(geometry.wheel_castor, 2)
@@ -55,12 +97,12 @@ def creep(robot: "RobotDescription", motion: Motion, floor: "Floor", yielding: f
     speed = np.maximum(speed, LEAST * speed.max(axis=1, keepdims=True)) + STANDING
     contact, loads = robot.contact, wheel_loads(robot, floor.normal_gravity)
     stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
-    yields = (np.tile(speed, 2) / stiffness + yielding)[:, carrying]
+    yields = (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
     scale = yields.min(axis=1)[:, None]
     held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
-    seen = smoothed(path[:, carrying] / motion.period[:, None]) * (not motion.agreeing)
+    seen = smoothed(path[:, carrying] / motion.period[:, None]) * (not motion.consistent_wheels)
     pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
     deviation = np.linalg.pinv(held, rcond=1e-10, hermitian=True) @ -pull[..., None]
 
@@ -71,13 +113,11 @@ def creep(robot: "RobotDescription", motion: Motion, floor: "Floor", yielding: f
     return Slip(slip[:, :w], side)
 
 
-def _needed(robot: "RobotDescription", motion: Motion, floor: "Floor") -> Array:
+def _needed(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:
     """Return what the contacts have to give in each step (K - 1, 3 + n).
 
     Force (2, N) and moment about B's origin on all, in B, and the moment about each castor's pivot (N m).
     """
-    from castor_envs.physics.statics import castor_center, chassis
-
     n = len(robot.castors)
     needed = np.zeros((len(motion.period), 3 + n))
     mass, inertia, center = chassis(robot)

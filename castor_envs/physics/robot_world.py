@@ -5,21 +5,22 @@ import pymunk
 from numpy.typing import ArrayLike
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
-from castor_envs.effects import floor_of, radii_of, yielding_of
+from castor_envs.effects.catalogue import creep_compliance_of, floor_of, radii_of
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse
 from castor_envs.geometry.se2 import rotate_single
-from castor_envs.physics.statics import castor_center, chassis, place, pose_of, twist_of
+from castor_envs.motion.kinematics import Geometry, castor_rates, inverse
+from castor_envs.physics.bodies import place, pose_of, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import enough_substeps, wheel_records
 from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.weight import castor_center, chassis
 
 SOLVER_ITERATIONS = 10  # 4 do for the presets; a chassis lighter than its castors needs more
 
 
-class World:
+class RobotWorld:
     """A robot on a floor.
 
     Bodies: the chassis, which carries fixed castors rigidly, and every other castor on a pivot joint. Wheels are not
@@ -49,11 +50,11 @@ class World:
         self.floor = floor_of(robot, floor or Floor())
         self.geometry = Geometry.of(self.robot)
         self.wheels = wheel_records(self.robot, self.floor)
-        self.wheels["yielding"] = yielding_of(robot)
+        self.wheels["creep_compliance"] = creep_compliance_of(robot)
         self._radii = radii_of(robot)
         self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
-        own = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
-        self._held_wheels = self._driven_wheels[own == held]
+        castor_number = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
+        self._held_wheels = self._driven_wheels[castor_number == held]
         if held is not None and not self._held_wheels.size:
             raise InputError(f"robot {self.robot.name!r} has no castor {held} with driven wheels to hold")
         self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
@@ -92,8 +93,8 @@ class World:
             pivot = np.array(castor.pivot)
             at = pose[:2] + rotate_single(pivot, pose[2])
             u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
-            own = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
-            place(body, at, pose[2] + theta[i], own, castor_center(self.robot, i))
+            castor_twist = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
+            place(body, at, pose[2] + theta[i], castor_twist, castor_center(self.robot, i))
             joint = PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
             joint.error_bias = 0.0  # all of a joint's drift is put right in the next step
             joints.append(joint)

@@ -22,7 +22,7 @@ _DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
 
 
 class Simulation:
-    """What `World` and `TrainWorld` share: a space with bodies and joints, wheels on them, a floor, and time.
+    """What `RobotWorld` and `TrainWorld` share: a space with bodies and joints, wheels on them, a floor, and time.
 
     name: of what is simulated, for errors. bodies: in the order in which wheels count them. wheels (w,): records
     (`castor_envs.physics.tyre.WHEEL`). iterations: of Chipmunk's solver. stepper: "compiled" or "reference" (plain

@@ -12,10 +12,11 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
-from castor_envs.physics.statics import chassis, combined, place, pose_of, twist_of
+from castor_envs.physics.bodies import place, pose_of, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import MOST_SUBSTEPS, enough_substeps, wheel_records
 from castor_envs.vehicles.train import TrainDescription
+from castor_envs.vehicles.weight import chassis, combined
 
 ITERATIONS_PER_LINK = 3  # the solver's impulses travel along a chain by one joint an iteration
 
@@ -23,12 +24,12 @@ ITERATIONS_PER_LINK = 3  # the solver's impulses travel along a chain by one joi
 class TrainWorld:
     """A train on a floor, at rest at the start.
 
-    Bodies: each module with the half links clamped to it, then each frame's links. Wheels as in `World`; they carry
-    their module and half of each frame on it.
+    Bodies: each module with the half links clamped to it, then each frame's links. Wheels as in `RobotWorld`; they
+    carry their module and half of each frame on it.
 
     train: effects are folded in. pose: of the front axle in N. bends (F,): angle by which each frame is bent evenly at
     the start, rad (positive: the front axle is turned to the left against the rear one). stepper, substeps: as for
-    `World`.
+    `RobotWorld`.
     """
 
     def __init__(
@@ -53,8 +54,8 @@ class TrainWorld:
         records = []
         self._centers, bodies = [], []
         for i, module in enumerate(self.train.modules):
-            own = [frame for frame in (ahead[i], behind[i]) if frame is not None]
-            carried = sum(0.5 * frame.linear_density * frame.length for frame in own)
+            clamped = [frame for frame in (ahead[i], behind[i]) if frame is not None]
+            carried = sum(0.5 * frame.linear_density * frame.length for frame in clamped)
             loaded = dataclasses.replace(module, mass=module.mass + carried)
             wheels = wheel_records(loaded, self.floor)
             parts = [chassis(module)]
@@ -70,7 +71,7 @@ class TrainWorld:
             self._centers.append(center)
             bodies.append(body)
         self.wheels = np.concatenate(records)
-        needed = [enough_substeps(module, own) for module, own in zip(self.train.modules, records, strict=True)]
+        needed = [enough_substeps(module, wheels) for module, wheels in zip(self.train.modules, records, strict=True)]
         needed += [frame_substeps(frame, self.train.sample_period) for frame in frames]
         substeps = substeps or max(needed)
         if substeps > MOST_SUBSTEPS:
@@ -83,10 +84,10 @@ class TrainWorld:
         self._frame_bodies = []
         for f, (frame, bend) in enumerate(zip(frames, bends, strict=True)):
             rear, front = (Clamp(bodies[i], -self._centers[i]) for i in (f + 1, f))
-            links, own = chain(frame, rear, front, self.train.sample_period / substeps, bend)
+            links, frame_joints = chain(frame, rear, front, self.train.sample_period / substeps, bend)
             self._frame_bodies.append(np.array([f + 1, *range(len(bodies), len(bodies) + len(links)), f]))
             bodies += links
-            joints += own
+            joints += frame_joints
         self._limits = np.repeat([module.max_wheel_speed for module in self.train.modules], 2)
         self._simulation = Simulation(
             f"train {self.train.name!r}",
@@ -102,7 +103,7 @@ class TrainWorld:
         self._n = n
 
     def advance(self, wheel_command: ArrayLike, drive: Drive = "servo") -> None:
-        """Run one sample period with constant commands (2N,), axle by axle, left then right; as `World.advance`."""
+        """Run one sample period with constant commands (2N,), axle by axle, left first; as `RobotWorld.advance`."""
         limits = self._limits if drive == "servo" else np.ones_like(self._limits)
         self._simulation.command(np.arange(2 * self._n), wheel_command, limits, drive)
         self._simulation.advance()

@@ -49,7 +49,7 @@ WHEEL = np.dtype(
         ("damping_long", float),
         ("damping_lat", float),
         ("relaxation", float),
-        ("yielding", float),
+        ("creep_compliance", float),
         # motor: mode, gains, limits, command (rad/s; as voltage, a fraction of the full one)
         ("drive", np.int64),
         ("proportional", float),
@@ -119,21 +119,23 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
 
 
 @register_jitable
-def slack_on_circle(pull, turning, yielding, lateral, limit):
-    """Return the least slack >= 1 with hypot(pull / (turning * slack + yielding), lateral / slack) <= limit.
+def slack_on_circle(pull, turning, resisting, lateral, limit):
+    """Return the least slack >= 1 with hypot(pull / (turning * slack + resisting), lateral / slack) <= limit.
 
     Newton's method on 1 / hypot, which is concave and nearly linear in slack: it closes in from below.
     """
     slack = 1.0
     for _ in range(30):
-        along, across = pull / (turning * slack + yielding), lateral / slack
+        along, across = pull / (turning * slack + resisting), lateral / slack
         size = math.sqrt(along * along + across * across)
         if size <= limit:
             break
         if limit == 0.0:
             return math.inf
         along, across = along / size, across / size
-        step = (size / limit - 1.0) / (along * along * turning / (turning * slack + yielding) + across * across / slack)
+        step = (size / limit - 1.0) / (
+            along * along * turning / (turning * slack + resisting) + across * across / slack
+        )
         slack += step
         if step < 1e-9 * slack:
             break
@@ -151,8 +153,8 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
         v_long = v_long + wheel.roller * v_lat
     radius, inertia, spin = wheel.radius, wheel.inertia, wheel.speed
     relaxing = 1.0 + dt * abs(radius * spin) / wheel.relaxation
-    relaxing_lat = relaxing + dt * wheel.stiffness_lat * wheel.yielding
-    relaxing += dt * wheel.stiffness_long * wheel.yielding
+    relaxing_lat = relaxing + dt * wheel.stiffness_lat * wheel.creep_compliance
+    relaxing += dt * wheel.stiffness_long * wheel.creep_compliance
 
     # Motor: torque = a - b * spin at the end of the substep, within +-max_torque.
     a, b = 0.0, 0.0
@@ -176,10 +178,10 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
         share = math.sqrt(1.0 + wheel.roller * wheel.roller)
     speed, torque, force_long, force_lat = spin, 0.0, 0.0, 0.0
     for _ in range(2):
-        turning, pushed, yielding = inertia + dt * b, inertia * spin + dt * a, dt * radius * f1
+        turning, pushed, resisting = inertia + dt * b, inertia * spin + dt * a, dt * radius * f1
         pull = f0 * turning + f1 * pushed
-        slack = slack_on_circle(share * pull, turning, yielding, lateral, limit)
-        force_long, force_lat = pull / (turning * slack + yielding), lateral / slack
+        slack = slack_on_circle(share * pull, turning, resisting, lateral, limit)
+        force_long, force_lat = pull / (turning * slack + resisting), lateral / slack
         speed = (pushed - dt * radius * force_long) / turning
         torque = a - b * speed
         if abs(torque) <= wheel.max_torque:

@@ -9,8 +9,8 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.se2 import rotate_single
 from castor_envs.physics import tyre as law
-from castor_envs.physics.statics import chassis, wheel_loads
 from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.weight import chassis, wheel_loads
 
 SERVO_BANDWIDTH = 40.0  # rad/s: settles well within a 50 ms sample period
 MOST_SUBSTEPS = 20_000  # a sample period
@@ -71,9 +71,9 @@ def enough_substeps(robot: RobotDescription, records: NDArray[np.void]) -> int:
     fastest = 0.0
     offset_of = {k: robot.castors[i].offset for k, i in enumerate(robot.wheel_castors)}
     for i, castor in enumerate(robot.castors):
-        own = [k for k, j in enumerate(robot.wheel_castors) if i == j]
-        stiffness = np.array([max(records[k]["stiffness_long"], records[k]["stiffness_lat"]) for k in own])
-        arm = np.array([robot.wheels[k].lateral ** 2 + offset_of[k] ** 2 for k in own])
+        wheels = [k for k, j in enumerate(robot.wheel_castors) if i == j]
+        stiffness = np.array([max(records[k]["stiffness_long"], records[k]["stiffness_lat"]) for k in wheels])
+        arm = np.array([robot.wheels[k].lateral ** 2 + offset_of[k] ** 2 for k in wheels])
         if castor.steering == "fixed":
             mass, inertia, _ = chassis(robot)
             turning = float(np.sum(stiffness * arm)) / inertia

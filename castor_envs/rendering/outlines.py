@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, left_of, unit
+from castor_envs.motion.kinematics import Geometry, left_of, unit
 from castor_envs.vehicles.robot import Castor, RobotDescription
 
 TYRE_WIDTH = 0.6  # of the wheel's radius

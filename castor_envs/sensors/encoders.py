@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 
 
 class Encoders:

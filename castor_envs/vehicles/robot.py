@@ -8,14 +8,13 @@ radians throughout.
 import dataclasses
 import itertools
 import os
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, TypeAdapter, model_validator
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects import Effect, apply_effects
-from castor_envs.vehicles import description
-from castor_envs.vehicles.description import (
+from castor_envs import description
+from castor_envs.description import (
     CONFIG,
     FINEST,
     Angle,
@@ -33,6 +32,7 @@ from castor_envs.vehicles.description import (
     Torque,
     Vector,
 )
+from castor_envs.vehicles.effect import Effect, EffectOf, apply_effects
 
 FORMAT = "castor-robot/1"
 #: rad: rollers whose axes lie nearer than 4 degrees to the way across would let the wheel push nowhere.
@@ -155,7 +155,8 @@ class RobotDescription:
     max_steering_torque: Torque = 5.0
     contact: Contact = Contact()
     gyro: Gyro | None = None
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Annotated[Effect, EffectOf("robot")], ...] = ()
+    scope: ClassVar[Literal["robot"]] = "robot"
 
     @property
     def wheels(self) -> tuple[Wheel, ...]:

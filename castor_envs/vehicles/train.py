@@ -10,14 +10,14 @@ Source: Vogt and Minor, "Localization for Multi-Axle Train Configured CFMMRs".
 import dataclasses
 import os
 import string
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, TypeAdapter, model_validator
 from pydantic.dataclasses import dataclass
 
-from castor_envs.effects.train import TrainEffect, apply_train_effects
-from castor_envs.vehicles import description
-from castor_envs.vehicles.description import CONFIG, Coordinate, DurationOrNone
+from castor_envs import description
+from castor_envs.description import CONFIG, Coordinate, DurationOrNone
+from castor_envs.vehicles.effect import Effect, EffectOf, apply_effects
 from castor_envs.vehicles.robot import RobotDescription
 
 FORMAT = "castor-train/1"
@@ -86,7 +86,8 @@ class TrainDescription:
     name: Annotated[str, Field(min_length=1)]
     modules: tuple[RobotDescription, ...]
     frames: tuple[Frame, ...]
-    effects: tuple[TrainEffect, ...] = ()
+    effects: tuple[Annotated[Effect, EffectOf("train")], ...] = ()
+    scope: ClassVar[Literal["train"]] = "train"
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -123,14 +124,14 @@ class TrainDescription:
         """Log names of all wheels: ``1l``, ``1r``, ``2l`` and so on, axle by axle."""
         return tuple(f"{i}{side}" for i in range(1, self.n_axles + 1) for side in "lr")
 
-    def with_effects(self, *effects: TrainEffect) -> "TrainDescription":
+    def with_effects(self, *effects: Effect) -> "TrainDescription":
         """Return this train with `effects` added to those it has."""
         return dataclasses.replace(self, effects=(*self.effects, *effects))
 
     def as_built(self) -> "TrainDescription":
         """Return the train as it really is: every effect, its modules' too, applied to what it disturbs."""
         modules = tuple(module.as_built() for module in self.modules)
-        return apply_train_effects(dataclasses.replace(self, modules=modules, effects=()), self.effects)
+        return apply_effects(dataclasses.replace(self, modules=modules, effects=()), self.effects)
 
     def as_described(self) -> "TrainDescription":
         """Return the train as its user believes it to be, without effects: what drivers and estimators get."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import TickLossBursts
+from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.inference.findings import Finding, Rank

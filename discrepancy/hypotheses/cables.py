@@ -13,9 +13,11 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize
 
-from castor_envs.effects import Bump, Effect, Motion
+from castor_envs.effects.floor import Bump
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.inference.wheel_tracks import Steps, placed, steps_of

@@ -13,23 +13,16 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import (
-    Bump,
-    Effect,
-    FrictionPatch,
-    Motion,
-    PivotEccentricity,
-    Slip,
-    TickLoss,
-    catalogue,
-    radii_of,
-    readings,
-)
+from castor_envs.effects.catalogue import catalogue, radii_of, readings
+from castor_envs.effects.encoders import PivotEccentricity, TickLoss
+from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Motion, Slip
 from castor_envs.logs.log import Log
-from castor_envs.motion.steps import contact_paths
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.physics.contact_motion import ContactMotion, contact_paths
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
 SWEPT = np.pi
@@ -41,29 +34,11 @@ BLOCKS = 4
 ENDS = 0.05
 """Part of a log at each of its ends in which no jump is looked for: there it is a bias in all but name."""
 
-SOUGHT_OTHERWISE = frozenset(
-    (
-        "clock_offset",
-        "clock_skew",
-        "all_latency",
-        "sample_jitter",
-        "encoders_swapped",
-        "encoder_reversed",
-        "castor_order",
-    )
-)
-"""The reference's clock (all encoders late is the same) is found beside everything else; wrong wiring is no small
-change; jitter has no mean."""
-
-
 SPEEDS = tuple(k / 32 for k in range(17))
 """Parts of the fastest wheel's speed: above one of these counts may be lost."""
 
-DITHERED = frozenset(("lost_remainders",))
-"""Effects that hang on parts of a count, which a log does not tell: their signature is the mean over such parts."""
-
 DITHERS = (np.arange(4) - 1.5) / 4
-"""Counts a sample."""
+"""Counts a sample: the signature of an effect that hangs on parts of a count is the mean over such parts."""
 
 
 NEAR = 0.1
@@ -126,7 +101,7 @@ def place_of(effect: Effect) -> dict[str, object]:
 
 def family_of(effect: Effect) -> str:
     """Return the name to report of all effects that no log can tell from this one, and where on the robot it is."""
-    name = effect.same_as[0] if effect.same_as else effect.name
+    name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
     place = (value for key, value in _place_but_phase(effect).items() if key != "above")
     places = (round(value, 2) if isinstance(value, float) else value for value in place)
     return " ".join([name, *(str(value) for value in places)])
@@ -134,16 +109,7 @@ def family_of(effect: Effect) -> str:
 
 def described(effect: Effect) -> str:
     """Return an effect and its place in words."""
-    place = place_of(effect)
-    where = [f"{key} {value}" for key, value in place.items() if key in ("castor", "wheel") and value is not None]
-    if isinstance(effect, TickLoss):
-        where += [f"{effect.direction}, above {effect.above:.3g} rad/s"]
-    if isinstance(effect, Bump):
-        where += [f"through x {effect.x:.2f}, y {effect.y:.2f} m", f"direction {effect.direction:.2f} rad"]
-    if isinstance(effect, FrictionPatch):
-        where += [f"around x {effect.x:.2f}, y {effect.y:.2f} m", f"{effect.length:.2f} by {effect.width:.2f} m"]
-        where += [f"turned by {effect.angle:.2f} rad"]
-    return ", ".join([effect.title, *where])
+    return ", ".join([effect.title, *effect.where()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +149,10 @@ class Channels:
         wheel[:, self.driven] = angles[:, s:]
         return wheel, castor
 
-    def motion(self, log: Log, state: Array, agreeing: bool = False) -> Motion:
-        """Return the motion that a state (K, 3 + s + d) tells of; agreeing: as `Motion` has it."""
+    def motion(self, log: Log, state: Array, consistent_wheels: bool = False) -> Motion:
+        """Return the motion that a state (K, 3 + s + d) tells of; consistent_wheels: as `Motion` has it."""
         wheel, castor = self.angles(state[:, 3:])
-        return Motion(log.t, state[:, :3], wheel, castor, agreeing)
+        return Motion(log.t, state[:, :3], wheel, castor, consistent_wheels)
 
     def read(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
         """Return what a robot's encoders read (K, s + d), not rounded, of true counts: what its wheels turn more than
@@ -242,7 +208,7 @@ def signatures_of(
 
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
-    motion = channels.motion(log, state, agreeing=True)
+    motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in [*candidates_of(robot), *places] if among is None else among:
@@ -254,10 +220,10 @@ def signatures_of(
             geometry = Geometry.of(changed[0].as_built())
         except InputError:
             continue
-        if differ(channels.geometry, geometry) and kind.rolling(robot.as_built()) is None:
+        if differ(channels.geometry, geometry) and kind.radius_change(robot.as_built()) is None:
             built.append((candidate, geometry, kind.value))
         else:
-            dithers = DITHERS if kind.name in DITHERED else np.zeros(1)
+            dithers = DITHERS if kind.discrete else np.zeros(1)
             more = np.stack([added(one, dithers) for one in changed], axis=-1) / kind.value
             if np.any(more):
                 read.append((candidate, more, (still,) * candidate.columns))
@@ -285,9 +251,10 @@ def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> S
     kind = candidate.kinds[0]
     there = next((one.value for one in robot.effects if isinstance(one, Bump) and candidate.is_of(one)), 0.0)
     low, high = ((1 - NEAR) * there, (1 + NEAR) * there) if there > 0 else (0.0, kind.value)
+    contacts = ContactMotion(robot.as_built(), motion)
     try:
-        slip = dataclasses.replace(kind, value=high).slip(robot.as_built(), motion)
-        less = dataclasses.replace(kind, value=low).slip(robot.as_built(), motion) if there > 0 else None
+        slip = dataclasses.replace(kind, value=high).slip(contacts)
+        less = dataclasses.replace(kind, value=low).slip(contacts) if there > 0 else None
     except InputError:  # a robot that cannot stand by itself
         return None
     if slip is None or not (np.any(slip.rolling) or np.any(slip.side)):
@@ -297,10 +264,14 @@ def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> S
 
 
 def candidates_of(robot: RobotDescription) -> list[Candidate]:
-    """Return the effects that a robot may have, those of all phases as one."""
+    """Return the effects that a robot may have, those of all phases as one.
+
+    Not those of timing: the reference's clock (all encoders late is the same) is found beside everything else, and
+    jitter has no mean. Nor wrong wiring, which is no small change.
+    """
     found: dict[str, list[Effect]] = {}
     for effect in catalogue(robot.as_described()):
-        if effect.name not in SOUGHT_OTHERWISE:
+        if not (effect.timing or effect.wiring):
             found.setdefault(f"{effect.name} {_place_but_phase(effect)}", []).append(effect)
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 

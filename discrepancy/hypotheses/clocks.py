@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from castor_envs.effects import ClockSkew, Effect, SampleJitter
+from castor_envs.effects.clocks import ClockSkew, SampleJitter
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.inference.evidence import Evidence, evidence_of

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import FrictionPatch, Motion
+from castor_envs.effects.floor import FrictionPatch
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.inference.wheel_tracks import Steps, placed, steps_of
 from discrepancy.validation.replay import replay

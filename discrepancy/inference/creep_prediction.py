@@ -1,30 +1,24 @@
-"""How far a robot's contacts slip as its description predicts: under the forces of a motion, and against each other."""
+"""How far a robot's contacts slip as its description predicts: under the forces of a motion, and against each other.
+
+What is predicted without the robot's effects on creep is true in part; those effects are so wholly.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 
-from castor_envs.effects import (
-    Bump,
-    ContactCreep,
-    FloorSlope,
-    Slip,
-    SlipStiffness,
-    SlipStiffnessLateral,
-    floor_of,
-)
+from castor_envs.effects.catalogue import floor_of
+from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
-from castor_envs.physics.contact_motion import creep
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Channels, differ, stacked
 from estimators.calibration.log_likelihood import LogLikelihood
-
-OF_CREEP = SlipStiffness, SlipStiffnessLateral, ContactCreep, FloorSlope
-"""Effects that make contacts creep otherwise: what is predicted without them is true in part, they are so wholly."""
 
 CREEPS, FORCED = 2, 1
 """Kinds of creep that are predicted: where wheels disagree, whatever holds them, and under the forces of the motion."""
@@ -39,7 +33,7 @@ class Slipping:
 
     def __init__(self, robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> None:
         self._robot, self._model, self._log, self._state = robot, model, log, state
-        self._without = replace(robot, effects=tuple(one for one in robot.effects if not isinstance(one, OF_CREEP)))
+        self._without = replace(robot, effects=tuple(one for one in robot.effects if one.creep is None))
         self._channels = Channels(robot)
         contact, geometry = robot.as_built().contact, self._channels.geometry
         rolled = np.abs(model.rolled(geometry, state)) / np.diff(log.t)[:, None]
@@ -52,11 +46,11 @@ class Slipping:
     def sure(self) -> Array:
         """Return slips (K - 1, rows) that are certain: what wheels roll more on the robot's cables, and its effects on
         how contacts creep."""
-        motion, total = self._channels.motion(self._log, self._state, agreeing=True), self._over
+        motion, total = self._channels.motion(self._log, self._state, consistent_wheels=True), self._over
         for effect in self._robot.effects:
-            if isinstance(effect, OF_CREEP):
+            if effect.creep is not None:
                 try:
-                    total = total + effect.slip(self._without.as_built(), motion)
+                    total = total + effect.slip(ContactMotion(self._without.as_built(), motion))
                 except InputError:  # it cannot stand by itself
                     continue
         return self._model.rows_of(total.rolling, total.side)
@@ -64,7 +58,7 @@ class Slipping:
     def known(self) -> Array:
         """Return slips (K - 1, rows, 2 + e): as predicted where wheels disagree, and under the forces of the motion; by
         which wheels would hide each of the robot's effects."""
-        (rolling, side), (forced, forced_side) = self._creep, self._predicted(agreeing=True)
+        (rolling, side), (forced, forced_side) = self._creep, self._predicted(consistent=True)
         both = self._model.rows_of(rolling - forced, side - forced_side), self._model.rows_of(forced, forced_side)
         return np.concatenate([np.stack(both, axis=-1), self._hiding()], axis=-1)
 
@@ -73,14 +67,14 @@ class Slipping:
         (rolling, side), (less, less_side) = self._creep, self._predicted(self._over + slip)
         return self._model.rows_of(rolling - less, side - less_side)
 
-    def _predicted(self, known: Slip | None = None, agreeing: bool = False) -> tuple[Array, Array]:
-        """Return the creep predicted where wheels are known to slip for another reason; agreeing: where they agree."""
-        robot, motion = self._without, self._channels.motion(self._log, self._state, agreeing=agreeing)
+    def _predicted(self, known: Slip | None = None, consistent: bool = False) -> tuple[Array, Array]:
+        """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree."""
+        robot, motion = self._without, self._channels.motion(self._log, self._state, consistent_wheels=consistent)
         known = Slip.none(motion) if known is None else known
         rolled_more = np.cumsum(known.rolling, axis=0) / self._channels.geometry.radius
         motion = replace(motion, wheel_angle=motion.wheel_angle + np.pad(rolled_more, ((1, 0), (0, 0))))
         try:
-            slip = creep(robot.as_built(), motion, floor_of(robot, Floor()))
+            slip = ContactMotion(robot.as_built(), motion).creep(floor_of(robot, Floor()))
         except InputError:  # it cannot stand by itself
             slip = Slip.none(motion)
         return slip.rolling, slip.side
@@ -90,7 +84,7 @@ class Slipping:
         total = Slip.none(motion)
         for effect in self._robot.effects:
             if isinstance(effect, Bump):
-                total = total + effect.slip(self._robot.as_built(), motion)
+                total = total + effect.slip(ContactMotion(self._robot.as_built(), motion))
         return total
 
     def _hiding(self) -> Array:
@@ -101,7 +95,7 @@ class Slipping:
         for k, effect in enumerate(robot.effects):
             without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
             geometry: Geometry = Geometry.of(without.as_built())
-            if differ(channels.geometry, geometry) and effect.rolling(without.as_built()) is None:
+            if differ(channels.geometry, geometry) and effect.radius_change(without.as_built()) is None:
                 changed, step, more = stacked(geometry, [geometry]), np.array([-1.0]), np.zeros((*counts.shape, 0))
             else:
                 changed, step = stacked(geometry, []), np.zeros(0)

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from castor_envs.effects import AllWheelRadius, Effect
+from castor_envs.effects.dimensions import AllWheelRadius
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, finest_of
 from discrepancy.inference.evidence import Evidence, evidence_of

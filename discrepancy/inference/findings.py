@@ -6,7 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from castor_envs.effects import ClockSkew, Effect, SampleJitter
+from castor_envs.effects.clocks import ClockSkew, SampleJitter
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
 from estimators.calibration.log_likelihood import Noise

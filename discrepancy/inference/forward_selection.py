@@ -21,12 +21,12 @@ from functools import lru_cache
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from castor_envs.effects import SampleJitter
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.bursts import losing, lost_in_bursts
-from discrepancy.hypotheses.candidates import DITHERED, Candidate
+from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.clocks import of_time
 from discrepancy.hypotheses.floor_slip import slides, sliding, slips_in_bursts
 from discrepancy.hypotheses.noise_excess import louder_than
@@ -34,7 +34,7 @@ from discrepancy.hypotheses.reference_drift import swinging
 from discrepancy.inference.evidence import Evidence, evidence_of
 from discrepancy.inference.evidence_cache import Known, Looks
 from discrepancy.inference.findings import BORNE_OUT, WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
-from discrepancy.inference.ranking import CREEPING, LEAST_GAIN, MARGIN, alike, margin, pick, ranks_of, sine
+from discrepancy.inference.ranking import LEAST_GAIN, MARGIN, alike, margin, pick, ranks_of, sine
 from discrepancy.inference.selection import BESIDE, Found, Look, decided, foretold, one_after_another
 from discrepancy.inspect import BLIND
 from discrepancy.validation.parity import parity_residual
@@ -152,7 +152,7 @@ def _diagnosed(
         findings = [*(_in_doubt(one, rest) for one in findings), _nameless(alike(left, rest), rest, ranks_of(left))]
     if not findings and (swing := swinging(robot, logs, first)) is not None:
         findings.append(swing)
-    rounded = any(kind.name in DITHERED for one in found for kind in one.candidate.kinds)
+    rounded = any(kind.discrete for one in found for kind in one.candidate.kinds)
     if good is not None and not shaken and not rounded and all(one.verdict != "unexplained" for one in findings):
         effects = [one.effect for one in found]
         louder = louder_than(good, first, left, None if again is None else lambda: again(effects))
@@ -244,7 +244,7 @@ def _borne_out(again: Look, found: list[Found], findings: list[Finding]) -> tupl
             if finding.gain < max(other.gain for other in findings) / 2:
                 continue
             reason = f"the held-out logs do not bear out {one.candidate.what}"
-        if reason is not None and isinstance(one.effect, CREEPING) and len(findings) > 1:
+        if reason is not None and one.effect is not None and one.effect.creep == "compliance" and len(findings) > 1:
             continue
         if reason is not None and finding.verdict == "named":
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from castor_envs.effects import ContactCreep, SlipStiffness, SlipStiffnessLateral
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.evidence import Evidence
 from discrepancy.inference.findings import Rank
@@ -16,8 +15,6 @@ LEAST_GAIN = 30.0
 
 LEAST_WITHOUT_NAME = 40.0
 """The same of what has no name; there are many of these."""
-
-CREEPING = SlipStiffness, SlipStiffnessLateral, ContactCreep
 
 LEAST_OF_CREEP, MUCH_CREEP = 40.0, 2.0
 """The same of how contacts creep, which is predicted; and how many times more than any other
@@ -99,7 +96,7 @@ def sine(seen: Evidence, one: Rank, other: Rank) -> float:
 
 def creeps(one: Rank) -> bool:
     """Whether it is about how contacts creep."""
-    return bool(one.candidate.kinds) and isinstance(one.candidate.kinds[0], CREEPING)
+    return bool(one.candidate.kinds) and one.candidate.kinds[0].creep == "compliance"
 
 
 def _least(one: Rank) -> float:

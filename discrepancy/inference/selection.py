@@ -13,9 +13,9 @@ from typing import Protocol
 
 import numpy as np
 
-from castor_envs.effects import Effect
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, finer
 from discrepancy.inference.evidence import Evidence

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import Motion
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
-from castor_envs.motion.steps import contact_paths, contact_places
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.physics.contact_motion import contact_paths, contact_places
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Channels
 from estimators.calibration.log_likelihood import GAP, LogLikelihood
@@ -94,5 +94,5 @@ def placed(
     posed = [
         k for k, log in enumerate(logs) if log.reference is not None and bool(np.isfinite(log.reference[:, 0]).any())
     ]
-    motions = [Channels(robot).motion(logs[k], at.states[k], agreeing=True) for k in posed]
+    motions = [Channels(robot).motion(logs[k], at.states[k], consistent_wheels=True) for k in posed]
     return motions, [slips[k] for k in posed]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from castor_envs.effects import Effect
+from castor_envs.vehicles.effect import Effect
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from functools import reduce
 from itertools import combinations, permutations
 
-from castor_envs.effects import CastorOrder, CountsPerRev, Effect, EncoderReversed, EncodersSwapped, PivotBias
+from castor_envs.effects.dimensions import CountsPerRev, PivotBias
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.logs.columns import LogColumns
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 

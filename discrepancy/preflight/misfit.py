@@ -1,7 +1,7 @@
 """How much of a robot's motion its log leaves unexplained, if the log was read in a given way.
 
 Two shares, each of squares. Parity: of the distances that wheels roll and castors swing, the part that no motion of a
-rigid body on these wheels gives (castor_envs.geometry.kinematics: rolling, and no side slip), added up over windows
+rigid body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), added up over windows
 of 0.4 s.
 Reference: of the ways between poses, the part by which odometry misses them; where the reference is mounted, and how
 it is turned, is fitted first. The worst tenth of the windows is left out: wheels may slide there, or poses jump.
@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, constraint_matrix
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.stretches import WINDOW, Poses, stretches_of

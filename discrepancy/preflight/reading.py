@@ -6,7 +6,9 @@ Channels: the wheels with an encoder, then the castors with a pivot encoder, in 
 import dataclasses
 from dataclasses import dataclass
 
-from castor_envs.effects import CastorOrder, Effect, EncoderReversed, EncodersSwapped, PivotBias
+from castor_envs.effects.dimensions import PivotBias
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
 

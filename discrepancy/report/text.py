@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from castor_envs.effects import Effect
+from castor_envs.description import fingerprint
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically, write_json
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.description import fingerprint
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.load import Vehicle, file_name
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import described
@@ -141,7 +141,7 @@ def _finding_data(robot: RobotDescription, one: Finding, logs: Sequence[Log]) ->
         if effect is None or error is None
         else [effect.value - COVERAGE * error, effect.value + COVERAGE * error],
         "check": None if effect is None else effect.check,
-        "same_as": [] if effect is None else [name for name in effect.same_as if name != effect.name],
+        "same_as": [] if effect is None else [name for name in effect.indistinguishable_from if name != effect.name],
         "deviance": one.gain,
         "hidden_by_creep": one.chosen[0].part,
         "cost": _cost_data(robot, effect, logs),

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.effects import radii_of
+from castor_envs.effects.catalogue import radii_of
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, forward
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.replay import measured_in, poses_in
 from estimators.calibration.log_likelihood import LogLikelihood

@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.physics.statics import wheel_loads
 from castor_envs.sensors.posture import posture, sensed
 from castor_envs.vehicles.train import Frame, TrainDescription
+from castor_envs.vehicles.weight import wheel_loads
 
 GRAVITY = 9.81
 NEWTON = 3

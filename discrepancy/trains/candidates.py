@@ -5,16 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from castor_envs.effects import AllWheelRadius, Effect, Track, WheelRadius
-from castor_envs.effects.train import (
-    AxleSlip,
-    DeadGauge,
-    EffectOfTrain,
-    ForeshorteningLeftOut,
-    GaugeDrift,
-    GaugeGain,
-)
+from castor_envs.effects.dimensions import AllWheelRadius, Track, WheelRadius
+from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeDrift, GaugeGain
 from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.rows import TrainLog
 
@@ -32,17 +26,17 @@ PARTS = (("x", "m"), ("y", "m"), ("heading", "rad"))
 class Placed:
     """An effect, and the axle (from 1) whose module has it; None for effects of the train."""
 
-    effect: EffectOfTrain | Effect
+    effect: Effect
     axle: int | None = None
 
     @property
     def value(self) -> float:
-        """The amplitude; 1 for effects that have none."""
-        return getattr(self.effect, "value", 1.0)
+        """The amplitude; 1 for effects that are there or not."""
+        return self.effect.value
 
     def sized(self, value: float) -> "Placed":
         """Return the effect with this amplitude; raises ValueError if it cannot have it."""
-        if not hasattr(self.effect, "value"):
+        if self.effect.binary:
             return self
         return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
 

@@ -317,7 +317,7 @@ def _settled_with(
 ) -> tuple[list[_Found], TrainDescription, Settled]:
     """Return effects with amplitudes at which the logs pull them no more, the train with them, and its motion."""
     now = list(found)
-    free = [k for k, one in enumerate(now) if hasattr(one.placed.effect, "value")]
+    free = [k for k, one in enumerate(now) if not one.placed.effect.binary]
     for turn in range(rounds + 1):
         built = _with(train, _placed(now))
         start = settled(built, logs, start)
@@ -491,7 +491,7 @@ def _borne(
         n, described = DIFFERENCES * sum(count for _, count in each), built.frames[f].gauge_noise
         square, wanted = DIFFERENCES * sum(s**2 * c for s, c in each) / max(n, 1.0), 1 + (placed.value / described) ** 2
         return n * (np.log(1 / wanted) + square - square / wanted), n * (np.log(1 / wanted) + wanted - 1)
-    if not hasattr(placed.effect, "value") or isinstance(placed.effect, AxleSlip):  # slip is far from linear in it
+    if placed.effect.binary or isinstance(placed.effect, AxleSlip):  # slip is far from linear in it
         gain = (
             settled(without, logs, full, full.sizes).deviance
             - settled(_with(train, every), logs, full, full.sizes).deviance

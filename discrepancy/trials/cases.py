@@ -19,10 +19,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from castor_envs.effects import Effect, catalogue
+from castor_envs.effects.catalogue import catalogue
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.strength.separation import FITTED_ANYWAY, WIRING, class_of
+from discrepancy.trials.strength.separation import FITTED_ANYWAY, class_of
 
 Stratum = Literal["clean", "one", "large", "two", "outside", "poor"]
 Course = Literal["wander", "to and fro", "circles"]
@@ -150,7 +151,7 @@ def _one(robot: RobotDescription, random: np.random.Generator, wiring: bool) -> 
     """Draw an effect by its name, then its place, its phase and its sign."""
     named: dict[str, list[Effect]] = {}
     for effect in catalogue(robot):
-        if effect.name not in FITTED_ANYWAY and (wiring or effect.name not in WIRING):
+        if effect.name not in FITTED_ANYWAY and (wiring or not effect.wiring):
             named.setdefault(effect.name, []).append(effect)
     variants = named[sorted(named)[random.integers(len(named))]]
     effect = variants[random.integers(len(variants))]

@@ -10,9 +10,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from castor_envs.effects.base import all_channels
+from castor_envs.effects.parts import all_channels
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from castor_envs.effects import reader_of, reference
+from castor_envs.effects.catalogue import reference, sensor_model_of
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import KinematicController, trailing_angles
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Trajectory
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.noise import Noise
@@ -39,8 +39,12 @@ def drive(
     phases, starts = (np.random.default_rng([seed, k]) for k in (2, 3))
     phase = Encoders.random_phase(built, phases)
     start = trailing_angles(geometry, motion.runs[0].legs[0].motion) + starts.uniform(-0.5, 0.5, geometry.n_castors)
-    world = World(robot, floor or Floor(), castor_angles=start)
-    encoders, read, controller = Encoders(built, phase), reader_of(robot), KinematicController(robot.as_described())
+    world = RobotWorld(robot, floor or Floor(), castor_angles=start)
+    encoders, read, controller = (
+        Encoders(built, phase),
+        sensor_model_of(robot),
+        KinematicController(robot.as_described()),
+    )
 
     rows = round(duration / period) + 1
     t, w = np.arange(rows) * np.float64(period), len(robot.wheels)

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.noise import Noise
 

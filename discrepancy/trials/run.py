@@ -35,7 +35,7 @@ from discrepancy.trials.folder import asked_of, begin, each, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import EXACT, Noise
 from discrepancy.trials.reading import as_recorded
-from discrepancy.trials.strength.separation import WIRING, Yardstick, class_of
+from discrepancy.trials.strength.separation import Yardstick, class_of
 from discrepancy.trials.strength.solve_size import Strength, Track, settled
 
 FORMAT = "castor-trial-case/1"
@@ -188,7 +188,7 @@ def _accepted(case: Case, strength: Strength | None) -> bool:
     """Whether a case is as strong as its stratum asks, and, where it should be, outside the catalogue."""
     if strength is None:
         return True
-    if any(effect.name in WIRING for effect in case.effects):
+    if any(effect.wiring for effect in case.effects):
         return True
     low, high = case.bounds[0] / SLACK, case.bounds[1] * SLACK
     if case.stratum == "two":

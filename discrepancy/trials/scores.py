@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from castor_envs.effects.catalogue import EFFECTS
 from castor_envs.errors import InputError
 from castor_envs.files import read_json
 from discrepancy.trials.run import Plan, plan_of
-from discrepancy.trials.strength.separation import JITTER, WIRING
+from discrepancy.trials.strength.separation import JITTER
 
 FORMAT = "castor-trial/2"
 
@@ -87,7 +88,7 @@ class Trial:
     @property
     def wiring(self) -> bool:
         """Whether encoders were swapped or reversed."""
-        return any(name in WIRING for name in self.names)
+        return any(name in EFFECTS and EFFECTS[name].wiring for name in self.names)
 
 
 @dataclass(frozen=True)

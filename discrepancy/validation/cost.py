@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from castor_envs.effects import Effect
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Channels
 from estimators.calibration.log_likelihood import LogLikelihood

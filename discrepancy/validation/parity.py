@@ -1,7 +1,7 @@
 """Parity residual: how far the encoders of one robot are from agreeing with any rigid motion of its body.
 
 Between two samples the body moves by (dx, dy, dpsi) in B, each castor turns by dtheta and each wheel rolls
-r dphi. The rolling constraints (castor_envs.geometry.kinematics) say, with castor angles half way,
+r dphi. The rolling constraints (castor_envs.motion.kinematics) say, with castor angles half way,
 
     A(theta) (dx, dy, dpsi) + B dtheta = (r dphi of each wheel with an encoder, 0 for each castor's side slip)
 
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, constraint_matrix
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 

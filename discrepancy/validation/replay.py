@@ -24,14 +24,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
-from castor_envs.effects import CastorOrder, EncoderReversed, EncodersSwapped, readings
+from castor_envs.effects.catalogue import readings
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, forward
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.logs.log import Log
-from castor_envs.physics.robot_world import World
+from castor_envs.motion.kinematics import Geometry, forward
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -57,8 +57,6 @@ HANDED_ON = ("speed", "integral", "stretch_long", "stretch_lat")
 
 HEAVY = 1e6
 """kg m2: the spin inertia of a wheel that turns as it is told, whatever the floor does."""
-
-WIRING = (CastorOrder, EncoderReversed, EncodersSwapped)
 
 PARTS = 10
 """Of a sample, in which such a wheel's speed is constant: were it to change at once, the wheel would slide."""
@@ -285,7 +283,7 @@ def _undone(robot: RobotDescription, described: Geometry, built: Geometry, t: Ar
     wheel, castor = angle[:, :w] / gain, angle[:, w:] - (built.pivot_zero - described.pivot_zero)
     plain = robot.as_described()
     for effect in reversed(robot.effects):
-        if isinstance(effect, WIRING):  # done twice, it is undone
+        if effect.wiring:  # done twice, it is undone
             wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
     return np.column_stack([wheel, castor])
 
@@ -388,7 +386,7 @@ def _runs(
         yield relative_pose(began, ended), *_beyond(robot, measured, first, turned, castors)
 
 
-def _moving(world: World) -> tuple[Array, NDArray[np.void]]:
+def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
     """Return what is handed on: the body's twist (3,) and the wheels' records."""
     return world.twist, world.wheels.copy()
 
@@ -407,14 +405,14 @@ class _Plant:
         self._wheel = CubicSpline(samples, _smooth(measured.wheel))(parts)
         self._castor = np.stack([np.interp(parts, samples, angle) for angle in measured.castor.T], axis=-1)
 
-    def world(self, at: int, pose: Array, twist: Array) -> World:
+    def world(self, at: int, pose: Array, twist: Array) -> RobotWorld:
         """Return the robot at a pose, its castors as at a sample, moving with a twist."""
-        world = World(self._robot, self._floor, pose=pose, castor_angles=self._measured.castor[at], twist=twist)
+        world = RobotWorld(self._robot, self._floor, pose=pose, castor_angles=self._measured.castor[at], twist=twist)
         if self._drive == "counts":
             world.wheels["inertia"][self._driven] = HEAVY
         return world
 
-    def advance(self, world: World, k: int) -> None:
+    def advance(self, world: RobotWorld, k: int) -> None:
         """Drive from sample k to the next."""
         log = self._measured
         for i in range(k * self._parts, (k + 1) * self._parts):

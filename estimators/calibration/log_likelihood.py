@@ -7,7 +7,7 @@ wheels'. Known are
     rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled
     reference poses          off by independent errors, where they were taken
 
-The rolling constraints are those of castor_envs.geometry.kinematics, integrated over a step to fourth order in its
+The rolling constraints are those of castor_envs.motion.kinematics, integrated over a step to fourth order in its
 length: half-way values alone would bias castors that swing in. Each step ties two samples only, so the normal equations
 are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read:
 rounded regressors would shrink the parameters.
@@ -23,16 +23,14 @@ from scipy.linalg import cholesky_banded, get_lapack_funcs
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, constraint_matrix
 from castor_envs.geometry.se2 import compose, relative_pose
+from castor_envs.geometry.steps import body_motion, even_steps, half_way, integrated
 from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
 
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
-
-EVEN = 1.1
-"""Steps are integrated to fourth order where their neighbours last as long, up to this ratio; others to second."""
 
 GAP = 3.5
 """Steps longer than so many median ones are gaps: what happened in them is not known."""
@@ -162,9 +160,8 @@ class LogLikelihood:
             bool(np.ptp(some, axis=0).max() <= 1) for some in (self._counts[:REST], self._counts[-REST:])
         )
 
-        self._t, step = log.t, np.diff(log.t)
-        even = np.maximum(step[1:] / step[:-1], step[:-1] / step[1:]) < EVEN
-        self._even = np.concatenate([[False], even]) & np.concatenate([even, [False]])
+        self._t = log.t
+        self._even = even_steps(self._t)
 
     def correct(self, more: Array) -> None:
         """Take off the counts (K, s + d) what is known to be read more than is true."""
@@ -272,16 +269,9 @@ class LogLikelihood:
         even (K - 1,): the steps to integrate to fourth order in their length, not to second; None: those that are.
         """
         even = self._even if even is None else even
-        angle, body = self._angles(geometry, state[:, 3:]), self._body_motion(state, even)
-        half_way = (angle[..., 1:, :] + angle[..., :-1, :]) / 2
-        curved = angle[..., 3:, :] - angle[..., 2:-1, :] - angle[..., 1:-2, :] + angle[..., :-3, :]
-        half_way[..., 1:-1, :] -= _where_even(even, curved, 1) / 16
-        a, b = self._matrices(geometry, half_way)
-        along = (a @ body[..., None])[..., 0]
-        # The mean of a product over a step: mean times mean, and how both change together.
-        bend = _where_even(even, a[..., 2:, :, :] - 2 * a[..., 1:-1, :, :] + a[..., :-2, :, :], 2) / 24
-        slope = _where_even(even, a[..., 2:, :, :] - a[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
-        along[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + slope.sum(axis=-1)
+        angle, body = self._angles(geometry, state[:, 3:]), body_motion(state, even)
+        a, b = self._matrices(geometry, half_way(angle, even))
+        along = integrated(a, body, even)
         turned = np.diff(angle, axis=-2)[..., self._castor]
         return (along + b * turned - self._rolled(geometry, state[:, 3:])) * self._magnified(geometry)
 
@@ -442,11 +432,11 @@ class LogLikelihood:
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
         """Return the derivatives of `missed` by the state at the start and the end of every step, to second order."""
-        angle, body, s = self._angles(geometry, state[:, 3:]), self._body_motion(state, self._even), self._sensed
-        half_way = (angle[1:] + angle[:-1]) / 2
-        a, b = self._matrices(geometry, half_way)
+        angle, body, s = self._angles(geometry, state[:, 3:]), body_motion(state, self._even), self._sensed
+        middle = (angle[1:] + angle[:-1]) / 2
+        a, b = self._matrices(geometry, middle)
         # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
-        opposite, quarter = (self._matrices(geometry, half_way + by)[0] for by in (np.pi, np.pi / 2))
+        opposite, quarter = (self._matrices(geometry, middle + by)[0] for by in (np.pi, np.pi / 2))
         pointing = ((quarter - (a + opposite) / 2) @ body[..., None])[..., 0]
 
         heading, turn = (state[1:, 2] + state[:-1, 2]) / 2, np.diff(state[:, 2])
@@ -524,24 +514,6 @@ class LogLikelihood:
     def _magnified(self, geometry: Geometry) -> Array:
         """Return how much smaller than described (..., 1, 1) the wheels are."""
         return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
-
-    def _body_motion(self, state: Array, even: NDArray[np.bool_]) -> Array:
-        """Return the integral of the body's twist over every step (K - 1, 3), in B."""
-        turn, heading = np.diff(state[:, 2]), (state[1:, 2] + state[:-1, 2]) / 2
-        way = (np.diff(state[:, 0]) + 1j * np.diff(state[:, 1])) * np.exp(-1j * heading) / np.sinc(turn / (2 * np.pi))
-        body = np.column_stack([way.real, way.imag, turn])
-        if len(body) > 2:
-            change = _where_even(even, body[2:] - body[:-2], 1) / 2
-            faster, turning = change[:, 0] + 1j * change[:, 1], change[:, 2]
-            swept = 1j * (turn[1:-1] * faster - turning * way[1:-1]) / 12
-            body[1:-1, 0] -= swept.real
-            body[1:-1, 1] -= swept.imag
-        return body
-
-
-def _where_even(even: NDArray[np.bool_], inner: Array, behind: int) -> Array:
-    """Return values of inner steps, (..., K - 3) with axes `behind`, 0 where `even` (K - 1,) is not."""
-    return inner * even[1:-1].reshape(-1, *(1,) * behind)
 
 
 def _chained(twist: Array) -> Array:

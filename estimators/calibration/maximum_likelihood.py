@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced, moved_along
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of

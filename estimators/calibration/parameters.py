@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 
 Kind = Literal["radius", "lateral", "offset", "pivot_zero", "angle", "pivot_x", "pivot_y"]

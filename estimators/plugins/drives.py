@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry, castor_rates, constraint_matrix, inverse, pivot_velocity
 from castor_envs.motion.controllers import trailing_angles
+from castor_envs.motion.kinematics import Geometry, castor_rates, constraint_matrix, inverse, pivot_velocity
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.robot import RobotDescription
 

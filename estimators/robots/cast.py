@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import CastorOdometry, Step, displaced, several_castors, start

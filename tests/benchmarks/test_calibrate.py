@@ -9,11 +9,11 @@ import pytest
 
 from benchmarks import cli
 from castor_envs import command_line
-from castor_envs.effects import PivotBias, WheelRadius
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import pivoting, umbmark
 from castor_envs.sensors.encoders import Encoders

@@ -4,7 +4,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from castor_envs.effects import Bump, FloorSlope, floor_of
+from castor_envs.effects.catalogue import floor_of
+from castor_envs.effects.floor import Bump, FloorSlope
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.vehicles.presets import preset

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from castor_envs import command_line
-from castor_envs.effects import EncoderLatency, EncodersSwapped, readings
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.effects.catalogue import readings
+from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders

@@ -11,23 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import (
+from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
+from castor_envs.effects.dimensions import (
     AllWheelRadius,
-    ContactCreep,
     CountsPerRev,
     LoadRadius,
     PivotBias,
     PivotOffset,
     PivotPositionX,
     PivotPositionY,
-    SlipStiffness,
-    SlipStiffnessLateral,
     Track,
     WheelRadius,
 )
-from castor_envs.effects.base import Effect
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
 AT_REST = 1e-6

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.effects import floor_of
+from castor_envs.effects.catalogue import floor_of
 from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log

@@ -10,29 +10,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from castor_envs.effects import (
-    AllLatency,
-    CastorOrder,
-    ClockOffset,
-    ClockSkew,
-    EncoderLatency,
-    EncoderReversed,
-    EncodersSwapped,
+from castor_envs.effects.clocks import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
+from castor_envs.effects.encoders import (
     LostRemainders,
     PivotBacklash,
     PivotEccentricity,
     PivotGain,
-    ReferenceLeverX,
-    ReferenceLeverY,
-    ReferenceYaw,
-    SampleJitter,
     TickLoss,
     TickLossBursts,
     WheelEccentricity,
 )
-from castor_envs.effects.base import Effect
+from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.mujoco.build import Build
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.effects import Slip
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 
 Index = NDArray[np.intp]
 

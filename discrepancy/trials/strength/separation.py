@@ -13,22 +13,23 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from castor_envs.effects import (
-    Effect,
-    Motion,
+from castor_envs.effects.catalogue import (
     catalogue,
+    creep_compliance_of,
     floor_of,
     radii_of,
     readings,
     reference,
     slip_of,
-    yielding_of,
 )
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.physics.contact_motion import ContactMotion
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import angles_of, counts_of
@@ -43,9 +44,6 @@ FAINT = 1e-3
 
 LEAST = 1e-6
 """Standard deviations: an effect of its step's size that shows less leaves no trace."""
-
-WIRING = frozenset(("encoders_swapped", "encoder_reversed", "castor_order"))
-"""Effects that are there or not."""
 
 JITTER = "sample_jitter"
 
@@ -95,7 +93,7 @@ class Yardstick:
         real = self.robot.with_effects(effect)
         if not is_physical(self.robot, effect):
             return self.signal(self.read(effect)) / effect.value
-        slip = slip_of(real, self._motion)
+        slip = slip_of(ContactMotion(real, self._motion))
         windows = windows_of(Geometry.of(real.as_built()), self._layout, self.exact, slip)
         return self._cleared(self._own - self._residuals(windows, self.exact)) / effect.value
 
@@ -111,7 +109,7 @@ class Yardstick:
         """Signatures (size, k), of length 1, of each class of the catalogue that leaves a trace on this run."""
         found: dict[str, list[Array]] = {}
         for effect in catalogue(self.robot):
-            if effect.name in WIRING | FITTED_ANYWAY or effect.name == JITTER:
+            if effect.wiring or effect.name in FITTED_ANYWAY or effect.name == JITTER:
                 continue
             try:
                 own = self.signature(effect)
@@ -211,7 +209,7 @@ def class_of(effect: Effect) -> str:
 
     Numbers that say more (phase, threshold, a place on the floor) do not count.
     """
-    name = effect.same_as[0] if effect.same_as else effect.name
+    name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
     fields = [field.name for field in dataclasses.fields(effect) if field.name not in ("name", "value", "seed")]
     place = [value for field in fields if not isinstance(value := getattr(effect, field), float)]
     return " ".join([name, *map(str, place)])
@@ -221,7 +219,7 @@ def is_physical(robot: RobotDescription, effect: Effect) -> bool:
     """Whether an effect changes how the robot moves, not only what its sensors make of it."""
     real = robot.with_effects(effect)
     built = _moving_parts(real.as_built()) != _moving_parts(robot.as_described()) or radii_of(real) is not None
-    return built or floor_of(real, Floor()) != Floor() or yielding_of(real) != 0.0
+    return built or floor_of(real, Floor()) != Floor() or creep_compliance_of(real) != 0.0
 
 
 def _moving_parts(robot: RobotDescription) -> RobotDescription:

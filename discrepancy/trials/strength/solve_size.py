@@ -15,7 +15,7 @@ from discrepancy.trials.cases import Case, Hidden
 from discrepancy.trials.generators import Generator
 from discrepancy.trials.noise import EXACT
 from discrepancy.trials.outside import Outside
-from discrepancy.trials.strength.separation import JITTER, WIRING, Yardstick, apart, is_physical
+from discrepancy.trials.strength.separation import JITTER, Yardstick, apart, is_physical
 
 TRIES, CLOSE = 4, 0.1
 """Of sizes, until z is so close to what was drawn, as a part of it."""
@@ -147,7 +147,7 @@ def _sized(hidden: Hidden, target: float, track: Track) -> Hidden:
 
     By secants of log z over log size, from a slope of `power` on.
     """
-    if hidden.effect is not None and hidden.effect.name in WIRING:
+    if hidden.effect is not None and hidden.effect.wiring:
         return hidden
     hidden, slope, before = _begun(hidden, target, track), hidden.power, None
     for _ in range(TRIES):

@@ -8,8 +8,8 @@ from scipy import sparse
 from scipy.linalg import cholesky_banded, get_lapack_funcs
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from discrepancy.trials.noise import REFERENCE_NOISE
 from discrepancy.trials.strength.residuals import Layout, Windows, between, followed, poses_of
 

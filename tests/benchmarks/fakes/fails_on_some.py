@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import differential
 
 

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 
 
 class Follower:

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.scoring import path_metrics, square_metrics
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.logs.importers.optiodom import find_sessions, published_correction, read_session
+from castor_envs.motion.kinematics import Geometry
 
 OF_PATHS = (path_metrics.absolute_trajectory_error, path_metrics.relative_pose_error, path_metrics.end_point_error)
 

@@ -13,57 +13,55 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
-from castor_envs.effects import (
+from castor_envs.effects.catalogue import (
     EFFECTS,
-    AllLatency,
+    TRAIN_EFFECTS,
+    catalogue,
+    floor_of,
+    readings,
+    reference,
+    sensor_model_of,
+)
+from castor_envs.effects.clocks import AllLatency, ClockOffset, ClockSkew, EncoderLatency, SampleJitter
+from castor_envs.effects.contact import SlipStiffness
+from castor_envs.effects.dimensions import (
     AllWheelRadius,
-    Bump,
-    CastorOrder,
-    ClockOffset,
-    ClockSkew,
     CountsPerRev,
-    Effect,
-    EncoderLatency,
-    EncoderReversed,
-    EncodersSwapped,
-    FrictionPatch,
     LoadRadius,
-    LostRemainders,
-    PivotBacklash,
     PivotBias,
-    PivotEccentricity,
-    PivotGain,
     PivotOffset,
     PivotPositionX,
     PivotPositionY,
-    SampleJitter,
-    SlipStiffness,
+    Track,
+    WheelRadius,
+)
+from castor_envs.effects.encoders import (
+    LostRemainders,
+    PivotBacklash,
+    PivotEccentricity,
+    PivotGain,
     TickLoss,
     TickLossBursts,
-    Track,
     WheelEccentricity,
-    WheelRadius,
-    catalogue,
-    floor_of,
-    reader_of,
-    readings,
-    reference,
-    table,
 )
+from castor_envs.effects.floor import Bump, FrictionPatch
+from castor_envs.effects.train import GaugeDrift
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.envs.sensed import SensedTrain
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import figure_eight
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 
 ROBOT = preset("asoc-prototype")
-DOCS = Path(__file__).parents[3] / "docs"
+ROOT = Path(__file__).parents[3]
 PLACED = {
     "bump": Bump(x=0.1, y=0.0, direction=1.4, value=Bump.step),
     "friction_patch": FrictionPatch(x=0.1, y=0.0, length=0.4, width=0.3, value=FrictionPatch.step),
@@ -74,7 +72,7 @@ BY_NAME = {name: (kind.variants(ROBOT) or (PLACED[name],))[-1] for name, kind in
 WIRING = {"encoders_swapped", "encoder_reversed", "castor_order"}
 THERE_OR_NOT = WIRING | {"lost_remainders"}
 CLOCKS = {"clock_skew", "clock_offset"}
-SENSORS = sorted(name for name, effect in BY_NAME.items() if effect.reader(ROBOT) is not None)
+SENSORS = sorted(name for name, effect in BY_NAME.items() if effect.sensor_model(ROBOT) is not None)
 
 
 def larger(effect):
@@ -124,9 +122,9 @@ def test_every_effect_says_what_it_is():
         assert kind.unit
         assert kind.step > 0
         assert kind.__doc__
-        for other in kind.same_as:
-            assert EFFECTS[other].same_as == kind.same_as
-        assert not kind.same_as or name in kind.same_as
+        for other in kind.indistinguishable_from:
+            assert EFFECTS[other].indistinguishable_from == kind.indistinguishable_from
+        assert not kind.indistinguishable_from or name in kind.indistinguishable_from
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -140,8 +138,8 @@ def test_the_catalogue_of_a_robot_has_what_it_can_have(name, tmp_path):
         real = robot.with_effects(effect)
         built = real.as_built()
         assert built.effects == ()
-        shapes = effect.apply(robot) != robot or effect.rolling(robot) is not None
-        does = [effect.reader(built) is not None, shapes, effect.yielding() != 0.0]
+        shapes = effect.apply(robot) != robot or effect.radius_change(robot) is not None
+        does = [effect.sensor_model(built) is not None, shapes, effect.creep_compliance() != 0.0]
         does += [np.any(effect.reference_time(T) != T), np.any(effect.reference_pose(pose) != pose)]
         does += [floor_of(real, Floor()) != Floor()]
         assert does.count(True) == 1
@@ -177,6 +175,60 @@ def test_an_unknown_effect_is_refused_with_the_known_names():
     data = ROBOT.to_dict() | {"effects": [{"name": "ghost", "value": 1.0}]}
     with pytest.raises(InputError, match=r"ghost.*pivot_backlash"):
         RobotDescription.from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"name": "pivot_bais", "castor": 1, "value": 0.1},
+            r"effects\.0: unknown effect 'pivot_bais'; did you mean 'pivot_b",
+        ),
+        ({"name": "gauge_drift", "frame": 1, "value": 0.1}, r"effects\.0: unknown effect 'gauge_drift'"),
+        ({"castor": 1, "value": 0.1}, r"effects\.0: .*'name'"),
+        ({"name": ["pivot_bias"]}, r"effects\.0: .*'name'"),
+        ("pivot_bias", r"effects\.0: "),
+        ({"name": "pivot_bias", "castor": 1, "valu": 0.1}, r"effects\.0\.pivot_bias\.(value|valu): "),
+        ({"name": "pivot_bias", "castor": 1.5, "value": 0.1}, r"effects\.0\.pivot_bias\.castor: .*1\.5"),
+    ],
+)
+def test_a_wrong_effect_in_a_file_is_told_by_place_and_key(given, said):
+    with pytest.raises(InputError, match=rf"mine\.json: {said}") as error:
+        RobotDescription.from_dict(ROBOT.to_dict() | {"effects": [given]}, source="mine.json")
+    assert "\n" not in str(error.value)
+
+
+def test_robots_and_trains_take_their_own_effects_only():
+    drift = GaugeDrift(frame=1, value=0.1)
+    with pytest.raises(ValidationError, match="effect 'gauge_drift' is one of a train, not of a robot"):
+        ROBOT.with_effects(drift)
+    with pytest.raises(ValidationError, match="effect 'pivot_bias' is one of a robot, not of a train"):
+        load_train("cfmmr-2").with_effects(BY_NAME["pivot_bias"])
+    assert {effect.name for effect in catalogue(load_train("cfmmr-2"))} == set(TRAIN_EFFECTS)
+    assert not set(EFFECTS) & set(TRAIN_EFFECTS)
+
+
+@pytest.mark.parametrize("kind", [*EFFECTS.values(), *TRAIN_EFFECTS.values()], ids=lambda kind: kind.__name__)
+def test_what_an_effect_says_of_itself_is_so(kind):
+    robot = kind.scope == "robot"
+    known = ROBOT if robot else load_train("cfmmr-2")
+    effect = (kind.variants(known) or (PLACED.get(kind.__dataclass_fields__["name"].default),))[-1]
+    bounds = TypeAdapter(kind).json_schema()["properties"]["value"]
+    assert kind.binary == (bounds.get("minimum") == bounds.get("maximum") == 1.0)
+    if kind.wiring:  # twice it is undone
+        angles = np.random.default_rng(1).normal(size=(5, 9))
+        twice = readings(ROBOT.with_effects(effect, effect), T[:5], angles[:, :6], angles[:, 6:])
+        np.testing.assert_allclose(np.hstack(twice), angles, atol=1e-12)
+    if kind.timing:  # constant angles and poses show nothing of it
+        ones = np.ones((len(T), 9))
+        built = ROBOT.with_effects(effect)
+        np.testing.assert_allclose(np.hstack(readings(built, T, ones[:, :6], ones[:, 6:])), ones, atol=1e-12)
+        shown = reference(built, T, ones[:, :3])
+        assert np.all((shown == 1.0) | np.isnan(shown))
+    if kind.creep == "compliance":
+        assert effect.apply(ROBOT).contact != ROBOT.contact or effect.creep_compliance() > 0
+    if kind.creep == "forces":
+        assert effect.floor(ROBOT, Floor()).slope != (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -242,10 +294,10 @@ def test_the_simulated_sensors_and_the_prediction_are_one(name):
         moved = np.abs(np.hstack([predicted_wheel - wheel, predicted_castor - castor]))
         assert np.max(moved) > 1e-5
     count = np.cumsum([observation["wheel"] for observation in observations], axis=0)
-    expected = sensed._encoders.wheel(predicted_wheel)
+    expected = sensed._encoders[0].wheel(predicted_wheel)
     np.testing.assert_array_equal(count, expected - expected[0])
     np.testing.assert_array_equal(
-        [observation["pivot"] for observation in observations], sensed._encoders.pivot(predicted_castor)
+        [observation["pivot"] for observation in observations], sensed._encoders[0].pivot(predicted_castor)
     )
 
 
@@ -460,7 +512,7 @@ def test_readers_act_in_the_order_of_the_file():
 
 def test_a_reader_starts_anew_for_each_run():
     robot = ROBOT.with_effects(TickLoss(castor=1, wheel=1, value=0.1, above=0.0), AllLatency(value=0.01))
-    one, other = reader_of(robot), reader_of(robot)
+    one, other = sensor_model_of(robot), sensor_model_of(robot)
     for t in (0.0, 0.05, 0.1):
         one(np.array([t]), np.full((1, 6), 9 * t), np.zeros((1, 3)))
     np.testing.assert_array_equal(other(np.zeros(1), np.full((1, 6), 7.0), np.ones((1, 3)))[0], 7.0)
@@ -473,7 +525,7 @@ def test_samples_may_be_read_one_or_many_at_once(name):
     wheel, castor = (np.cumsum(random.normal(size=(len(t), k)), axis=0) for k in (6, 3))
     whole = readings(ROBOT.with_effects(effect), t, wheel, castor)
     for cuts in (range(1, len(t)), (2, 30, 31), ()):
-        read = reader_of(ROBOT.with_effects(effect))
+        read = sensor_model_of(ROBOT.with_effects(effect))
         blocks = zip(*(np.split(one, cuts) for one in (t, wheel, castor)), strict=True)
         parts = [read(*block) for block in blocks]
         for k, one in enumerate(whole):
@@ -489,7 +541,9 @@ def test_radius_and_counts_of_a_wheel_leave_one_trace():
         rolled = roll(built, figure_eight())
         per_rev = np.array([wheel.counts_per_rev for wheel in built.wheels])
         counts.append(np.hstack([rolled.wheel_angle * per_rev / (2 * math.pi), rolled.castor_angle]))
-    assert WheelRadius.same_as == CountsPerRev.same_as == ("wheel_radius", "counts_per_rev")
+    assert (
+        WheelRadius.indistinguishable_from == CountsPerRev.indistinguishable_from == ("wheel_radius", "counts_per_rev")
+    )
     np.testing.assert_allclose(counts[0], counts[1], rtol=0, atol=1e-6)
     plain = roll(ROBOT, figure_eight()).wheel_angle * 1200 / (2 * math.pi)
     assert np.max(np.abs(counts[0][:, :6] - plain)) > 10
@@ -497,7 +551,7 @@ def test_radius_and_counts_of_a_wheel_leave_one_trace():
 
 def test_late_encoders_are_an_early_reference():
     """At constant speed the difference of wheels and reference is the same; the reference ends early."""
-    assert AllLatency.same_as == ClockOffset.same_as
+    assert AllLatency.indistinguishable_from == ClockOffset.indistinguishable_from
     pose = np.stack([0.3 * T, 0.1 * T, 0.2 * T], axis=-1)
     late = seen(AllLatency(value=0.12), T, 4.0 * T)[0][:, 0] / 4.0 - pose[:, 0] / 0.3
     early = reference(ROBOT.with_effects(ClockOffset(value=0.12)), T, pose)
@@ -559,13 +613,13 @@ def test_a_controller_sees_what_the_sensors_report():
 
 
 def test_the_page_is_up_to_date():
-    path = DOCS / "make_effects_table.py"
+    path = ROOT / "scripts" / "make_effects_table.py"
     spec = importlib.util.spec_from_file_location("make_effects_table", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    page = (DOCS / "effects.md").read_text(encoding="utf-8")
-    assert module.with_table(page) == page, "run python scripts/make_effects_table.py"
-    for name in EFFECTS:
-        assert f"| `{name}` |" in table()
+    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert module.with_tables(page) == page, "run python scripts/make_effects_table.py"
+    for name in (*EFFECTS, *TRAIN_EFFECTS):
+        assert page.count(f"| `{name}` |") == 1

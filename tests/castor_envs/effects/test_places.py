@@ -9,30 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.effects import (
-    Bump,
-    ClockOffset,
-    FloorSlope,
-    FrictionPatch,
-    LoadRadius,
-    Motion,
-    PivotBias,
-    ReferenceLeverX,
-    ReferenceLeverY,
-    ReferenceYaw,
-    TickLossBursts,
-    catalogue,
-    floor_of,
-    readings,
-    reference,
-    slip_of,
-)
+from castor_envs.effects.catalogue import catalogue, floor_of, readings, reference, slip_of
+from castor_envs.effects.clocks import ClockOffset
+from castor_envs.effects.dimensions import LoadRadius, PivotBias
+from castor_envs.effects.encoders import TickLossBursts
+from castor_envs.effects.floor import Bump, FloorSlope, FrictionPatch
+from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
 from castor_envs.envs.sensed import SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch, cable_extra_roll
 from castor_envs.geometry.se2 import compose
-from castor_envs.motion.steps import contact_paths
-from castor_envs.physics.robot_world import World
+from castor_envs.geometry.steps import Motion
+from castor_envs.physics.contact_motion import ContactMotion, contact_paths
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset
 
 ASOC, DIFFERENTIAL = preset("asoc-prototype"), preset("differential")
@@ -54,7 +43,7 @@ def test_a_crossing_costs_the_extra_roll_of_a_cable(diameter, back):
     way = np.linspace(-0.5, 0.7, 120)
     motion = rolling(ASOC, way[::-1] if back else way)
     robot = ASOC.with_effects(Bump(x=0.05, y=0.0, direction=math.pi / 2, value=diameter))
-    slip = slip_of(robot, motion)
+    slip = slip_of(ContactMotion(robot, motion))
     extra = cable_extra_roll(0.0381, diameter) * (-1.0 if back else 1.0)
     np.testing.assert_allclose(slip.rolling.sum(axis=0), -extra, rtol=0.01)
     np.testing.assert_array_equal(slip.side, 0.0)
@@ -70,7 +59,7 @@ def test_wheels_in_physics_roll_over_a_bump_as_predicted(direction):
     """Only the left wheel crosses; over the whole crossing path less rolling is what is told."""
     robot = dataclasses.replace(DIFFERENTIAL, sample_period=0.01, max_wheel_torque=30.0)
     robot = robot.with_effects(Bump(x=0.4, y=0.17, direction=direction, length=0.2, value=0.01))
-    world = World(robot, Floor(climbing=False), twist=(0.25, 0.0, 0.0))
+    world = RobotWorld(robot, Floor(climbing=False), twist=(0.25, 0.0, 0.0))
     rows = [(0.0, world.pose, world.wheel_angles, world.castor_angles)]
     for _ in range(300):
         world.advance([0.25 / 0.075] * 2)
@@ -78,7 +67,7 @@ def test_wheels_in_physics_roll_over_a_bump_as_predicted(direction):
     motion = Motion(*(np.array(column) for column in zip(*rows, strict=True)))
     assert motion.pose[-1, 0] > 0.6
     truly = contact_paths(robot, motion)[:, :2].sum(axis=0) - 0.075 * motion.wheel_angle[-1]
-    told = slip_of(robot, motion).rolling.sum(axis=0)
+    told = slip_of(ContactMotion(robot, motion)).rolling.sum(axis=0)
     assert told[0] == pytest.approx(truly[0], rel=0.01)
     assert told[1] == 0.0
     assert truly[1] == pytest.approx(0.0, abs=0.01 * abs(truly[0]))
@@ -97,13 +86,13 @@ def test_floor_effects_build_the_floor_that_they_say():
     patch = Patch(center=(1.0, 2.0), size=(0.5, 0.4), angle=0.6, friction=0.2)
     expected = Floor(cables=(laid, cable), patches=(patch,), slope=(0.03, -0.01), climbing=False)
     assert floor_of(robot, floor) == expected
-    assert World(robot, floor).floor == expected
+    assert RobotWorld(robot, floor).floor == expected
     sensed = SensedRobot(robot, floor)
     assert sensed.world.floor == expected
     sensed.reset(np.random.default_rng(0), np.zeros(3))
     assert sensed.world.floor == expected
     with pytest.raises(InputError, match="too thick"):
-        World(ASOC.with_effects(Bump(x=0.0, y=0.0, direction=0.0, value=0.05)))
+        RobotWorld(ASOC.with_effects(Bump(x=0.0, y=0.0, direction=0.0, value=0.05)))
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7])
@@ -111,19 +100,19 @@ def test_a_patch_is_where_physics_has_less_friction(angle):
     """The places that the prediction marks are those at which contacts have a tenth of their friction."""
     robot = dataclasses.replace(ASOC, sample_period=0.01)
     effect = FrictionPatch(x=0.25, y=0.1, length=0.3, width=0.2, angle=angle, value=0.9)
-    world = World(robot.with_effects(effect), twist=(0.3, 0.0, 0.0))
+    world = RobotWorld(robot.with_effects(effect), twist=(0.3, 0.0, 0.0))
     rows, slippery = [(0.0, world.pose, world.wheel_angles, world.castor_angles)], []
     for _ in range(200):
         world.advance(np.full(6, 0.3 / 0.0381))
         rows.append((world.time, world.pose, world.wheel_angles, world.castor_angles))
         slippery.append(world.wheels["limit"] < 0.5 * world.wheels["load"])
     motion = Motion(*(np.array(column) for column in zip(*rows, strict=True)))
-    inside, slippery = effect.inside(robot, motion), np.array(slippery)
+    inside, slippery = effect.inside(ContactMotion(robot, motion)), np.array(slippery)
     assert np.any(inside)
     assert not np.all(inside.any(axis=0))
     changes = np.diff(slippery.astype(int), axis=0, prepend=0) != 0
     np.testing.assert_array_equal(inside[~changes], slippery[~changes])
-    slip = slip_of(robot.with_effects(effect), motion).rolling
+    slip = slip_of(ContactMotion(robot.with_effects(effect), motion)).rolling
     np.testing.assert_array_equal(slip != 0, inside)
     np.testing.assert_allclose(slip[inside], -0.9 * np.diff(motion.pose[:, 0]).mean(), rtol=0.02)
 
@@ -132,7 +121,7 @@ def test_wheels_slide_in_a_patch_and_nowhere_else():
     """Starting hard from a patch all wheels spin; beyond it they roll."""
     robot = dataclasses.replace(ASOC, sample_period=0.01)
     effect = FrictionPatch(x=0.0, y=0.0, length=1.2, width=2.0, value=0.97)
-    worlds = [World(each) for each in (robot.with_effects(effect), robot)]
+    worlds = [RobotWorld(each) for each in (robot.with_effects(effect), robot)]
     slid = []
     for world in worlds:
         angle, path = world.wheel_angles, world.pose[0]
@@ -168,7 +157,7 @@ def test_radii_shrink_with_the_load_that_stands_on_them():
 def test_soft_tyres_roll_less_where_the_castors_put_the_weight():
     """Straight on, all castors trail backward: levers by hand say what stands on the front wheels and on the others."""
     soft = 5e-5
-    world = World(dataclasses.replace(ASOC, sample_period=0.01).with_effects(LoadRadius(value=soft)))
+    world = RobotWorld(dataclasses.replace(ASOC, sample_period=0.01).with_effects(LoadRadius(value=soft)))
     front = 18.0 * (0.12 + 0.072) / 0.36
     loads = [G / 2 * (part + 1.5) for part in (front, (18.0 - front) / 2, (18.0 - front) / 2)]
     for _ in range(300):

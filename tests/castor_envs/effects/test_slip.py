@@ -10,23 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from castor_envs.effects import (
-    ContactCreep,
-    FloorSlope,
-    Motion,
-    PivotBias,
-    SlipStiffness,
-    SlipStiffnessLateral,
-    WheelRadius,
-    slip_of,
-)
+from castor_envs.effects.catalogue import slip_of
+from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
+from castor_envs.effects.floor import FloorSlope
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.geometry.steps import Motion
 from castor_envs.motion.controllers import KinematicController
-from castor_envs.motion.steps import contact_paths, contact_places
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
-from castor_envs.physics.contact_motion import creep
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.contact_motion import ContactMotion, contact_paths, contact_places, creep
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Contact
 
@@ -41,7 +35,7 @@ def quick(name):
 
 def driven(robot, commands, duration, drive="servo"):
     """Return the motion (every `FINE` s) of a robot with castors straight ahead under commands(t) of all its wheels."""
-    world = World(dataclasses.replace(robot, sample_period=FINE))
+    world = RobotWorld(dataclasses.replace(robot, sample_period=FINE))
     rows = [(0.0, world.pose, world.wheel_angles, world.castor_angles)]
     for k in range(round(duration / FINE)):
         world.advance(commands(k * FINE), drive=drive)
@@ -110,7 +104,7 @@ def test_physics_slips_by_what_the_effect_predicts(effect, drive):
     robot = quick(name)
     real = robot.with_effects(effect)
     motion = driven(real, commands, 8.0)
-    predicted = slip_of(real, sampled(motion))
+    predicted = slip_of(ContactMotion(real, sampled(motion)))
     first = np.searchsorted(Geometry.of(robot).wheel_castor, np.arange(len(robot.castors)))
     before, after = slipped(robot, plain(drive)), slipped(robot, motion)
     for own, other, said in (
@@ -131,7 +125,7 @@ def test_physics_slips_by_the_least_power_where_wheels_fight(name):
     What is left are bristles, which lag by a relaxation length, 1 cm here, and how swinging castors are sampled.
     """
     robot = preset(name)
-    world = World(dataclasses.replace(robot, sample_period=FINE), castor_angles=np.full(len(robot.castors), 0.3))
+    world = RobotWorld(dataclasses.replace(robot, sample_period=FINE), castor_angles=np.full(len(robot.castors), 0.3))
     controller, command = KinematicController(robot), np.zeros(0)
     path = wander(np.random.default_rng(3), duration=12.0)
     rows = [(0.0, world.pose, world.wheel_angles, world.castor_angles)]
@@ -193,7 +187,7 @@ def test_only_the_driven_wheel_of_a_tricycle_creeps_and_carries_all_the_force():
     slip = creep(robot, motion, Floor())
     mass = robot.mass + sum(castor.mass for castor in robot.castors)
     (driven_wheel,) = robot.driven_wheels
-    load = World(robot).wheels["load"][driven_wheel]
+    load = RobotWorld(robot).wheels["load"][driven_wheel]
     lost = -0.3 * mass / (80.0 * load) * np.diff(motion.pose[:, 0])
     np.testing.assert_allclose(slip.rolling[3:-3, driven_wheel], lost[3:-3], rtol=0.01)
     np.testing.assert_array_equal(np.delete(slip.rolling, driven_wheel, axis=1), 0.0)
@@ -207,7 +201,7 @@ def test_on_a_slope_weight_over_load_is_lost_along_and_aside(heading):
     """
     robot, slope, step = preset("asoc-prototype"), 0.04, 0.2 * 0.05
     motion = accelerating(robot, 0.0, heading)
-    slip = slip_of(robot.with_effects(FloorSlope(direction="x", value=slope)), motion)
+    slip = slip_of(ContactMotion(robot.with_effects(FloorSlope(direction="x", value=slope)), motion))
     pairs = slip.rolling.reshape(-1, 3, 2)
     np.testing.assert_allclose(pairs.mean(axis=-1), -slope / 80 * step * math.cos(heading), rtol=1e-3, atol=1e-12)
     np.testing.assert_allclose(slip.side, slope / 80 * step * math.sin(heading), rtol=1e-3, atol=1e-12)
@@ -273,10 +267,14 @@ def test_a_braked_robot_on_a_slope_creeps_down_by_force_times_value(across):
 def test_nothing_slips_at_rest_without_force_or_effect():
     robot, t = preset("asoc-prototype"), np.arange(20) * 0.05
     still = Motion(t, np.zeros((20, 3)), np.zeros((20, 6)), np.zeros((20, 3)))
-    slip = slip_of(robot.with_effects(SlipStiffness(value=1.0), ContactCreep(value=1e-3)), still)
+    slip = slip_of(ContactMotion(robot.with_effects(SlipStiffness(value=1.0), ContactCreep(value=1e-3)), still))
     np.testing.assert_array_equal(slip.rolling, 0.0)
     np.testing.assert_array_equal(slip.side, 0.0)
-    slip = slip_of(robot.with_effects(WheelRadius(castor=1, wheel=1, value=0.1), PivotBias(castor=2, value=0.1)), still)
+    slip = slip_of(
+        ContactMotion(
+            robot.with_effects(WheelRadius(castor=1, wheel=1, value=0.1), PivotBias(castor=2, value=0.1)), still
+        )
+    )
     assert slip.rolling.shape == (19, 6)
     assert slip.side.shape == (19, 3)
     np.testing.assert_array_equal(slip.rolling, 0.0)
@@ -285,12 +283,12 @@ def test_nothing_slips_at_rest_without_force_or_effect():
 def test_effects_add_up_in_order():
     """Twice as stiff, then half of that: none; and a slope on softer tyres slips more."""
     robot, motion = preset("asoc-prototype"), accelerating(preset("asoc-prototype"), 0.3)
-    both = slip_of(robot.with_effects(SlipStiffness(value=1.0), SlipStiffness(value=-0.5)), motion)
+    both = slip_of(ContactMotion(robot.with_effects(SlipStiffness(value=1.0), SlipStiffness(value=-0.5)), motion))
     np.testing.assert_allclose(both.rolling, 0.0, atol=1e-15)
     slope = FloorSlope(direction="x", value=0.02)
     soft = SlipStiffness(value=-0.5)
     one, of_soft, with_slope = (
-        slip_of(robot.with_effects(*e), motion).rolling for e in ((slope,), (soft,), (soft, slope))
+        slip_of(ContactMotion(robot.with_effects(*e), motion)).rolling for e in ((slope,), (soft,), (soft, slope))
     )
     np.testing.assert_allclose(with_slope - of_soft, 2 * one, rtol=1e-9)
 
@@ -300,7 +298,7 @@ def test_idle_wheels_of_unknown_angle_do_no_harm():
     motion = accelerating(robot, 0.2)
     angle = motion.wheel_angle.copy()
     angle[:, [k for k, wheel in enumerate(robot.wheels) if not wheel.driven]] = np.nan
-    slip = slip_of(robot.with_effects(*EFFECTS), dataclasses.replace(motion, wheel_angle=angle))
+    slip = slip_of(ContactMotion(robot.with_effects(*EFFECTS), dataclasses.replace(motion, wheel_angle=angle)))
     assert np.all(np.isfinite(slip.rolling))
     assert np.all(np.isfinite(slip.side))
 
@@ -311,7 +309,7 @@ def test_both_steppers_agree_bit_for_bit_on_contacts_that_creep(name):
     robot = preset(name).with_effects(*effects)
     ends = []
     for stepper in ("compiled", "reference"):
-        world = World(robot, stepper=stepper)
+        world = RobotWorld(robot, stepper=stepper)
         for k in range(10):
             world.advance(np.full(len(robot.driven_wheels), 3.0 * math.sin(k)))
         ends.append((world.pose, world.wheel_angles, world.wheels["stretch_lat"].copy()))
@@ -328,8 +326,8 @@ def test_wheels_that_are_taken_to_agree_creep_under_forces_alone():
     turned = forth[:, None] / geometry.radius
     off = turned * np.where(np.arange(6) == 2, 1.01, 1.0)
     theta = np.zeros((60, 3))
-    right = creep(robot, Motion(t, pose, turned, theta, agreeing=True), Floor())
-    wrong = creep(robot, Motion(t, pose, off, theta, agreeing=True), Floor())
+    right = creep(robot, Motion(t, pose, turned, theta, consistent_wheels=True), Floor())
+    wrong = creep(robot, Motion(t, pose, off, theta, consistent_wheels=True), Floor())
     np.testing.assert_allclose(wrong.rolling, right.rolling, atol=1e-12)
     seen = creep(robot, Motion(t, pose, off, theta), Floor())
     assert np.abs(seen.rolling).max() > 10 * np.abs(right.rolling).max()

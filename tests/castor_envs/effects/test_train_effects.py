@@ -5,14 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from castor_envs.effects.train import (
-    TRAIN_EFFECTS,
-    AxleSlip,
-    DeadGauge,
-    ForeshorteningLeftOut,
-    GaugeDrift,
-    GaugeGain,
-)
+from castor_envs.effects.catalogue import TRAIN_EFFECTS
+from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeDrift, GaugeGain
 from castor_envs.errors import InputError
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.posture import PostureSensors, sensed

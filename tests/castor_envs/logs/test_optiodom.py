@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Geometry, forward
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.importers import import_sessions, importer, importer_of
 from castor_envs.logs.importers.optiodom import direction, find_sessions, published_correction, read_session
+from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.vehicles.load import load_robot
 from estimators.calibration.log_likelihood import LogLikelihood
 

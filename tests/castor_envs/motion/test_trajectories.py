@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import figure_eight, moved, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders, castor_angles

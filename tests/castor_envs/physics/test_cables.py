@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from castor_envs.floor import Cable, Floor, cable_extra_roll
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import differential
 
 G = 9.80665
@@ -51,7 +51,7 @@ def test_the_formula_is_the_geometry(radius, diameter):
 @pytest.mark.parametrize(("radius", "diameter"), [(0.075, 0.01), (0.0381, 0.01), (0.075, 0.02), (0.114, 0.005)])
 def test_wheels_roll_the_longer_way_over_a_cable(radius, diameter, speed):
     floor = Floor(cables=(across(diameter=diameter),), climbing=False)
-    world = World(differential(radius=radius), floor)
+    world = RobotWorld(differential(radius=radius), floor)
     while world.pose[0] < 0.3:
         assert world.time < 30.0
         world.advance([speed / radius] * 2)
@@ -67,7 +67,7 @@ def test_wheels_roll_the_longer_way_over_a_cable(radius, diameter, speed):
 def heading_after(cables, speed, climbing=False):
     """The final heading (degrees) of a LabMate-sized robot that drives over cables, its wheels turning alike."""
     robot = dataclasses.replace(differential(), max_wheel_torque=30.0)
-    world = World(robot, Floor(cables=cables, climbing=climbing))
+    world = RobotWorld(robot, Floor(cables=cables, climbing=climbing))
     while abs(world.pose[0]) < max(abs(cable.center[0]) for cable in cables) + 0.4:
         assert world.time < 30.0
         world.advance([speed / RADIUS] * 2)
@@ -114,7 +114,7 @@ def kinetic_energy(world):
 @pytest.mark.parametrize("speed", [0.6, 0.8, 1.2])
 def test_coasting_over_a_cable_pays_the_climb_and_gets_it_back(speed):
     robot = dataclasses.replace(differential(), sample_period=0.001)
-    world = World(robot, Floor(cables=(across(at=0.2),)), twist=(speed, 0.0, 0.0), substeps=8)
+    world = RobotWorld(robot, Floor(cables=(across(at=0.2),)), twist=(speed, 0.0, 0.0), substeps=8)
     start, way = kinetic_energy(world), []
     while world.pose[0] < 0.35:
         assert world.time < 30.0
@@ -132,7 +132,7 @@ def test_coasting_over_a_cable_pays_the_climb_and_gets_it_back(speed):
 
 def test_motors_that_lift_a_robot_onto_a_cable_do_the_work_of_the_climb():
     robot = dataclasses.replace(differential(), sample_period=0.001, max_wheel_torque=40.0)
-    world, work = World(robot, Floor(cables=(across(at=0.2),)), substeps=4), 0.0
+    world, work = RobotWorld(robot, Floor(cables=(across(at=0.2),)), substeps=4), 0.0
     while world.pose[0] < 0.1999:
         assert world.time < 30.0
         speed = min(0.05, 0.2 * world.time, 2 * (0.2 - world.pose[0]) + 0.002)
@@ -143,7 +143,7 @@ def test_motors_that_lift_a_robot_onto_a_cable_do_the_work_of_the_climb():
 
 
 def test_without_the_climbing_force_a_robot_coasts_on_at_its_speed():
-    world = World(differential(), Floor(cables=(across(at=0.2),), climbing=False), twist=(0.5, 0.0, 0.0))
+    world = RobotWorld(differential(), Floor(cables=(across(at=0.2),), climbing=False), twist=(0.5, 0.0, 0.0))
     for _ in range(40):
         world.advance([0.0, 0.0], drive="off")
     assert world.twist[0] == pytest.approx(0.5, rel=2e-3)  # but for the spin that the wheels borrow on the way

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from castor_envs.floor import Floor
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.stepper import Drive
 from castor_envs.vehicles.presets import preset
 
@@ -48,8 +48,8 @@ def state(scene, finer):
     robot = preset(scene.robot)
     robot = dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, friction=scene.friction))
     floor = Floor(slope=scene.slope)
-    substeps = finer * World(robot, floor).substeps
-    world = World(robot, floor, substeps=substeps, **scene.start)
+    substeps = finer * RobotWorld(robot, floor).substeps
+    world = RobotWorld(robot, floor, substeps=substeps, **scene.start)
     for k in range(round(SECONDS / robot.sample_period)):
         size = math.sin((k + 0.5) * robot.sample_period) if scene.drive == "servo" else 1.0
         command = size * np.array(scene.command) if scene.command else np.zeros(len(robot.driven_wheels))

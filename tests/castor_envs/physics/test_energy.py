@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymunk.constraints import PivotJoint
 
 from castor_envs.floor import Floor, Patch
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Contact
 
@@ -28,7 +28,7 @@ def thrown(name, floor, seed, fastest):
     """A world whose robot starts in a random motion, up to `fastest` of (0.6 m/s, 0.6 m/s, 1.5 rad/s)."""
     random, robot = np.random.default_rng(seed), preset(name)
     twist = fastest * random.uniform(-1, 1, 3) * [0.6, 0.6, 1.5]
-    return World(robot, floor, twist=twist, castor_angles=random.uniform(-math.pi, math.pi, len(robot.castors)))
+    return RobotWorld(robot, floor, twist=twist, castor_angles=random.uniform(-math.pi, math.pi, len(robot.castors)))
 
 
 @pytest.mark.parametrize("floor", FLOORS)
@@ -55,7 +55,7 @@ def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
     """Summed up here from the bodies themselves and from what a solid disc, a spring and a slope hold."""
     random, robot = np.random.default_rng(seed), preset(name)
     slope = random.uniform(-0.1, 0.1, 2)
-    world = World(robot, Floor(slope=tuple(slope)), twist=(0.3, 0.0, 0.2), substeps=1000)
+    world = RobotWorld(robot, Floor(slope=tuple(slope)), twist=(0.3, 0.0, 0.2), substeps=1000)
     for _ in range(5):
         world.advance(0.3 * random.uniform(-1, 1, len(robot.driven_wheels)) * robot.max_wheel_speed)
     weight, contact = 9.80665 / math.sqrt(1 + slope @ slope), robot.contact
@@ -75,7 +75,7 @@ def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
 
 
 def test_rolling_downhill_turns_height_into_motion_and_little_else():
-    slope, world = 0.1, World(preset("differential"), Floor(slope=(-0.1, 0.0)))
+    slope, world = 0.1, RobotWorld(preset("differential"), Floor(slope=(-0.1, 0.0)))
     for _ in range(40):
         world.advance([0.0, 0.0], drive="off")
     (x, *_), (speed, *_) = world.pose, world.twist
@@ -101,7 +101,7 @@ def test_on_ice_momentum_stays_whatever_the_motors_do(name):
     robot = dataclasses.replace(preset(name), contact=Contact(friction=1e-12))
     random = np.random.default_rng(1)
     angles = random.uniform(-math.pi, math.pi, len(robot.castors))
-    world = World(robot, twist=(0.5, 0.3, 2.0), castor_angles=angles)
+    world = RobotWorld(robot, twist=(0.5, 0.3, 2.0), castor_angles=angles)
     before, place = momentum(world), center_of_mass(world)
     mass = robot.mass + sum(castor.mass for castor in robot.castors)
     for _ in range(60):
@@ -122,7 +122,7 @@ def center_of_mass(world):
 def test_pivots_hold_together_under_random_full_commands(name, friction):
     robot = dataclasses.replace(preset(name), contact=Contact(friction=friction))
     random = np.random.default_rng(2)
-    world = World(robot, castor_angles=random.uniform(-math.pi, math.pi, len(robot.castors)))
+    world = RobotWorld(robot, castor_angles=random.uniform(-math.pi, math.pi, len(robot.castors)))
     pivots = [joint for joint in world._simulation.space.constraints if isinstance(joint, PivotJoint)]
     assert len(pivots) == sum(castor.steering != "fixed" for castor in robot.castors)
     for _ in range(60):

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from castor_envs.floor import Floor, Patch
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Contact, RobotDescription, Wheel
 
@@ -27,7 +27,7 @@ def total_mass(robot):
 @pytest.mark.parametrize("friction", [0.05, 0.2])
 @pytest.mark.parametrize(("drive", "command"), [("servo", 15.0), ("servo", -15.0), ("voltage", 1.0), ("voltage", -1.0)])
 def test_asked_for_more_a_robot_accelerates_at_friction_times_g(friction, drive, command):
-    world, gained = World(with_friction("differential", friction)), [0.0]
+    world, gained = RobotWorld(with_friction("differential", friction)), [0.0]
     for _ in range(4):
         world.advance([command, command], drive=drive)
         gained.append(abs(world.twist[0]))
@@ -40,7 +40,7 @@ def test_asked_for_more_a_robot_accelerates_at_friction_times_g(friction, drive,
 @pytest.mark.parametrize("acceleration", [0.4, -0.4])
 def test_below_friction_times_g_nothing_slides(acceleration):
     friction = 0.05
-    world = World(with_friction("differential", friction), twist=(0.6, 0.0, 0.0))
+    world = RobotWorld(with_friction("differential", friction), twist=(0.6, 0.0, 0.0))
     for k in range(20):
         world.advance([(0.6 + acceleration * (k + 1) * 0.05) / 0.075] * 2)
         assert np.all(np.hypot(world.wheels["force_long"], world.wheels["force_lat"]) < friction * 46 * G / 2)
@@ -58,7 +58,7 @@ def test_with_all_wheels_held_a_robot_slides_as_a_block_does(direction, speed, s
     robot = dataclasses.replace(robot, castors=castors)
     angles = np.random.default_rng(seed).uniform(-math.pi, math.pi, 4)
     way = np.array([math.cos(direction), math.sin(direction)])
-    world = World(robot, castor_angles=angles, twist=(*(speed * way), 0.0))
+    world = RobotWorld(robot, castor_angles=angles, twist=(*(speed * way), 0.0))
     world.wheels["speed"] = 0.0
     for _ in range(math.ceil(speed / (friction * G) / robot.sample_period) + 10):
         world.advance(np.zeros(4))
@@ -70,7 +70,7 @@ def test_with_all_wheels_held_a_robot_slides_as_a_block_does(direction, speed, s
 @given(speed=st.floats(0.1, 1.0), sideways=st.floats(0.3, 1.0), friction=st.floats(0.1, 0.8))
 @settings(max_examples=15, deadline=None)
 def test_coasting_wheels_brake_sideways_only(speed, sideways, friction):
-    world = World(with_friction("differential", friction, sample_period=0.01), twist=(speed, sideways, 0.0))
+    world = RobotWorld(with_friction("differential", friction, sample_period=0.01), twist=(speed, sideways, 0.0))
     for k in range(1, 130):
         world.advance([0.0, 0.0], drive="off")
         sliding = sideways - friction * G * k * 0.01
@@ -127,7 +127,7 @@ def test_contact_forces_stay_in_the_friction_circle(name, seed, slippery, drive)
     patch = Patch(center=(0.15, 0.0), size=(0.3, 3.0), friction=slippery, angle=0.2)
     floor = Floor(patches=(patch,), slope=(0.02, 0.01))
     loads = even_loads(robot) / math.sqrt(1 + 0.02**2 + 0.01**2)
-    world = World(
+    world = RobotWorld(
         robot,
         floor,
         castor_angles=random.uniform(-3, 3, len(robot.castors)),
@@ -179,7 +179,7 @@ def test_parked_under_the_friction_limit_a_robot_does_not_creep(name, heading, p
     floor = Floor(slope=(part * STANDS[name] * friction, 0.0))
     angles = np.random.default_rng(3).uniform(-math.pi, math.pi, len(robot.castors))
     angles = np.zeros(2) if name == "tricycle" else angles
-    world = World(robot, floor, pose=(0.0, 0.0, heading), castor_angles=angles)
+    world = RobotWorld(robot, floor, pose=(0.0, 0.0, heading), castor_angles=angles)
     held = np.zeros(len(robot.driven_wheels))
     for _ in range(40):
         world.advance(held)
@@ -200,7 +200,7 @@ def test_beyond_the_friction_limit_a_held_robot_slides_down(name, heading, frict
     slope = 0.5
     robot = with_friction(name, friction, max_wheel_torque=100.0, max_steering_torque=1000.0)
     angles = [math.pi] * 2 if name == "omnimate" else [0.3, 1.2, -2.0, 0.9]
-    world = World(
+    world = RobotWorld(
         robot, Floor(slope=(slope, 0.0)), pose=(0.0, 0.0, heading), castor_angles=angles[: len(robot.castors)]
     )
     held, before = np.zeros(len(robot.driven_wheels)), 0.0

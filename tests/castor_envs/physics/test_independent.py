@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import KinematicController
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.wheel_state import SERVO_BANDWIDTH
 from castor_envs.vehicles.presets import preset
 
@@ -156,7 +156,7 @@ def test_an_independent_integration_agrees_within_three_millimetres(name, fricti
     weight = 9.80665 * (robot.mass + sum(castor.mass for castor in robot.castors))
     even = weight / math.sqrt(1 + 0.06**2 + 0.04**2) / len(robot.wheels)
     model = Model(robot, floor, [even] * len(robot.wheels))
-    world, controller, commands, path = World(robot, floor), KinematicController(robot), [], []
+    world, controller, commands, path = RobotWorld(robot, floor), KinematicController(robot), [], []
     for k in range(round(5.0 / robot.sample_period)):
         wanted = wanted_twist(robot, (k + 0.5) * robot.sample_period, speed)
         commands.append(controller.commands(world.castor_angles, wanted))

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from castor_envs.physics.statics import swung_loads, wheel_loads
 from castor_envs.vehicles.presets import n_castor, preset
+from castor_envs.vehicles.weight import swung_loads, wheel_loads
 
 G = 9.80665
 PROTOTYPE = preset("asoc-prototype")

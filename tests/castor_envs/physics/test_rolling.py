@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Geometry, forward
 from castor_envs.motion.controllers import KinematicController
-from castor_envs.physics.robot_world import World
+from castor_envs.motion.kinematics import Geometry, forward
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Castor, Contact, RobotDescription, Wheel
 
@@ -82,7 +82,7 @@ def moved(pose, twist):
 def driven_and_rolled(name, slip_stiffness, duration=1.5):
     """The final pose of a drive, and that of rolling without slip by the wheel and castor angles of the same drive."""
     robot = stiff(ROBOTS[name](), slip_stiffness)
-    geometry, controller, world = Geometry.of(robot), KinematicController(robot), World(robot)
+    geometry, controller, world = Geometry.of(robot), KinematicController(robot), RobotWorld(robot)
     rolled = world.pose
     for k in range(round(duration / robot.sample_period)):
         wheels, castors = world.wheel_angles, world.castor_angles
@@ -108,7 +108,7 @@ def test_a_world_starts_in_rolling_motion_and_coasts_on(name):
     robot = ROBOTS[name]()
     twist = np.array([0.3, 0.0 if name in NO_SIDEWAYS else -0.2, 0.0])
     ahead = math.atan2(twist[1], twist[0])
-    world = World(robot, twist=twist, castor_angles=[ahead] * len(robot.castors))
+    world = RobotWorld(robot, twist=twist, castor_angles=[ahead] * len(robot.castors))
     for wheel, castor, speed in zip(robot.wheels, robot.wheel_castors, world.wheels["speed"], strict=True):
         pivots = robot.castors[castor].steering != "fixed"
         v = complex(*twist[:2]) * np.exp(-1j * (ahead if pivots else robot.castors[castor].angle))
@@ -121,7 +121,7 @@ def test_a_world_starts_in_rolling_motion_and_coasts_on(name):
 
 def steady(floor, command, contact):
     """How far a differential robot's wheels roll, and how far it gets (along, across), in a second of driving."""
-    world = World(dataclasses.replace(preset("differential"), contact=contact), floor)
+    world = RobotWorld(dataclasses.replace(preset("differential"), contact=contact), floor)
     for _ in range(60):
         world.advance([command, command])
     angle, pose = world.wheel_angles, world.pose
@@ -164,7 +164,7 @@ def test_the_side_force_builds_up_over_the_relaxation_length(relaxation_length):
     slope, speed, slip_stiffness, damping = 0.05, 0.5, 80.0, 1e-3
     contact = Contact(relaxation_length=relaxation_length, damping=damping)
     robot = dataclasses.replace(preset("differential"), contact=contact, sample_period=0.005)
-    world = World(robot, Floor(slope=(0.0, slope)), twist=(speed, 0.0, 0.0), substeps=20)
+    world = RobotWorld(robot, Floor(slope=(0.0, slope)), twist=(speed, 0.0, 0.0), substeps=20)
     g = 9.80665 / math.sqrt(1 + slope**2)
     y, v, z, dt = 0.0, 0.0, 0.0, 1e-6
     for _ in range(40):

@@ -11,7 +11,7 @@ import pytest
 
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.motion.controllers import KinematicController
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.stepper import Drive
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Contact
@@ -39,7 +39,7 @@ def twist_at(name, t, speed):
 
 def driven(name, *, speed, duration=5.0, floor=None, friction=0.8, **options):
     robot = dataclasses.replace(preset(name), contact=Contact(friction=friction))
-    world, controller = World(robot, floor, **options), KinematicController(robot)
+    world, controller = RobotWorld(robot, floor, **options), KinematicController(robot)
     for k in range(round(duration / robot.sample_period)):
         wanted = twist_at(name, (k + 0.5) * robot.sample_period, speed)
         world.advance(*controller.commands(world.castor_angles, wanted))
@@ -82,7 +82,7 @@ def episode(name, stepper, samples, substeps):
     """Poses, castor angles and wheel angles of random driving by turns with servos, voltage, and motors off."""
     robot, random = preset(name), np.random.default_rng(7)
     angles = random.uniform(-math.pi, math.pi, len(robot.castors))
-    world = World(robot, ROUGH, castor_angles=angles, stepper=stepper, substeps=substeps)
+    world = RobotWorld(robot, ROUGH, castor_angles=angles, stepper=stepper, substeps=substeps)
     rows = []
     for k in range(samples // 10):
         drive = DRIVES[k % 4]
@@ -115,7 +115,7 @@ DIGEST = """
 import hashlib
 import numpy as np
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset
 
 floor = Floor(
@@ -126,7 +126,7 @@ floor = Floor(
 digest = hashlib.sha256()
 for name in ("asoc-prototype", "powered-caster", "tricycle"):
     robot, random = preset(name), np.random.default_rng(4)
-    world = World(robot, floor, castor_angles=random.uniform(-3, 3, len(robot.castors)))
+    world = RobotWorld(robot, floor, castor_angles=random.uniform(-3, 3, len(robot.castors)))
     for _ in range(60):
         wheels = random.uniform(-5, 5, len(robot.driven_wheels))
         world.advance(wheels, random.uniform(-2, 2, len(robot.driven_castors)))

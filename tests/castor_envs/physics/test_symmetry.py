@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.physics.robot_world import World
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 
@@ -106,7 +106,7 @@ def commands(robot: RobotDescription, k: int):
 
 def run(robot, floor, pose, angles, twist, order, sign, samples=60):
     """Poses and castor angles of a drive; wheel commands in the given order, steering with the given sign."""
-    world = World(robot, floor, pose=pose, castor_angles=angles, twist=twist)
+    world = RobotWorld(robot, floor, pose=pose, castor_angles=angles, twist=twist)
     rows = []
     for k in range(samples):
         wheel, steering = commands(robot, k)

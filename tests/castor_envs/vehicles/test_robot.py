@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.effects import PivotBias, WheelRadius
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.errors import InputError
-from castor_envs.physics.robot_world import World
-from castor_envs.physics.statics import swung_loads, wheel_loads
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.presets import n_castor, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
+from castor_envs.vehicles.weight import swung_loads, wheel_loads
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -111,7 +111,7 @@ def test_a_robot_with_any_number_too_small_is_refused_or_stands(value):
     """Nothing else happens: no overflow, no number that is not finite, no warning."""
     for way in numbers(preset("asoc-prototype").to_dict()):
         try:
-            world = World(RobotDescription.from_dict(change(way, value)))
+            world = RobotWorld(RobotDescription.from_dict(change(way, value)))
             world.advance(np.ones(6))
         except InputError:
             continue
@@ -181,11 +181,11 @@ def test_papers_numbers_stand_in_the_presets():
 def test_a_robot_that_would_tip_is_refused_where_it_is_built():
     robot = preset("asoc-prototype")
     with pytest.raises(InputError, match="center_of_mass"):
-        World(dataclasses.replace(robot, center_of_mass=(1.0, 0.0)))
+        RobotWorld(dataclasses.replace(robot, center_of_mass=(1.0, 0.0)))
     wheels = (Wheel(radius=0.05, lateral=0.2), Wheel(radius=0.05, lateral=0.1))
     castor = dataclasses.replace(robot.castors[0], wheels=wheels)
     with pytest.raises(InputError, match="one side"):
-        World(dataclasses.replace(robot, castors=(castor, *robot.castors[1:])))
+        RobotWorld(dataclasses.replace(robot, castors=(castor, *robot.castors[1:])))
 
 
 def test_the_pivots_carry_the_weight_and_its_moments():
@@ -247,4 +247,4 @@ def test_physics_that_goes_wrong_says_so():
     castor = dataclasses.replace(preset("asoc-prototype").castors[0], inertia=1e-12, mass=1e-6)
     robot = dataclasses.replace(preset("asoc-prototype"), castors=(castor, *preset("asoc-prototype").castors[1:]))
     with pytest.raises(InputError, match=r"substeps|unstable"):
-        World(robot).advance(np.ones(6))
+        RobotWorld(robot).advance(np.ones(6))

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from castor_envs.effects import WheelRadius
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.train import DeadGauge, GaugeDrift, GaugeGain, GaugeNoise, SensorStops
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor

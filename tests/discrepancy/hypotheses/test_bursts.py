@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from castor_envs.effects import TickLossBursts
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from castor_envs.effects import TickLoss, WheelRadius
+from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.encoders import TickLoss
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.noise_excess import LOUDER, louder_than, ratios

@@ -10,11 +10,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from castor_envs.effects import Bump, FrictionPatch, Motion
+from castor_envs.effects.floor import Bump, FrictionPatch
 from castor_envs.floor import cable_extra_roll
+from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
+from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.cables import BUMP_GAIN, bumps_of, lines_of, same_line
 from discrepancy.hypotheses.candidates import Channels
@@ -59,7 +61,7 @@ def off(line, cable):
 @pytest.mark.parametrize("direction", [0.3, 2.9])
 def test_the_scan_finds_the_line_on_which_wheels_roll_more(direction, diameter):
     cable = Bump(x=0.2, y=0.1, direction=direction, value=diameter)
-    slip = noisy(cable.slip(ROBOT, rolled()).rolling)
+    slip = noisy(cable.slip(ContactMotion(ROBOT, rolled())).rolling)
     (found,) = (one.kinds[0] for one in bumps_of(ROBOT, [rolled()], [slip]))
     away, turned = off(found, cable)
     assert away < 0.005
@@ -70,7 +72,7 @@ def test_the_scan_finds_the_line_on_which_wheels_roll_more(direction, diameter):
 
 def test_two_cables_are_two_candidates():
     cables = Bump(x=0.2, y=0.1, direction=0.3, value=0.004), Bump(x=-0.2, y=-0.3, direction=1.8, value=0.004)
-    slip = noisy(sum(cable.slip(ROBOT, rolled()).rolling for cable in cables))
+    slip = noisy(sum(cable.slip(ContactMotion(ROBOT, rolled())).rolling for cable in cables))
     found = [one.kinds[0] for one in bumps_of(ROBOT, [rolled()], [slip])]
     assert len(found) == 2
     assert all(any(same_line(one, cable) for one in found) for cable in cables)
@@ -99,8 +101,8 @@ def test_jumps_of_single_channels_are_no_line():
 
 
 def test_steps_that_are_not_known_do_not_count():
-    slip = noisy(CABLE.slip(ROBOT, rolled()).rolling)
-    shape = CABLE.slip(ROBOT, rolled()).rolling
+    slip = noisy(CABLE.slip(ContactMotion(ROBOT, rolled())).rolling)
+    shape = CABLE.slip(ContactMotion(ROBOT, rolled())).rolling
     assert bumps_of(ROBOT, [rolled()], [slip]) != []
     assert bumps_of(ROBOT, [rolled()], [np.where(shape != 0, np.nan, slip)]) == []
     assert bumps_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
@@ -109,7 +111,7 @@ def test_steps_that_are_not_known_do_not_count():
 
 def test_the_rectangle_in_which_wheels_slip_is_found():
     patch = dataclasses.replace(PATCH, x=0.2, y=0.1)
-    inside = patch.inside(ROBOT, rolled())
+    inside = patch.inside(ContactMotion(ROBOT, rolled()))
     assert inside.any()
     random = np.random.default_rng(1)
     slip = random.normal(size=inside.shape) * np.where(inside, 1e-3, 5e-5)
@@ -136,7 +138,7 @@ def test_logs_of_an_even_floor_speak_for_no_line():
     for seed in (1, 2, 3, 4):
         log = driven(None, seed)
         seen = evidence_of(ROBOT, [log], among=())
-        motion = Channels(ROBOT).motion(log, seen.state.states[0], agreeing=True)
+        motion = Channels(ROBOT).motion(log, seen.state.states[0], consistent_wheels=True)
         assert bumps_of(ROBOT, [motion], seen.slips) == []
         most.append(max(one.lasting for one in lines_of(steps_of(ROBOT, [motion], seen.slips))))
     assert np.mean(most) < BUMP_GAIN / 2

@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from castor_envs.effects import SlipStiffness, WheelRadius
+from castor_envs.effects.contact import SlipStiffness
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of

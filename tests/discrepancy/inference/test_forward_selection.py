@@ -16,22 +16,16 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs import command_line
-from castor_envs.effects import (
-    AllWheelRadius,
-    EncoderLatency,
-    PivotBacklash,
-    PivotEccentricity,
-    PivotOffset,
-    TickLoss,
-    WheelRadius,
-    readings,
-)
+from castor_envs.effects.catalogue import readings
+from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.effects.dimensions import AllWheelRadius, PivotOffset, WheelRadius
+from castor_envs.effects.encoders import PivotBacklash, PivotEccentricity, TickLoss
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, Patch
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders

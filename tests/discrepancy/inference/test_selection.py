@@ -6,21 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from castor_envs.effects import (
-    AllWheelRadius,
-    ContactCreep,
-    Effect,
-    PivotOffset,
-    TickLoss,
-    Track,
-    WheelRadius,
-    readings,
-)
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.effects.catalogue import readings
+from castor_envs.effects.contact import ContactCreep
+from castor_envs.effects.dimensions import AllWheelRadius, PivotOffset, Track, WheelRadius
+from castor_envs.effects.encoders import TickLoss
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate, candidates_of
 from discrepancy.inference import forward_selection as diagnosis

@@ -11,18 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from castor_envs.effects import (
-    EFFECTS,
-    CastorOrder,
-    EncoderReversed,
-    EncodersSwapped,
-    WheelRadius,
-    catalogue,
-    readings,
-)
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.effects.catalogue import EFFECTS, catalogue, readings
+from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from castor_envs.effects import LoadRadius, WheelRadius
+from castor_envs.effects.dimensions import LoadRadius, WheelRadius
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
-from castor_envs.physics.statics import swung_loads
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.weight import swung_loads
 from discrepancy.report import pictures
 from discrepancy.report.page import html_of
 from discrepancy.report.traces import dead_reckoning, traces_of

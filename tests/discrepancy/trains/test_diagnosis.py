@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from castor_envs.effects import AllWheelRadius, Track, WheelRadius
+from castor_envs.effects.dimensions import AllWheelRadius, Track, WheelRadius
 from castor_envs.effects.train import (
     AxleSlip,
     DeadGauge,

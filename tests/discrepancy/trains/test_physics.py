@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from castor_envs.effects import WheelRadius
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.train import GaugeGain
 from castor_envs.vehicles.presets import cfmmr
 from discrepancy.trains.diagnosis import diagnose_train

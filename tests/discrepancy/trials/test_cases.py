@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from castor_envs.effects import WheelEccentricity
+from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.trials.cases import LARGE, MIX, RANGE, Case, Hidden, draw, motion

@@ -9,14 +9,16 @@ import pytest
 pytest.importorskip("mujoco")
 
 from castor_envs import effects
-from castor_envs.effects import Effect, LoadRadius, catalogue, readings
+from castor_envs.effects.catalogue import catalogue, readings
+from castor_envs.effects.dimensions import LoadRadius
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.motion.trajectories import Leg, Trajectory, wander
 from castor_envs.motion.trajectories import Run as Drive
-from castor_envs.physics.statics import swung_loads
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
+from castor_envs.vehicles.weight import swung_loads
 from discrepancy.trials.mujoco import generator as mujoco_generator
 from discrepancy.trials.mujoco import outside as outside
 from discrepancy.trials.mujoco.generator import Run, drive, read, simulate

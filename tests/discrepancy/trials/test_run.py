@@ -8,7 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from castor_envs.effects import EncodersSwapped, Track, WheelRadius
+from castor_envs.effects.dimensions import Track, WheelRadius
+from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import preset

@@ -6,17 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from castor_envs.effects import (
-    ClockOffset,
-    LoadRadius,
-    ReferenceLeverX,
-    ReferenceYaw,
-    SampleJitter,
-    WheelEccentricity,
-    catalogue,
-)
-from castor_envs.geometry.kinematics import Geometry, constraint_matrix
+from castor_envs.effects.catalogue import catalogue
+from castor_envs.effects.clocks import ClockOffset, SampleJitter
+from castor_envs.effects.dimensions import LoadRadius
+from castor_envs.effects.encoders import WheelEccentricity
+from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate

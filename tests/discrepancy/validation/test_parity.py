@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from castor_envs.effects import PivotBias, WheelRadius
-from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse, pivot_velocity
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry, castor_rates, inverse, pivot_velocity
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from discrepancy.validation.parity import parity_residual

@@ -6,29 +6,19 @@ import json
 import numpy as np
 import pytest
 
-from castor_envs.effects import (
-    ClockOffset,
-    CountsPerRev,
-    EncoderLatency,
-    EncoderReversed,
-    EncodersSwapped,
-    PivotBacklash,
-    PivotBias,
-    PivotOffset,
-    ReferenceLeverX,
-    ReferenceYaw,
-    TickLoss,
-    Track,
-    WheelRadius,
-    reference,
-)
+from castor_envs.effects.catalogue import reference
+from castor_envs.effects.clocks import ClockOffset, EncoderLatency
+from castor_envs.effects.dimensions import CountsPerRev, PivotBias, PivotOffset, Track, WheelRadius
+from castor_envs.effects.encoders import PivotBacklash, TickLoss
+from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
+from castor_envs.effects.wiring import EncoderReversed, EncodersSwapped
 from castor_envs.envs.sensed import SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import compose
 from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import KinematicController, trailing_angles
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import umbmark, wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.validation.replay import joined, replay

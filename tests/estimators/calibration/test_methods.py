@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from castor_envs.errors import Declined, InputError
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import pivoting, umbmark
 from castor_envs.sensors.encoders import Encoders

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from castor_envs.errors import Declined, InputError
-from castor_envs.geometry.kinematics import Geometry, castor_rates, inverse
+from castor_envs.motion.kinematics import Geometry, castor_rates, inverse
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Gyro
 from estimators import CAST, DeadReckoning, EstimatorEntry, load_estimator

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import n_castor, preset
 from estimators import CAST, IPEC, CASTArc
 from estimators.robots.cast import centred_solution, design_matrix, normal_inverse

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import preset, preset_names
 from estimators import CAST, CASTArc, SmallTurnWarning
 from estimators.robots.cast import LARGEST_DRIFT, small_turn_drift

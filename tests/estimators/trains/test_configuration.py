@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import cfmmr, preset
 from estimators.plugins.registry import TRAINS, builtin_names, estimator_names, load_estimator
 from estimators.trains.configuration import MAX_AGE

@@ -1,18 +1,14 @@
-"""What effects on contact, floor and place are predicted from: what truly happened, and by what contacts slipped."""
+"""Steps between samples of a motion that is known: integrals over them, to fourth order in their length where they are
+even, what happened in each (`Motion`), and by what contacts slipped (`Slip`).
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.se2 import rotate
-
-if TYPE_CHECKING:
-    from castor_envs.vehicles.robot import RobotDescription
-
 
 EVEN = 1.1
 """Steps are integrated to fourth order where their neighbours last as long, up to this ratio; others to second."""
@@ -23,15 +19,16 @@ class Motion:
     """What truly happened at K samples: K - 1 steps, of which the properties tell.
 
     t (K,): s, increasing. pose (K, 3): of B in N, m and rad, unwrapped. wheel_angle (K, w): since the start, rad; NaN
-    for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped. agreeing: whether wheels are taken to agree
-    with each other, whatever their angles say: where a log alone tells of the motion, the rest is mostly noise.
+    for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped. consistent_wheels: whether wheels are taken
+    to agree with each other, whatever their angles say: where a log alone tells of the motion, the rest is mostly
+    noise.
     """
 
     t: Array
     pose: Array
     wheel_angle: Array
     castor_angle: Array
-    agreeing: bool = False
+    consistent_wheels: bool = False
 
     @cached_property
     def period(self) -> Array:
@@ -46,17 +43,12 @@ class Motion:
     @cached_property
     def even(self) -> NDArray[np.bool_]:
         """Which steps (K - 1,) last as long as both their neighbours, up to `EVEN`."""
-        ratio = self.period[1:] / self.period[:-1]
-        alike = np.maximum(ratio, 1 / ratio) < EVEN
-        return np.concatenate([[False], alike]) & np.concatenate([alike, [False]])
+        return even_steps(self.t)
 
     @cached_property
     def half_way(self) -> Array:
         """Castor angles half-way through the steps (K - 1, n), rad."""
-        angle = self.castor_angle
-        middle = (angle[1:] + angle[:-1]) / 2
-        middle[1:-1] -= self.where_even(angle[3:] - angle[2:-1] - angle[1:-2] + angle[:-3]) / 16
-        return middle
+        return half_way(self.castor_angle, self.even)
 
     @cached_property
     def heading(self) -> Array:
@@ -66,13 +58,7 @@ class Motion:
     @cached_property
     def body(self) -> Array:
         """How far the body moves and turns in each step, in B half-way through it (K - 1, 3), m and rad."""
-        turn = np.diff(self.pose[:, 2])
-        way = self.in_body(np.diff(self.pose[:, :2], axis=0)) / np.sinc(turn / (2 * np.pi))[:, None]
-        body = np.column_stack([way, turn])
-        change = self.where_even(body[2:] - body[:-2]) / 2
-        swept = turn[1:-1, None] * change[:, :2] - change[:, 2:] * way[1:-1]
-        body[1:-1, :2] -= np.column_stack([-swept[:, 1], swept[:, 0]]) / 12
-        return body
+        return body_motion(self.pose, self.even)
 
     @cached_property
     def turned(self) -> Array:
@@ -98,10 +84,6 @@ class Motion:
         period = self.period.reshape(-1, *(1,) * (course.ndim - 1))
         rate = smoothed(np.diff(course, axis=0) / period)
         return np.gradient(rate, self.middle, axis=0) if len(rate) > 1 else np.zeros_like(rate)
-
-    def where_even(self, inner: Array) -> Array:
-        """Return values of inner steps (K - 3, ...), 0 where a step is not even."""
-        return inner * self.even[1:-1].reshape(-1, *(1,) * (inner.ndim - 1))
 
     def in_body(self, vector: Array) -> Array:
         """Return vectors in N of every step (K - 1, 2) in B half-way through it."""
@@ -129,36 +111,62 @@ class Slip:
     @classmethod
     def none(cls, motion: Motion) -> "Slip":
         """Return no slip in any step of a motion."""
-        return cls(*(np.zeros((len(motion.t) - 1, own.shape[1])) for own in (motion.wheel_angle, motion.castor_angle)))
+        return cls(
+            *(np.zeros((len(motion.t) - 1, angle.shape[1])) for angle in (motion.wheel_angle, motion.castor_angle))
+        )
 
 
-def contact_paths(robot: "RobotDescription", motion: Motion) -> Array:
-    """Return how far contacts move in each step (K - 1, 2w), m: all along their rolling directions, then to the left.
+def even_steps(t: Array) -> NDArray[np.bool_]:
+    """Return which steps (K - 1,) between samples at t (K,) last as long as both their neighbours, up to `EVEN`."""
+    period = np.diff(t)
+    ratio = period[1:] / period[:-1]
+    alike = np.maximum(ratio, 1 / ratio) < EVEN
+    return np.concatenate([[False], alike]) & np.concatenate([alike, [False]])
 
-    Along is what a wheel without slip rolls; to the left is 0 without slip, but for wheels on rollers. Even steps are
-    integrated to fourth order in their length: wheels that disagree creep less than half-way values are off by.
+
+def half_way(angle: Array, even: NDArray[np.bool_]) -> Array:
+    """Return angles half-way through the steps (..., K - 1, n) from those at samples (..., K, n).
+
+    even (K - 1,): the steps to integrate to fourth order in their length, not to second; so below.
     """
-    from castor_envs.geometry.kinematics import Geometry, constraint_matrix  # built on robots, which have effects
-
-    geometry = Geometry.of(robot)
-    by_body, by_castor = constraint_matrix(geometry, motion.half_way)
-    turned = motion.turned[:, np.tile(geometry.wheel_castor, 2)]
-    path = (by_body @ motion.body[..., None])[..., 0] + by_castor * turned
-    # The mean of a product over a step: mean times mean, and how both change together.
-    bend = motion.where_even(by_body[2:] - 2 * by_body[1:-1] + by_body[:-2]) / 24
-    change = motion.where_even(by_body[2:] - by_body[:-2]) * (motion.body[2:] - motion.body[:-2])[:, None, :] / 48
-    path[1:-1] += (bend @ motion.body[1:-1, :, None])[..., 0] + change.sum(axis=-1)
-    return path
+    middle = (angle[..., 1:, :] + angle[..., :-1, :]) / 2
+    curved = angle[..., 3:, :] - angle[..., 2:-1, :] - angle[..., 1:-2, :] + angle[..., :-3, :]
+    middle[..., 1:-1, :] -= _where_even(even, curved, 1) / 16
+    return middle
 
 
-def contact_places(robot: "RobotDescription", motion: Motion) -> Array:
-    """Return where in N each wheel touches the floor at every sample (K, w, 2), m."""
-    places = []
-    for castor, angle in zip(robot.castors, motion.castor_angle.T, strict=True):
-        for wheel in castor.wheels:
-            arm = np.array(castor.pivot) + rotate(np.array([-castor.offset, wheel.lateral]), angle)
-            places.append(motion.pose[:, :2] + rotate(arm, motion.pose[:, 2]))
-    return np.stack(places, axis=1)
+def body_motion(pose: Array, even: NDArray[np.bool_]) -> Array:
+    """Return the integral of the body's twist over every step (K - 1, 3), in B half-way through it, m and rad.
+
+    pose (K, 3): at the samples, in N.
+    """
+    turn, heading = np.diff(pose[:, 2]), (pose[1:, 2] + pose[:-1, 2]) / 2
+    way = (np.diff(pose[:, 0]) + 1j * np.diff(pose[:, 1])) * np.exp(-1j * heading) / np.sinc(turn / (2 * np.pi))
+    body = np.column_stack([way.real, way.imag, turn])
+    change = _where_even(even, body[2:] - body[:-2], 1) / 2
+    faster, turning = change[:, 0] + 1j * change[:, 1], change[:, 2]
+    swept = 1j * (turn[1:-1] * faster - turning * way[1:-1]) / 12
+    body[1:-1, 0] -= swept.real
+    body[1:-1, 1] -= swept.imag
+    return body
+
+
+def integrated(rows: Array, body: Array, even: NDArray[np.bool_]) -> Array:
+    """Return the integral of rows times twist over every step (..., K - 1, r).
+
+    rows (..., K - 1, r, 3): half-way through the steps. body (K - 1, 3): `body_motion`. The mean of a product over a
+    step is mean times mean, and how both change together.
+    """
+    integral = (rows @ body[..., None])[..., 0]
+    bend = _where_even(even, rows[..., 2:, :, :] - 2 * rows[..., 1:-1, :, :] + rows[..., :-2, :, :], 2) / 24
+    slope = _where_even(even, rows[..., 2:, :, :] - rows[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
+    integral[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + slope.sum(axis=-1)
+    return integral
+
+
+def _where_even(even: NDArray[np.bool_], inner: Array, behind: int) -> Array:
+    """Return values of inner steps, (..., K - 3) with axes `behind`, 0 where `even` (K - 1,) is not."""
+    return inner * even[1:-1].reshape(-1, *(1,) * behind)
 
 
 def smoothed(course: Array) -> Array:

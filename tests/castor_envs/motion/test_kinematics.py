@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.geometry.kinematics import Geometry, castor_rates, constraint_matrix, forward, inverse, pivot_velocity
+from castor_envs.motion.kinematics import Geometry, castor_rates, constraint_matrix, forward, inverse, pivot_velocity
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 

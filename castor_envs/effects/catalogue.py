@@ -1,0 +1,138 @@
+"""Every effect there is, and what all effects of a robot do together.
+
+Effects change the vehicle that the physics builds (`as_built`), or radii as castors turn (`radii_of`), or what the
+encoders make of true angles (`readings`), or when and of which point the reference is taken (`reference`), or the floor
+(`floor_of`), or how contacts creep (`creep_compliance_of`). What they make contacts slip in a motion that is known is
+predicted by `slip_of`.
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import TypeAdapter, ValidationError
+
+from castor_envs import effects
+from castor_envs.description import explain
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.steps import Slip
+from castor_envs.vehicles.effect import Contacts, Effect, Scope, SensorModel, known_effects
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
+
+for _found in pkgutil.iter_modules(effects.__path__, f"{effects.__name__}."):
+    if _found.name != __name__:
+        importlib.import_module(_found.name)
+
+EFFECTS: dict[str, type[Effect[RobotDescription]]] = known_effects("robot")
+"""Every effect of robots by its name."""
+
+TRAIN_EFFECTS: dict[str, type[Effect[TrainDescription]]] = known_effects("train")
+"""Every effect of trains by its name."""
+
+
+def catalogue(vehicle: RobotDescription | TrainDescription) -> tuple[Effect[Any], ...]:
+    """Return every effect that the robot or train may have, each in the size of its `step`."""
+    return tuple(effect for kind in known_effects(vehicle.scope).values() for effect in kind.variants(vehicle))
+
+
+def floor_of(robot: RobotDescription, floor: Floor) -> Floor:
+    """Return the floor as it really is under the robot: with its effects on the floor, in order.
+
+    Raises InputError where an effect makes it one that cannot be.
+    """
+    for effect in robot.effects:
+        try:
+            floor = effect.floor(robot, floor)
+        except ValidationError as error:
+            raise InputError(f"effect {effect.name} is too large for this floor: {explain(error)}") from None
+    return floor
+
+
+def creep_compliance_of(robot: RobotDescription) -> float:
+    """Return how fast (m/s) each contact of the robot slips for every N on it, beside its creep in rolling."""
+    return sum(effect.creep_compliance() for effect in robot.effects)
+
+
+def radii_of(robot: RobotDescription) -> Callable[[Array], Array] | None:
+    """Return what gives the robot's radii (k, w), m, with castors at angles (k, n), rad; None: they do not change."""
+    changes, built = [], robot.as_described()
+    for effect in robot.effects:
+        change = effect.radius_change(built)
+        changes += [] if change is None else [change]
+        built = effect.apply(built)
+    if not changes:
+        return None
+    radius = np.array([wheel.radius for wheel in built.wheels])
+    return lambda castor_angle: radius * np.prod([1.0 + change(castor_angle) for change in changes], axis=0)
+
+
+def slip_of(contacts: Contacts[RobotDescription]) -> Slip:
+    """Return by how much a robot's contacts slip more in a motion than those of it as described, by all its effects.
+
+    Each effect is handed the contacts of the robot as those before it have built it.
+    """
+    robot = contacts.robot
+    total, built = Slip.none(contacts.motion), robot.as_described()
+    for effect in robot.effects:
+        slip = effect.slip(contacts.of(built))
+        total = total if slip is None else total + slip
+        built = effect.apply(built)
+    return total
+
+
+def sensor_model_of(robot: RobotDescription) -> SensorModel:
+    """Return the sensor models of all the robot's effects in one, in order."""
+    built = robot.as_built()
+    models = [model for effect in robot.effects if (model := effect.sensor_model(built)) is not None]
+
+    def read(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
+        for model in models:
+            wheel, castor = model(t, wheel, castor)
+        return wheel, castor
+
+    return read
+
+
+def readings(
+    robot: RobotDescription, t: ArrayLike, wheel_angle: ArrayLike, castor_angle: ArrayLike
+) -> tuple[Array, Array]:
+    """Return what the robot's encoders see, before they round: angles of wheels (K, w) and castors (K, n), rad.
+
+    t (K,), increasing, s. wheel_angle (K, w), castor_angle (K, n): the true angles, unwrapped.
+    """
+    wheel, castor = np.array(wheel_angle, dtype=float), np.array(castor_angle, dtype=float)
+    return sensor_model_of(robot)(np.asarray(t, dtype=float), wheel, castor)
+
+
+def reference(robot: RobotDescription, t: ArrayLike, pose: ArrayLike) -> Array:
+    """Return the poses (K, 3) that a log shows as reference in its rows of time t (K,), given the true ones.
+
+    Straight lines between samples; before the first the robot stood still, after the last there is no reference (NaN).
+    Effects on the tracked point act in order, each on the axes that those before it leave.
+    """
+    t, pose = np.asarray(t, dtype=float), np.asarray(pose, dtype=float)
+    taken = t
+    for effect in robot.effects:
+        taken = effect.reference_time(taken)
+        pose = effect.reference_pose(pose)
+    columns = [np.interp(taken, t, column, right=np.nan) for column in pose.T]
+    return np.stack(columns, axis=-1)
+
+
+def table(scope: Scope) -> str:
+    """Return the table of all effects of robots or of trains, as Markdown."""
+    rows = ["| Name | Meaning | Unit | Least | Most | Step | Check |", "|---|---|---|---|---|---|---|"]
+    for name, kind in known_effects(scope).items():
+        value = TypeAdapter(kind).json_schema()["properties"]["value"]
+        meaning = (kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+        bounds = " | ".join(f"{value[end]:.4g}" if end in value else "-" for end in ("minimum", "maximum"))
+        alike = [other for other in kind.indistinguishable_from if other != name]
+        told = f" Not to be told from `{alike[0]}`." if alike else ""
+        rows.append(f"| `{name}` | {meaning}{told} | {kind.unit} | {bounds} | {kind.step:g} | {kind.check} |")
+    return "\n".join(rows) + "\n"
