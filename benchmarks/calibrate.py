@@ -14,8 +14,8 @@ from rich.table import Table
 from benchmarks.scatter import umbmark_scatter
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.logs.csv import read_log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.identifiability import COVERAGE

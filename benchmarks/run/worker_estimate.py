@@ -19,8 +19,8 @@ from benchmarks.results.rows import DECLINED
 from benchmarks.tasks.task import Episode
 from castor_envs.errors import Declined, one_line
 from castor_envs.geometry.arrays import Array
-from castor_envs.processes import MOST_MEMORY, end_if_forked
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.processes import MOST_MEMORY, end_if_forked
 from castor_envs.sensors.observation import Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription

@@ -15,8 +15,8 @@ from castor_envs.errors import one_line
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
-from castor_envs.processes import end_if_forked
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.processes import end_if_forked
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from castor_envs.vehicles.robot import RobotDescription

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from castor_envs.geometry.kinematics import Geometry
 from castor_envs.geometry.se2 import compose
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import umbmark, wander
 from castor_envs.sensors.encoders import Encoders
