@@ -9,12 +9,9 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.validation.parity import Parity, parity_residual
+from discrepancy.validation.parity import BLIND, Parity, parity_residual
 
 FORMAT = "castor-inspect/1"
-BLIND = (
-    "this robot's encoders cannot contradict each other (no redundancy): nothing can be seen without reference poses"
-)
 
 #: The drift (`Parity.rolling_drift`) from which on a log contradicts its robot file. Simulated perfect rolling stayed
 #: below 1.5 at 10 to 100 samples a second (at 5, castors that swing round reach 2); half a percent of one wheel's

@@ -13,7 +13,9 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
 START, END = "<!-- picture: made by scripts/make_architecture.py -->\n", "<!-- end of picture -->\n"
 PACKAGES = ("castor_envs", "estimators", "benchmarks", "discrepancy")
-EVERYWHERE = {"errors", "files", "discovery", "command_line", "__init__", "progress"}
+EVERYWHERE = {"errors", "files", "discovery", "command_line", "processes", "__init__", "__main__", "progress"}
+TOGETHER = {f"discrepancy/{room}": "discrepancy/inference" for room in ("hypotheses", "validation")}
+"""Rooms that import each other, drawn as one."""
 
 
 def imports() -> dict[str, set[str]]:
@@ -38,7 +40,8 @@ def room_of(module: str) -> str | None:
     if package not in PACKAGES or not rest or rest[0] in EVERYWHERE:
         return None
     folder = ROOT / package / rest[0]
-    return f"{package}/{rest[0]}" if folder.is_dir() or folder.with_suffix(".py").is_file() else None
+    room = f"{package}/{rest[0]}"
+    return TOGETHER.get(room, room) if folder.is_dir() or folder.with_suffix(".py").is_file() else None
 
 
 def reduced(graph: dict[str, set[str]]) -> dict[str, set[str]]:
@@ -58,10 +61,21 @@ def picture() -> str:
     lines = ["```mermaid", "flowchart BT"]
     for package in PACKAGES:
         lines.append(f"  subgraph {package}")
-        lines += [f"    {room}[{room.split('/')[1]}]" for room in sorted(graph) if room.startswith(f"{package}/")]
+        lines += [f"    {node(room)}[{title(room)}]" for room in sorted(graph) if room.startswith(f"{package}/")]
         lines.append("  end")
-    lines += [f"  {room} --> {other}" for room in sorted(graph) for other in sorted(graph[room])]
+    lines += [f"  {node(room)} --> {node(other)}" for room in sorted(graph) for other in sorted(graph[room])]
     return "\n".join([*lines, "```", ""])
+
+
+def node(room: str) -> str:
+    """Return a room's name in the chart."""
+    return room.replace("/", "_")
+
+
+def title(room: str) -> str:
+    """Return what is written on a room: its name, and those of the rooms that are drawn with it."""
+    rooms = [room, *(other for other, home in TOGETHER.items() if home == room)]
+    return ", ".join(name.split("/")[1] for name in rooms)
 
 
 def with_picture(page: str) -> str:

@@ -20,7 +20,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
-from discrepancy.inference.wheel_tracks import Steps, placed, steps_of
+from discrepancy.hypotheses.wheel_tracks import Steps, placed, steps_of
 from estimators.calibration.maximum_likelihood import State
 
 DIRECTIONS, BIN = 180, 0.01

@@ -20,7 +20,7 @@ from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.inference.wheel_tracks import Steps, placed, steps_of
+from discrepancy.hypotheses.wheel_tracks import Steps, placed, steps_of
 from discrepancy.validation.replay import replay
 from estimators.calibration.maximum_likelihood import State
 

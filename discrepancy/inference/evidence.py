@@ -16,10 +16,10 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.inference.creep_prior import sober
 from discrepancy.inference.design_matrix import Columns, Shared, columns_of, quieter, together, without
 from discrepancy.inference.fit_states import settled
-from discrepancy.inference.wheel_tracks import slips_of
 from estimators.calibration.log_likelihood import GAP, LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import State
 

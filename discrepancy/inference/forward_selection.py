@@ -36,8 +36,7 @@ from discrepancy.inference.evidence_cache import Known, Looks
 from discrepancy.inference.findings import BORNE_OUT, WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inference.ranking import LEAST_GAIN, MARGIN, alike, margin, pick, ranks_of, sine
 from discrepancy.inference.selection import BESIDE, Found, Look, decided, foretold, one_after_another
-from discrepancy.inspect import BLIND
-from discrepancy.validation.parity import parity_residual
+from discrepancy.validation.parity import BLIND, parity_residual
 
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""

@@ -32,6 +32,10 @@ WINDOW = 1.0
 #: The fewest sums that an rms is taken of.
 WINDOWS = 5
 
+BLIND = (
+    "this robot's encoders cannot contradict each other (no redundancy): nothing can be seen without reference poses"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Parity:

@@ -21,9 +21,9 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.cables import BUMP_GAIN, bumps_of, lines_of, same_line
 from discrepancy.hypotheses.candidates import Channels
 from discrepancy.hypotheses.patches import patches_of, slippery_in
+from discrepancy.hypotheses.wheel_tracks import steps_of
 from discrepancy.inference.evidence import evidence_of
 from discrepancy.inference.forward_selection import diagnose
-from discrepancy.inference.wheel_tracks import steps_of
 from discrepancy.report.text import as_data
 from discrepancy.trials.pymunk_generator import drive
 
