@@ -110,7 +110,7 @@ def lost_in_bursts(robot: RobotDescription, found: Losing, held_out: Sequence[Lo
     candidate = Candidate(described(effect), (effect,))
     verdict, reason = "named", candidate.what
     if held_out and (again is None or _place(again.effect) != _place(effect)):
-        verdict, reason = "unconfirmed", f"the held-out logs do not bear out {candidate.what}"
+        verdict, reason = "unconfirmed", f"the held-out logs do not confirm {candidate.what}"
     elif again is not None and not 1 / ALIKE < again.effect.value / effect.value < ALIKE:
         verdict, reason = "unconfirmed", f"the held-out logs show another part lost in {candidate.what}"
     rank = Rank(candidate, found.gain, found.gain, 0.0, (effect.value,), (found.error,))

@@ -185,7 +185,7 @@ def _seldom(late: Amount) -> Finding:
     """Return the finding that encoders are read early or late together, but at some times only."""
     what = f"all encoders are read early or late together at some times, most {late.seldom}"
     rank = Rank(Candidate(what), late.gain, late.gain, 0.0, (late.value,), (late.error,))
-    return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {what}", (rank,), ())
+    return Finding("unexplained", f"no effect of the catalogue explains it; it looks like: {what}", (rank,), ())
 
 
 def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again: float) -> list[Finding]:
@@ -198,7 +198,7 @@ def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again:
             "named", candidate.what, (rank,), (), dataclasses.replace(variant, value=amount.value), amount.error
         )
         if abs(again - amount.value) > BORNE_OUT * abs(amount.value):
-            reason = f"the held-out logs do not bear out {candidate.what}"
+            reason = f"the held-out logs do not confirm {candidate.what}"
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
         findings.append(finding)
     return findings

@@ -66,7 +66,7 @@ def _of_place(robot: RobotDescription, logs: Sequence[Log], seen: Evidence, held
         if steps < PASSED:
             reason = f"the held-out motion does not show {candidate.what}"
         elif times < SLIDES:
-            reason = f"the held-out logs do not bear out {candidate.what}"
+            reason = f"the held-out logs do not confirm {candidate.what}"
         if reason is not None:
             finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
     return finding

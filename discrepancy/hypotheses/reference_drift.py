@@ -57,7 +57,7 @@ def swinging(robot: RobotDescription, logs: Sequence[Log], seen: Evidence) -> Fi
         return None
     gain, said, size = best
     rank = Rank(Candidate(said), gain, gain, 0.0, (size,), (size / np.sqrt(gain),))
-    return Finding("unexplained", f"no effect of the catalogue looks like it; it is: {said}", (rank,), ())
+    return Finding("unexplained", f"no effect of the catalogue explains it; it looks like: {said}", (rank,), ())
 
 
 def _period(t: Array, values: Array, fewest: float, most: float) -> tuple[float, float, float]:

@@ -113,7 +113,7 @@ def _diagnosed(
     result = Diagnosis(
         robot=asked,
         verdict="no discrepancy",
-        reason="no candidate takes away more than robots without any effect leave",
+        reason="no candidate improves the fit by more than chance does on robots without any effect",
         findings=(),
         ranks=ranks,
         before=_left(first),
@@ -197,10 +197,10 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     in_logs = {one.candidate: one.gain for one in ranks}
     better = in_logs.get(top.candidate, 0.0) > in_logs.get(own.candidate, 0.0)  # not only where it foretells nothing
     if not top.candidate.kinds and better and top.gain - its_gain > MARGIN:
-        reason = f"what has no name explains it better: {top.candidate.what}; of effects {own.candidate.what} does best"
+        reason = f"an unmodelled alternative explains it better: {top.candidate.what}; the best effect is {own.candidate.what}"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     if len(finding.families) > 1:
-        reason = f"these motions do not tell apart: {'; '.join(finding.families)}"
+        reason = f"these motions cannot distinguish: {'; '.join(finding.families)}"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     return finding
 
@@ -210,7 +210,7 @@ def _in_doubt(one: Finding, rest: Rank) -> Finding:
     if one.verdict != "named" or rest.gain <= BESIDE * one.gain:
         return one
     other = Candidate(f"something that {rest.candidate.what} is a part of too")
-    reason = f"it may be {one.reason}, or a part of what leaves this beside it: {rest.candidate.what}"
+    reason = f"it may be {one.reason}, or part of a disagreement that no effect explains: {rest.candidate.what}"
     return dataclasses.replace(
         one, verdict="ambiguous", reason=reason, chosen=(*one.chosen, dataclasses.replace(rest, candidate=other))
     )
@@ -220,7 +220,7 @@ def _nameless(chosen: tuple[Rank, ...], best: Rank, ranks: Sequence[Rank] = ()) 
     """Return the finding of what is left and no effect explains: it looks like those chosen, the best one of all."""
     beaten = tuple(one for one in ranks if one not in chosen)
     kinds = best.candidate.kinds
-    reason = f"no effect of the catalogue looks like it; it is: {best.candidate.what}"
+    reason = f"no effect of the catalogue explains it; it looks like: {best.candidate.what}"
     if kinds:
         reason = f"{best.candidate.what} of {best.size:.3g} {kinds[0].unit} looks most like it, and does not explain it"
     return Finding("unexplained", reason, chosen, beaten)
@@ -242,7 +242,7 @@ def _borne_out(again: Look, found: list[Found], findings: list[Finding]) -> tupl
         elif change > BORNE_OUT:
             if finding.gain < max(other.gain for other in findings) / 2:
                 continue
-            reason = f"the held-out logs do not bear out {one.candidate.what}"
+            reason = f"the held-out logs do not confirm {one.candidate.what}"
         if reason is not None and one.effect is not None and one.effect.creep == "compliance" and len(findings) > 1:
             continue
         if reason is not None and finding.verdict == "named":

@@ -26,8 +26,8 @@ PLACES = {"at_s": "when", "from_s": "from", "to_s": "to", "x_m": "where, x", "y_
 
 SAYS = {
     "named": "Something is missing in the robot's file, and it has a name.",
-    "ambiguous": "Something is missing in the robot's file; these motions do not tell which of several effects it is.",
-    "unconfirmed": "Something seems to be missing in the robot's file, but the held-out logs do not bear it out.",
+    "ambiguous": "Something is missing in the robot's file; these motions cannot distinguish several effects.",
+    "unconfirmed": "Something seems to be missing in the robot's file, but the held-out logs do not confirm it.",
     "unexplained": "Robot and file disagree, and no effect of the catalogue explains it.",
     "no discrepancy": "The robot's file explains these logs: nothing is missing.",
 }
@@ -255,7 +255,7 @@ def _finding(one: Data) -> str:
         ["value", _number(value, scale, digits, signed=True), _text(name)],
         ["95 % interval", f"{low} to {high}" if interval[0] is not None else "\N{EN DASH}", _text(name)],
         ["standard error", _number(error, scale, digits), _text(name)],
-        ["deviance that it takes away", _number(one.get("deviance"), 1, 0), ""],
+        ["2 ln(likelihood ratio)", _number(one.get("deviance"), 1, 0), ""],
     ]
     if cost.get("m_per_10_m") is not None:
         rows.append(["what it costs in use", _number(cost["m_per_10_m"], 1e3, 1), "mm per 10 m"])
@@ -266,7 +266,7 @@ def _finding(one: Data) -> str:
     check = f'<p class="check"><b>To check.</b> {_text(one["check"])}</p>' if one.get("check") else ""
     return (
         f"<article><h3>{_text(_title(one))}</h3>{_table(None, rows)}{check}"
-        + (_table(["rivals that it beat", "deviance"], beaten) if beaten else "")
+        + (_table(["other candidates", "2 ln(likelihood ratio)"], beaten) if beaten else "")
         + "</article>"
     )
 
@@ -296,7 +296,7 @@ def _rivals(data: Data) -> str:
     together = [str(one) for one in data.get("cannot_be_told_apart") or ()]
     if len(together) > 1:
         items = "".join(f"<li>{_text(one.replace('_', ' '))}</li>" for one in together)
-        parts.append(f"<p>These motions do not tell apart:</p><ul>{items}</ul>")
+        parts.append(f"<p>These motions cannot distinguish:</p><ul>{items}</ul>")
     if data.get("separating_motion"):
         parts.append(f"<p>A motion that would: <b>{_text(data['separating_motion'])}</b>.</p>")
     if data.get("verdict") == "named" and len(together) <= 1:

@@ -192,15 +192,15 @@ def candidates(ranks: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) ->
         axes.invert_yaxis()
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", length=0)
-        axes.set_xlabel("deviance that it takes away alone")
+        axes.set_xlabel("2 ln(likelihood ratio) of each candidate alone")
         axes.margins(x=0.1)
         svg = _svg(figure, "candidates")
     first = f"{best[0]['what']} first, with {gains[0]:.0f}" if best else "none"
     return Picture(
         "candidates",
         svg,
-        f"Bars of the deviance that each candidate takes away: {first}.",
-        "Twice the log-likelihood that each candidate adds by itself; 6 less than the best cannot be told from it.",
+        f"Bars of 2 ln(likelihood ratio) of each candidate alone: {first}.",
+        "Twice the gain in log-likelihood by each candidate alone; within 6 of the best the logs do not decide.",
     )
 
 

@@ -70,7 +70,7 @@ def as_lines(data: Data) -> list[str]:
         lines += _finding_lines(one)
     slip = data["gap"]["before"]
     lines.append(
-        f"slip beside it: {1e3 * slip['slip_along_m']:.2g} mm along, {1e3 * slip['slip_across_m']:.2g} mm across, "
+        f"estimated slip: {1e3 * slip['slip_along_m']:.2g} mm along, {1e3 * slip['slip_across_m']:.2g} mm across, "
         "after 1 m"
     )
     if (reference := data["reference"]) is not None:
@@ -82,13 +82,13 @@ def as_lines(data: Data) -> list[str]:
         if (clean := reference["clean"]) is not None:
             lines.append(f"in the clean logs: {_mount_line(clean['mount'])}; the reference is")
             lines += [f"  {_clock_line(clock)}" for clock in clean["clocks"]]
-        lines.append(f"odometry off the reference: {_gap(data['gap'])}")
+        lines.append(f"odometry differs from the reference by {_gap(data['gap'])}")
     if data["gap_held_out"] is not None and data["gap_held_out"]["before"]["odometry_rms_m"] is not None:
-        lines.append(f"on the held-out logs: {_gap(data['gap_held_out'])}")
+        lines.append(f"on the held-out logs by {_gap(data['gap_held_out'])}")
     for key, what in (("", "the logs"), ("held_out_", "the held-out logs")):
         lines += _replay_lines(data["replay"], key, what)
     if not data["findings"]:
-        lines.append("deviance that each candidate alone would take away, and its size:")
+        lines.append("candidates, each alone: 2 ln(likelihood ratio), and size:")
         lines += [f"  {_rival_line(one)}" for one in data["candidates"][:SHOWN]]
     return lines
 
@@ -225,17 +225,17 @@ def _finding_lines(one: Data) -> list[str]:
         half = (one["interval"][1] - one["interval"][0]) / 2
         lines.append(f"  value {scale * one['effect']['value']:.4g} ± {scale * half:.2g} {unit} (95 %)")
     if one["same_as"]:
-        lines.append(f"  no log tells it from: {', '.join(one['same_as'])}")
+        lines.append(f"  no log can distinguish it from: {', '.join(one['same_as'])}")
     if one["cost"] is not None and one["cost"]["m_per_10_m"] > NOTHING:
         lines.append(f"  it costs {1e3 * one['cost']['m_per_10_m']:.1f} mm per {WAY:.0f} m of odometry")
     if one["check"]:
         lines.append(f"  to check: {one['check']}")
     if one["separating_motion"] is not None:
-        lines.append(f"  to tell them apart, drive {one['separating_motion']}")
+        lines.append(f"  to distinguish them, drive {one['separating_motion']}")
     if one["cannot_be_told_apart"][1:] and one["deviance"] is None:
         lines.append(f"  or: {'; '.join(one['cannot_be_told_apart'][1:])}")
     if one["deviance"] is not None:
-        lines.append(f"  takes away a deviance of {one['deviance']:.0f}" + ("; beaten:" if one["rivals"] else ""))
+        lines.append(f"  2 ln(likelihood ratio) {one['deviance']:.0f}" + ("; the other candidates:" if one["rivals"] else ""))
     lines += [f"    {_rival_line(rival)}" for rival in one["rivals"]]
     return lines
 
@@ -244,8 +244,8 @@ def _replay_lines(replays: Data | None, key: str, what: str) -> list[str]:
     before, after = ((replays or {}).get(f"{key}{when}") for when in ("before", "after"))
     if before is None:
         return []
-    said = f"simulation driven as {what}, {before['window_s']:.0f} s at a time, misses them by"
-    return [f"{said} {_miss(before)} (rms)" + (f", after {_miss(after)}" if after else "")]
+    said = f"simulation driven as {what}, {before['window_s']:.0f} s at a time, differs from them by"
+    return [f"{said} {_miss(before)} (rms)" + (f"; with what was found: {_miss(after)}" if after else "")]
 
 
 def _miss(summary: Data) -> str:
@@ -263,4 +263,4 @@ def _gap(gaps: Data) -> str:
         None if gap is None else f"{1e3 * gap['odometry_rms_m']:.1f} mm and {1e3 * gap['odometry_rms_rad']:.1f} mrad"
         for gap in (gaps["before"], gaps["after"])
     )
-    return f"{before} (rms)" + (f", after {after}" if after else "")
+    return f"{before} (rms)" + (f"; with what was found: {after}" if after else "")

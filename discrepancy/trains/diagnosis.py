@@ -192,10 +192,10 @@ def diagnose_train(
     if held_out and findings:
         findings, held = _borne_out(base, held_out, findings)
     if unnamed is not None:
-        reason = f"no effect of the catalogue looks like it; it is: {unnamed.candidate.what}"
+        reason = f"no effect of the catalogue explains it; it looks like: {unnamed.candidate.what}"
         findings.append(Finding("unexplained", reason, unnamed.gain))
     verdict: Verdict = "no discrepancy"
-    reason = "no candidate takes away more than trains without any effect leave"
+    reason = "no candidate improves the fit by more than chance does on trains without any effect"
     if findings:
         verdict = next(one for one in WEAKEST_FIRST if any(own.verdict == one for own in findings))
         reason = "; ".join(one.reason for one in findings)
@@ -385,7 +385,7 @@ def _ranks(seen: Evidence) -> list[Rank]:
 def _judged(train: TrainDescription, one: _Found) -> Finding:
     """Return what is to be said of an effect from the logs that it was found in."""
     if len(one.families) > 1:
-        reason = f"these motions do not tell apart: {'; '.join(one.families)}"
+        reason = f"these motions cannot distinguish: {'; '.join(one.families)}"
         return Finding("ambiguous", reason, one.gain, one.placed, one.error, one.families, one.beaten)
     return Finding("named", one.placed.what(train), one.gain, one.placed, one.error, one.families, one.beaten)
 

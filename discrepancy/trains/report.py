@@ -23,7 +23,7 @@ def as_lines(found: TrainDiagnosis, names: Sequence[str]) -> list[str]:
     if not found.findings:
         lines.append(found.reason)
     rolling, side = found.slip
-    lines.append(f"slip beside it: {1e3 * rolling:.2g} mm along, {1e3 * side:.2g} across, after 1 m")
+    lines.append(f"estimated slip: {1e3 * rolling:.2g} mm along, {1e3 * side:.2g} across, after 1 m")
     if found.sliding > 0:
         lines.append(
             f"axles are set against each other so much that some may slide in {100 * found.sliding:.0f} % of the time, "
@@ -36,7 +36,7 @@ def as_lines(found: TrainDiagnosis, names: Sequence[str]) -> list[str]:
     lines += _gap_lines("the logs", found.before, found.after)
     if found.held_out is not None:
         lines += _gap_lines("the held-out logs", *found.held_out)
-    lines.append("deviance that each candidate alone promises to take away, and its size:")
+    lines.append("candidates, each alone: predicted 2 ln(likelihood ratio), and size:")
     lines += [
         f"  {one.gain:9.1f}  {one.candidate.what}: {one.amplitude:.4g} ± {COVERAGE * one.error:.2g}"
         for one in found.ranks[:SHOWN]
@@ -80,7 +80,7 @@ def _finding_lines(one: Finding) -> list[str]:
     lines.append(f"  to check: {effect.check}")
     if one.beaten:
         name, gain = one.beaten[0]
-        lines.append(f"  next best: {name}, worse by {gain:.0f} of {one.gain:.0f} in deviance")
+        lines.append(f"  2 ln(likelihood ratio) {one.gain:.0f}; of the next best, {name}, {gain:.0f} less")
     return lines
 
 
@@ -90,11 +90,11 @@ def _gap_lines(where: str, before: Gap, after: Gap | None) -> list[str]:
         f"{_off(before.posture_position, before.posture_heading)} off (rms)"
     ]
     if after is not None:
-        lines[-1] += f", after {_off(after.posture_position, after.posture_heading)}"
+        lines[-1] += f"; with what was found: {_off(after.posture_position, after.posture_heading)}"
     if before.position is not None:
         lines.append(f"  axles against the reference: {_off(before.position, before.heading)}")
         if after is not None:
-            lines[-1] += f", after {_off(after.position, after.heading)}"
+            lines[-1] += f"; with what was found: {_off(after.position, after.heading)}"
     return lines
 
 

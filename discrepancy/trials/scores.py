@@ -174,7 +174,7 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         ),
         rate(f"one effect, z >= {STRONG:g}: the truth among the names", one, _in_the_set, least=(0.99, 0.92)),
         rate(f"one effect, z >= {STRONG:g}: a wrong name, the truth not among them", one, _wrong, most=(0.01, 0.02)),
-        rate("clean: a name that nothing bears", among("clean"), lambda own: bool(own.possible), most=(0.01, 0.05)),
+        rate("clean: an effect named (false positive)", among("clean"), lambda own: bool(own.possible), most=(0.01, 0.05)),
         rate(
             f"two effects, the weaker z >= {STRONG_OF_TWO:g}: both named exactly",
             among("two", strong=STRONG_OF_TWO),

@@ -79,7 +79,7 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
     clean, one, two = ([own for own in trials if own.label["stratum"] == kind] for kind in ("clean", "one", "two"))
     thirds = {third: [own for own in one if own.label["hidden"][0]["third"] == third] for third in THIRDS}
     return [
-        rate("clean: a name that nothing bears", clean, lambda own: own.wrong),
+        rate("clean: an effect named (false positive)", clean, lambda own: own.wrong),
         rate("clean: any alarm", clean, lambda own: own.alarm),
         rate("one effect: named exactly", one, lambda own: own.exact),
         *(rate(f"  of {third} size", some, lambda own: own.exact) for third, some in thirds.items()),

@@ -254,7 +254,7 @@ def test_people_read_verdict_value_and_what_to_check(tmp_path, capsys):
     assert "named" in text
     assert "latency of one encoder, castor 3" in text
     assert "to check: " in text
-    assert "odometry off the reference" in text
+    assert "odometry differs from the reference" in text
 
 
 def test_a_measured_base_that_was_told_too_large_is_named():

@@ -77,7 +77,7 @@ def test_a_trial_goes_on_where_it_stopped_and_is_judged(folder):
     assert scored["judged"] == 4
     for own in scored["drives"].values():
         counts = {one["what"]: (one["count"], one["total"]) for one in own["rates"]}
-        assert counts["clean: a name that nothing bears"] == (0, 1)
+        assert counts["clean: an effect named (false positive)"] == (0, 1)
         assert counts["the finder broke down"] == (0, 2)
     text = "\n".join(scores.lines(scored))
     assert "Wheels held at speed:" in text
