@@ -79,7 +79,8 @@ def options(version: command_line.Version = False, traceback: command_line.Trace
 @app.command()
 def inspect(
     logs: Annotated[
-        list[Path], typer.Argument(help="Logs of the robot: CSV files, one a run, or folders: all *.csv in them.")
+        list[Path],
+        typer.Argument(help="Logs of the robot: CSV files, one for each run, or folders: all *.csv in them."),
     ],
     robot: Annotated[
         str | None,
@@ -92,10 +93,10 @@ def inspect(
 ) -> None:
     """Read and check logs, and show their sampling, their channels and whether their encoders agree.
 
-    Agreement is the parity residual: on a robot with more wheels than a motion needs, what is left of each wheel's
-    rolling and each castor's side slip after the rigid motion that fits them best, rms in mm a sample, beside what
-    the rounding of counts alone would leave. Sums over about a second show far smaller errors, as rounding does not
-    add up: the verdict goes by these.
+    Agreement is measured by the parity residual: on a robot with more wheels than a motion needs, the rest of each
+    wheel's rolling and each castor's side slip after the rigid motion that fits them best. It is given as rms in mm a
+    sample, next to the rms that rounding of the counts alone would leave. Sums over about a second show much smaller
+    errors, because rounding does not add up; the verdict uses these sums.
     """
     paths = _logs_of(logs)
     description = _robot(robot) if robot is not None else _robot_beside(paths)
@@ -117,21 +118,24 @@ def find(
         typer.Option(help="A preset's name, or a robot file (.json). Default: robot.json beside the logs."),
     ] = None,
     holdout: Annotated[
-        list[Path] | None, typer.Option(help="Logs, or folders of logs, that a name must be borne out by.")
+        list[Path] | None, typer.Option(help="Logs, or folders of logs, that must confirm each effect.")
     ] = None,
     clean: Annotated[
-        list[Path] | None, typer.Option(help="Logs, or folders, of the robot in good order: what is background.")
+        list[Path] | None,
+        typer.Option(help="Logs, or folders, of the robot without the fault: only what goes beyond them is named."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Write report.html, diagnosis.json and robot.json with what is named to this new folder."),
+        typer.Option(
+            help="Write report.html, diagnosis.json and robot.json with the effects named to this new folder."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/1).")] = False,
 ) -> None:
-    """Name the effects that the robot's file is missing; `find` may be left out.
+    """Name the effects that the robot file lacks; the word `find` may be left out.
 
-    Verdicts: named; ambiguous (these motions do not tell some effects apart); unconfirmed (held-out logs do not bear it
-    out); unexplained (no effect of the catalogue looks like it); no discrepancy.
+    Verdicts: named; ambiguous (these motions cannot distinguish several effects); unconfirmed (the held-out logs do not
+    confirm it); unexplained (no effect of the catalogue explains the logs); no discrepancy.
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
@@ -168,21 +172,23 @@ def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: boo
 @app.command()
 def trial(
     cases: Annotated[
-        int, typer.Option(help="How many; of every twenty, three have no effect (of trains, four).", min=1, max=9999)
+        int,
+        typer.Option(help="How many cases; of every twenty, three have no effect (of trains, four).", min=1, max=9999),
     ] = 20,
     generator: Annotated[
-        str, typer.Option(help="What makes the logs: pymunk, or mujoco, a foreign simulator.")
+        str, typer.Option(help="The simulator that makes the logs: pymunk (the project's own) or mujoco.")
     ] = "pymunk",
-    seed: Annotated[int, typer.Option(help="Of all that is drawn.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
     robot: Annotated[str, typer.Option(help="A preset's name, of a robot or a train.")] = ROBOT,
-    duration: Annotated[float, typer.Option(help="Of each log, s.", min=10.0, max=600.0)] = DURATION,
+    duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
-        Path | None, typer.Option(help="Keep logs, labels and outcomes in this folder; a trial that is there goes on.")
+        Path | None,
+        typer.Option(help="Keep logs, labels and outcomes in this folder; a trial that is there continues."),
     ] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes at a time; default: one a core.", min=1)] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes at a time; default: one per core.", min=1)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/2).")] = False,
 ) -> None:
-    """Hide effects in simulated logs, in processes that the finder does not share, and score what find says of them."""
+    """Hide effects in simulated logs, diagnose the logs in separate processes, and score the diagnoses."""
     if out is not None:
         with command_line.keeping(f"what is done is kept in {out}: the same command continues"):
             _trial(cases, generator, seed, robot, duration, out, jobs, as_json)

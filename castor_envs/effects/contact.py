@@ -70,7 +70,7 @@ class SlipStiffnessLateral(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class ContactCreep(Effect[RobotDescription]):
-    """Contacts give way even where they hardly roll: each slips at `value` (m/s) for every N of force on it.
+    """Contacts creep under force even at rest: each slips at `value` (m/s) for every N of force on it.
 
     Along and across, beside the slip in proportion to the distance rolled.
     """

@@ -72,7 +72,7 @@ class AllWheelRadius(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class CountsPerRev(Effect[RobotDescription]):
-    """A wheel's encoder counts more a turn, by the fraction `value`: as a radius smaller by value/(1 + value)."""
+    """A wheel's encoder has more counts per turn, by the fraction `value`: as a radius smaller by value/(1 + value)."""
 
     name: Literal["counts_per_rev"] = "counts_per_rev"
     castor: Number
@@ -97,7 +97,7 @@ class CountsPerRev(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Track(Effect[RobotDescription]):
-    """The wheels of a castor stand wider apart by the fraction `value`."""
+    """The wheels of a castor are farther apart by the fraction `value`."""
 
     name: Literal["track"] = "track"
     castor: Number
@@ -212,7 +212,7 @@ class PivotBias(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class LoadRadius(Effect[RobotDescription]):
-    """Tyres give way: a wheel's radius is smaller by `value` (m/N) times what it carries more than wheels on average.
+    """Tyres yield: a wheel's radius is smaller by `value` (m/N) times its load beyond the mean load of all wheels.
 
     As castors turn, loads shift (`castor_envs.vehicles.weight.swung_loads`); what accelerating shifts is left out. The
     average is of the standing loads of wheels with encoders. `apply` takes those that stand on each.

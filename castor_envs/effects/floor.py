@@ -25,7 +25,7 @@ PARTS = 128
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class FloorSlope(Effect[RobotDescription]):
-    """The floor rises along x or y (`direction`) of N by `value` (m) each metre."""
+    """The floor rises by `value` (m per m) along x or y (`direction`) of the world frame."""
 
     name: Literal["floor_slope"] = "floor_slope"
     direction: Literal["x", "y"]
@@ -54,7 +54,7 @@ class FloorSlope(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Bump(Effect[RobotDescription]):
-    """A cable of diameter `value` (m) lies on the floor through (x, y), along `direction` (rad, in N).
+    """A cable of diameter `value` (m) lies on the floor through (x, y), along `direction` (rad, world frame).
 
     `length` (m) of it lies there, (x, y) in the middle.
     """
@@ -124,7 +124,7 @@ class Bump(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class FrictionPatch(Effect[RobotDescription]):
-    """In a rectangle of the floor the fraction `value` of the friction is missing.
+    """In a rectangle of the floor the friction is lower by the fraction `value`.
 
     x, y: its centre in N, m. length, width: its sides, m, turned by `angle` (rad).
     """

@@ -128,7 +128,7 @@ class DeadGauge(Effect[TrainDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class ForeshorteningLeftOut(Effect[TrainDescription]):
-    """A frame's posture is computed without the share `value` of the shortening of the bent frame: x is too long."""
+    """A frame's posture leaves out the share `value` of how much the bent frame is shortened: x is too long."""
 
     frame: Number
     value: Annotated[float, Field(ge=0, le=1)] = 1.0

@@ -197,7 +197,8 @@ def _judged(look: Look, again: Look | None, found: list[Found], k: int) -> Findi
     in_logs = {one.candidate: one.gain for one in ranks}
     better = in_logs.get(top.candidate, 0.0) > in_logs.get(own.candidate, 0.0)  # not only where it foretells nothing
     if not top.candidate.kinds and better and top.gain - its_gain > MARGIN:
-        reason = f"an unmodelled alternative explains it better: {top.candidate.what}; the best effect is {own.candidate.what}"
+        best = f"the best effect is {own.candidate.what}"
+        reason = f"an unmodelled alternative explains it better: {top.candidate.what}; {best}"
         return dataclasses.replace(finding, verdict="ambiguous", reason=reason)
     if len(finding.families) > 1:
         reason = f"these motions cannot distinguish: {'; '.join(finding.families)}"

@@ -1,8 +1,8 @@
-"""The pre-flight: gross mistakes, found first and told loudly, before any small effect is looked for.
+"""The pre-flight: gross mistakes, reported before any small effect is looked for.
 
-Builders of such bases report mistakes of assembly most: encoders swapped or reversed, castors in the wrong order,
-counts a turn wrong by a factor, degrees for radians. Each is a hypothesis about how the log was read (`hypotheses`);
-the simplest that makes encoders, and reference, agree with rolling is named (`search`), with all that do so as well.
+Mistakes of assembly are the most common: encoders swapped or reversed, castors in the wrong order, counts per turn
+wrong by a factor, degrees for radians. Each is a hypothesis about how the log was read (`hypotheses`). The simplest
+that makes encoders and reference agree with rolling is reported (`search`), with all others that do so equally well.
 """
 
 from collections.abc import Iterator, Sequence

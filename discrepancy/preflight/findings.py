@@ -1,4 +1,4 @@
-"""What the pre-flight says."""
+"""What the pre-flight finds: mistakes, with the effects that undo them, and remarks."""
 
 from dataclasses import dataclass
 

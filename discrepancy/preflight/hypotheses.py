@@ -1,4 +1,4 @@
-"""The gross mistakes that are looked for: what each would be called, and how a log reads in which it was made."""
+"""The gross mistakes that are looked for: the name of each, and how a log is read that contains it."""
 
 import dataclasses
 import math

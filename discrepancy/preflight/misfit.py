@@ -1,13 +1,12 @@
-"""How much of a robot's motion its log leaves unexplained, if the log was read in a given way.
+"""The misfit of a log: the share of the robot's motion that stays unexplained if the log is read in a given way.
 
-Two shares, each of squares. Parity: of the distances that wheels roll and castors swing, the part that no motion of a
-rigid body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), added up over windows
-of 0.4 s.
-Reference: of the ways between poses, the part by which odometry misses them; where the reference is mounted, and how
-it is turned, is fitted first. The worst tenth of the windows is left out: wheels may slide there, or poses jump.
+There are two shares, each of sums of squares. Parity: the part of rolled distances and castor turns that no rigid motion
+of the body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), summed over windows of
+0.4 s. Reference: the part of the motion between poses by which odometry misses them, after fitting where the reference
+is mounted and how it is turned. The worst tenth of the windows is left out: wheels may slide there, or poses jump.
 
-For a given reading of the pivots everything is linear in the counts: it is worked out once for them (`_Pointed`), and
-any reading of the wheels then costs next to nothing.
+For given pivot readings everything is linear in the counts. It is computed once for these readings (`_Pointed`); any
+reading of the wheels then costs almost nothing.
 """
 
 from collections.abc import Sequence

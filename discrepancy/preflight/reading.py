@@ -1,4 +1,4 @@
-"""What encoders and reference may read instead of what they should: channels exchanged, reversed, scaled, shifted.
+"""How a log may have to be read: channels exchanged, reversed, scaled or shifted.
 
 Channels: the wheels with an encoder, then the castors with a pivot encoder, in the order of the log's columns.
 """

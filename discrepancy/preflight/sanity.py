@@ -1,4 +1,4 @@
-"""What single channels, times and reference poses show, without any model of motion."""
+"""Checks of single channels, times and reference poses, without any model of motion."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The simplest mistake, or two or three together, that makes a log agree with its robot."""
+"""The search for the simplest mistake, or two or three together, that makes a log agree with its robot."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Logs cut into stretches: as much of them as a first look needs, in steps long enough to outweigh rounded counts."""
+"""Logs cut into stretches: enough of a log for a quick check, in steps that outweigh the rounding of counts."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

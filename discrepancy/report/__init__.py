@@ -1,1 +1,1 @@
-"""A diagnosis as people read it."""
+"""Views of a diagnosis: text, data, pictures and a page."""

@@ -1,7 +1,7 @@
-"""The report as one HTML page that needs nothing else: a pure function of the diagnosis' data and of pictures.
+"""The report as one self-contained HTML page: a pure function of the diagnosis' data and of pictures.
 
-`html_of` takes what `castor-diagnose` writes as JSON. What is missing there is left out here; everything that comes
-from users' files is escaped.
+`html_of` takes the data that `castor-diagnose` writes as JSON. Entries that are missing there are left out here; all
+text from users' files is escaped.
 """
 
 import json

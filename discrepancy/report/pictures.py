@@ -1,6 +1,6 @@
-"""Pictures for the report: traces and replays as SVG that stands in a page by itself.
+"""Pictures for the report: traces and replays as SVG to embed in a page.
 
-The same input gives the same bytes. Grey is the description as given, the accent colour the one with what was found.
+The same input gives the same bytes. Grey: the robot file as given; the accent colour: with the effects found.
 """
 
 import io

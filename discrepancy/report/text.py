@@ -1,4 +1,4 @@
-"""A diagnosis as people read it, as JSON, and as files."""
+"""A diagnosis as lines of text, as JSON data, and as files."""
 
 import os
 import shutil
@@ -235,7 +235,9 @@ def _finding_lines(one: Data) -> list[str]:
     if one["cannot_be_told_apart"][1:] and one["deviance"] is None:
         lines.append(f"  or: {'; '.join(one['cannot_be_told_apart'][1:])}")
     if one["deviance"] is not None:
-        lines.append(f"  2 ln(likelihood ratio) {one['deviance']:.0f}" + ("; the other candidates:" if one["rivals"] else ""))
+        lines.append(
+            f"  2 ln(likelihood ratio) {one['deviance']:.0f}" + ("; the other candidates:" if one["rivals"] else "")
+        )
     lines += [f"    {_rival_line(rival)}" for rival in one["rivals"]]
     return lines
 

@@ -1,4 +1,4 @@
-"""What a log shows of a robot along time and on the floor: for pictures, and to say where the discrepancy is."""
+"""A log's motion, errors and slip over time and on the floor: for pictures, and to locate the discrepancy."""
 
 from dataclasses import dataclass
 from typing import Any

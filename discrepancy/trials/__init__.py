@@ -1,1 +1,1 @@
-"""Hidden-effect trials: logs of simulated robots with a hidden effect, and what the finder makes of them."""
+"""Hidden-effect trials: logs of simulated robots with a hidden effect, and how well the diagnosis finds it."""

@@ -1,13 +1,14 @@
-"""Cases of a trial: what is hidden in which, on which motion, and how strong it is to be.
+"""Cases of a trial: which effects each hides, in which motion, and how strong they are to be.
 
-A case follows from its number, the trial's seed and the robot; sizes are settled by measuring (`settling`). Strata:
+A case is determined by its number, the trial's seed and the robot. Its strength z (`strength.separation`) is drawn;
+`strength.solve_size` finds the size of the effect that has this strength. Strata:
 
     clean      nothing
     one        one effect of the catalogue, z log-uniform in 5 to 60
-    large      the same, z in 60 to 600, or wiring gone wrong
+    large      the same, z in 60 to 600, or wrong wiring
     two        two effects of different classes, each as in `one`
     outside    one effect that the catalogue does not have, z as in `one`
-    poor       as `one`, on a motion that shows little: straight to and fro, or the same circle again and again
+    poor       as `one`, in a motion of little information: straight to and fro, or always the same circle
 """
 
 import contextlib

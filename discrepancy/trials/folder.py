@@ -1,6 +1,6 @@
-"""The folder of a trial: what was asked for, numbered cases, which of them are done, and processes that do the rest.
+"""The folder of a trial: its settings, numbered cases, which of them are done, and processes that do the rest.
 
-Whatever is there already is kept, so a trial that was stopped goes on.
+Files that are there already are kept, so a trial that was interrupted continues.
 """
 
 import os

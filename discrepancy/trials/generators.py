@@ -1,4 +1,4 @@
-"""Where a trial's logs come from: the project's own physics, or a foreign simulator."""
+"""Where a trial's logs come from: the project's own physics, or MuJoCo."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Literal, NamedTuple

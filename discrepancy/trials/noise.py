@@ -1,4 +1,4 @@
-"""The reference of a trial's logs: how often it is taken, and how noisy it is."""
+"""The reference in a trial's logs: how often a pose is recorded, and with how much noise."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
-"""Effects that the catalogue does not have: they are hidden in trials to see whether the finder says so.
+"""Effects outside the catalogue, hidden in trials: the right verdict on them is "unexplained".
 
-Each changes what the encoders see of true angles, or the poses that the reference reports; none changes the physics.
+Each changes what encoders read of true angles, or the poses that the reference reports; none changes the physics.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Logs of robots in the project's own pymunk physics, steered by what their own sensors say."""
+"""Logs of robots in the project's own pymunk physics, steered by the readings of their sensors."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""From angles to counts and back, and from an exact log to one as it would be recorded."""
+"""From angles to counts and back, and from an exact log to a log as it would be recorded (rounded, with noise)."""
 
 import dataclasses
 

@@ -1,13 +1,14 @@
-"""Runs a trial: makes cases in processes of their own, then hands the finder files and nothing else.
+"""Runs a trial: makes cases in separate processes, then gives the diagnosis their files and nothing else.
 
-    trial.json                      what was asked for: cases, seed, generator, robot, duration
-    cases/case-0001/                log.csv, holdout.csv and robot.json (nominal): all that the finder gets
-    clean/1.csv ...                 logs of the robot without any effect, which it gets for a foreign generator
-    labels/case-0001.json, .npz     what was hidden and how strong it is; the true and the nominal held-out log, exact
-    outcomes/case-0001.json         what the finder said
-    left/case-0001.json             what a re-simulation of the robot found leaves of the held-out signal
+    trial.json                      the settings: cases, seed, generator, robot, duration
+    cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): all that is diagnosed
+    clean/1.csv ...                 logs of the robot without any effect, given as clean logs with MuJoCo only
+    labels/case-0001.json, .npz     the hidden effect and its strength; the held-out log with and without it, exact
+    outcomes/case-0001.json         the diagnosis
+    left/case-0001.json             the part of the effect's change to the held-out log that remains when the
+                                    robot as diagnosed is simulated again
 
-Whatever is there already is kept, so a trial that was stopped goes on.
+Files that are there already are kept, so a trial that was interrupted continues.
 """
 
 import dataclasses

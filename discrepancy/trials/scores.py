@@ -1,8 +1,8 @@
-"""How good a finder is, from what it said of cases (`run`) and what was hidden in them.
+"""Scores of a trial: how often diagnoses are right, from what was found (`run`) and what was hidden.
 
-Everything is a count of cases with a 95 % Wilson interval. Classes count, not names: what no log can tell apart is one.
-Effects with z below `STRONG` in the held-out log do not count, as no log could bear out what was found of them. The
-finder is sure of what it `named`; a name is wrong where the truth is not even among what it calls possible.
+Every score is a count of cases with its 95 % Wilson interval. Effects that no log can distinguish count as the same
+class. Cases whose effect has z below `STRONG` in the held-out log do not count, as that log could not confirm it.
+A diagnosis is wrong (a false positive) if it names or lists effects, and what was hidden is not among them.
 """
 
 import dataclasses
@@ -174,7 +174,9 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         ),
         rate(f"one effect, z >= {STRONG:g}: the truth among the names", one, _in_the_set, least=(0.99, 0.92)),
         rate(f"one effect, z >= {STRONG:g}: a wrong name, the truth not among them", one, _wrong, most=(0.01, 0.02)),
-        rate("clean: an effect named (false positive)", among("clean"), lambda own: bool(own.possible), most=(0.01, 0.05)),
+        rate(
+            "clean: an effect named (false positive)", among("clean"), lambda own: bool(own.possible), most=(0.01, 0.05)
+        ),
         rate(
             f"two effects, the weaker z >= {STRONG_OF_TWO:g}: both named exactly",
             among("two", strong=STRONG_OF_TWO),

@@ -1,4 +1,4 @@
-"""What an effect that is left out costs in use: how far it leads odometry astray."""
+"""What an effect costs in use: the error of odometry over 10 m that ignoring it makes."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The drive that would tell apart what these logs do not."""
+"""The drive that would distinguish candidates which the given logs do not."""
 
 from collections.abc import Sequence
 

@@ -1,17 +1,17 @@
-"""Replays a log through the full simulation, in short windows from measured states, and shows where it ends up.
+"""Replays a log through the full simulation, in short windows from measured states, and measures the gap.
 
-Every window begins where the reference was taken: the robot stands at that pose, its castors as their pivots read
-(without what the robot's own effects on sensors add), and is driven as the log says until a later reference pose. The
-gap is what the simulated body moved beyond the reference, and what the simulated encoders counted beyond the log's.
+A window begins at a reference pose: the simulated robot is put there, with its castors as their pivot encoders read
+(corrected for the robot's effects on sensors), and driven as logged until a later reference pose. The gap is the
+simulated motion minus the reference's, and the simulated counts minus the logged ones.
 
-Two ways to drive. "commands": the logged commands, through the simulated motors, as on the robot; what differs is all
-that the description lacks, wheels that do not turn as simulated among it. "counts": wheels turn as their encoders
-counted, whatever torque it takes, and steering motors follow their pivots; what differs is how that becomes motion.
+Two ways to drive. "commands": the logged commands go through the simulated motors, as on the robot; the gap has all
+that the description lacks, also in how wheels follow commands. "counts": wheels turn as their encoders counted,
+whatever torque it takes, and steering motors follow the pivot encoders; the gap has only how turning becomes motion.
 
-No log tells what the motors' integrators had added up and how the contacts were stretched when a window began. Both are
-handed on from window to window, with the velocities, while body and castors are put back to where they were measured:
-wheels that work against each other remember it for some two metres. The first window, and one after a gap, is driven
-into from `WARM_UP` before.
+A log does not hold the motors' integrators and the deflection of contacts at the start of a window. Both, and the
+velocities, are carried over from the window before, while body and castors are reset to the measured state: forces
+between wheels that disagree last for about two metres. The first window, and the first after a break in the log, is
+preceded by a run of `WARM_UP` seconds.
 """
 
 import dataclasses

@@ -1,1 +1,1 @@
-"""Logs of a foreign simulator."""
+"""Logs from another simulator: MuJoCo, with contacts in 3-D."""

@@ -1,7 +1,7 @@
-"""What the numbers of a robot file mean to the foreign simulator, and how effects on dimensions change them.
+"""The numbers of a robot file as the MuJoCo model takes them, and how effects on dimensions change them.
 
-Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`, as the
-simulator is to share no geometry with the rest.
+Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: this simulator
+shares no geometry code with the project's own.
 """
 
 import dataclasses

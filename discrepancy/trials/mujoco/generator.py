@@ -1,8 +1,8 @@
-"""Logs from a foreign simulator: rigid bodies in 3-D with MuJoCo's contacts, for trials of the finder.
+"""Logs for trials from another simulator: rigid bodies in 3-D with MuJoCo's contacts.
 
-Nothing here uses the project's own physics, kinematics or readers of effects. `drive` makes a log: `simulate` runs the
-robot in steps of about 1 ms, steered by what its own encoders say, and `read` samples that run as the log has it. The
-same run can be read for the same robot with other effects on its sensors.
+Nothing here uses the project's own physics, kinematics or sensor models. `drive` makes a log: `simulate` runs the
+robot in steps of about 1 ms, steered by the readings of its encoders, and `read` samples that run at the log's rate.
+The same run can be read again for the same robot with other effects on its sensors.
 
 Steps are of second order: contacts hold half-way through each step, so that paths are not off by the half step that
 MuJoCo's own integrators lag behind, as a late encoder would.

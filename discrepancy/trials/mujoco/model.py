@@ -1,8 +1,8 @@
-"""The foreign simulator's robot: a MuJoCo model from the numbers of a robot file.
+"""A MuJoCo model of a robot, from the numbers of a robot file.
 
-The chassis is a free rigid body, its frame at the height of the largest wheel's axle. Every wheel hangs on a vertical
-slide of its own with spring and damper, and wheels of one castor share load through a spring that only their rising
-together presses in, so all wheels carry load over bumps too. A wheel is a thin ellipsoid, which touches a plane at one
+The chassis is a free rigid body, its frame at the height of the largest wheel's axle. Every wheel hangs on a
+vertical slide with spring and damper, and the wheels of a castor share load through a spring that only their rising
+together compresses, so all wheels carry load over bumps too. A wheel is a thin ellipsoid, which touches a plane at one
 point. Robots whose castors do not hold them upright get four frictionless skids. Wheels and steering have velocity
 servos: torque = gain * (command - rate), within the motor's torque.
 

@@ -1,4 +1,4 @@
-"""Effects that nobody's catalogue has, for the foreign simulator: what a finder must not put a wrong name to.
+"""Effects outside the catalogue, for the MuJoCo simulator: the right verdict on them is "unexplained".
 
 Castors and wheels are numbered from 1.
 """

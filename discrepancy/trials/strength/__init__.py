@@ -1,1 +1,1 @@
-"""How strongly a hidden effect shows."""
+"""The strength of a hidden effect in a log."""

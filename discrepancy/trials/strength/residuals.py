@@ -1,9 +1,9 @@
-"""The residuals of a log that the strength of an effect is measured in, and what they depend on.
+"""The residuals of a log in which the strength of an effect is measured.
 
-    parity    of windows of 0.1 s, what of the rolling constraints no rigid motion of the body explains
-    steps     of 1 s, how the reference moved less how the counts say that the body moved, in the body's frame
+    parity    in windows of 0.1 s: rolling and side slip that no rigid motion of the body explains
+    steps     of 1 s: motion of the reference minus motion of the body by its counts, in the body's frame
 
-The constraints are stated here anew, so that trials do not judge the finder by its own equations. A wheel `lateral` to
+The constraints are stated here anew, so that trials do not judge a diagnosis by its own equations. A wheel `lateral` to
 the left of a castor that pivots at p and trails by `offset`, with e along the castor, n to its left, body motion
 (v, omega) and castor turn dtheta,
 

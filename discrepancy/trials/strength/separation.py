@@ -1,9 +1,11 @@
-"""z: how strongly an effect shows in a log, whoever looks; z_sep: how far it stands from every other effect.
+"""z: the strength of an effect in a log, in standard deviations; z_sep: its distance from every other effect.
 
-The residuals of the nominal robot (`residuals`) are whitened by declared numbers (`whitening`). The difference that an
-effect makes, with counts not rounded and without noise of the reference, is its signal; z is the signal's norm. Steps
-of the reference do not know the start pose; what every finder fits anyway, the reference's clock offset and the tracked
-point (x, y and yaw on the body), is projected out.
+    z = |P W (r_with - r_without)|        z_sep = min over other effects of |that, less its projection on their signals|
+
+r: residuals of the robot file without the effect (`residuals`), of logs with and without it, counts not rounded, no
+noise of the reference. W whitens them by the declared noise (`whitening`). P projects out what any diagnosis fits
+anyway: the reference's clock offset and the tracked point (x, y and yaw on the body). Steps of the reference do not
+depend on the start pose.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Settles how large what a case hides has to be, and measures how strong it is in both of its logs."""
+"""Finds the size at which a case's effects have the strength asked for, and measures it in both of its logs."""
 
 import dataclasses
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The covariance of residuals, of declared numbers alone."""
+"""The covariance of residuals, from the declared noise alone."""
 
 from dataclasses import dataclass
 
