@@ -1,9 +1,10 @@
 """The misfit of a log: the share of the robot's motion that stays unexplained if the log is read in a given way.
 
-There are two shares, each of sums of squares. Parity: the part of rolled distances and castor turns that no rigid motion
-of the body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), summed over windows of
-0.4 s. Reference: the part of the motion between poses by which odometry misses them, after fitting where the reference
-is mounted and how it is turned. The worst tenth of the windows is left out: wheels may slide there, or poses jump.
+There are two shares, each of sums of squares. Parity: the part of rolled distances and castor turns that no rigid
+motion of the body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), summed over
+windows of 0.4 s. Reference: the part of the motion between poses by which odometry misses them, after fitting where
+the reference is mounted and how it is turned. The worst tenth of the windows is left out: wheels may slide there, or
+poses jump.
 
 For given pivot readings everything is linear in the counts. It is computed once for these readings (`_Pointed`); any
 reading of the wheels then costs almost nothing.
