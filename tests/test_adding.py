@@ -1,4 +1,4 @@
-"""What docs/adding.md says: each thing is added in one file. The page's files are put into a copy, its checks are run."""
+"""What docs/adding.md says: each thing is added in one file. Its files are put into a copy, its checks are run."""
 
 import re
 import shutil
