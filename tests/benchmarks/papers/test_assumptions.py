@@ -8,7 +8,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.papers.assumptions import Assumptions, option_name
 from castor_envs import command_line
-from castor_envs.effects.dimensions import PivotBias
+from castor_envs.effects import PivotBias
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset
 
@@ -39,7 +39,7 @@ def test_every_assumption_is_an_option_with_default_and_reason(castor_bench, mon
 
 
 def test_json_holds_all_conditions_and_people_read_the_changed_ones(castor_bench):
-    arguments = ("tables", "--table", "doebbler-2", "--sets", 2, "--corners", "rounded", "--runs", 2, "--speed", 0.5)
+    arguments = ("tables", "--table", "doebbler-2", "--sets", 2, "--corners", "rounded", "--runs", 2, "--speed", 0.2)
     code, out, err = castor_bench(*arguments, "--json")
     assert (code, err) == (0, "")
     (table,) = json.loads(out)["tables"]
@@ -48,7 +48,7 @@ def test_json_holds_all_conditions_and_people_read_the_changed_ones(castor_bench
     assert table["conditions"] == {
         "sets": 2,
         "robot": "asoc-prototype",
-        "speed_m_s": 0.5,
+        "speed_m_s": 0.2,
         "acceleration_m_s2": 0.5,
         "corners": "rounded",
         "corner_radius_m": 0.159,
@@ -62,7 +62,7 @@ def test_json_holds_all_conditions_and_people_read_the_changed_ones(castor_bench
         assert value["ours_percent_of_path_length"] == pytest.approx(0.1 * value["ours_mm"] / length)
     _, out, _ = castor_bench(*arguments)
     assert (
-        "Changed conditions: sets 2 (default 1000), speed 0.5 m/s (default 0.25), corners rounded (default turn), "
+        "Changed conditions: sets 2 (default 1000), speed 0.2 m/s (default 0.25), corners rounded (default turn), "
         "runs 2 (default 5). --json shows all of them, castor-bench tables --help their reasons." in out
     )
 
@@ -106,7 +106,7 @@ def test_tables_without_assumptions_show_none(castor_bench):
             "robot 4-castor: Doebbler's Tables II and III leave out one castor of three, and it has 4; choose another, "
             "or --table doebbler-1",
         ),
-        (("--robot", "asoc-prototyp"), "unknown robot 'asoc-prototyp'; did you mean 'asoc-prototype'?"),
+        (("--robot", "asoc-prototyp"), "unknown robot or train 'asoc-prototyp'; did you mean 'asoc-prototype'?"),
         (("--robot", "none.json"), "none.json: cannot be read (No such file or directory)"),
         (
             ("--speed", 1),

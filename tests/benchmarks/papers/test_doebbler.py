@@ -61,7 +61,8 @@ def followed(estimator, robot, log):
 
 
 @pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
-@pytest.mark.parametrize(("errors", "corners"), [(UNCALIBRATED, "turn"), (CALIBRATED, "fixed")])
+@pytest.mark.parametrize("corners", ["turn", "fixed"])
+@pytest.mark.parametrize("errors", [UNCALIBRATED, CALIBRATED], ids=["uncalibrated", "calibrated"])
 def test_every_set_is_the_tasks_case_followed_run_by_run(errors, corners):
     found = errors_of_sets(Conditions(Assumptions(corners=corners), sets=2), errors)
     task = KinematicUMBmark("square", "", "", errors, corners)
