@@ -108,7 +108,7 @@ class Effect(Generic[V]):
             cls.scope = vehicle.scope
 
     @classmethod
-    def variants(cls, vehicle: V) -> tuple[Self, ...]:
+    def variants(cls, vehicle: V, /) -> tuple[Self, ...]:
         """Return one instance of size `step` for everything on the vehicle that may have this effect.
 
         None for effects at a place or at times that the vehicle's file cannot tell: those have to be found first.
@@ -120,7 +120,7 @@ class Effect(Generic[V]):
         places = ((name, getattr(self, name, None)) for name in ("castor", "wheel"))
         return tuple(f"{name} {number}" for name, number in places if number is not None)
 
-    def apply(self, vehicle: V) -> V:
+    def apply(self, vehicle: V, /) -> V:
         """Return the vehicle with its dimensions as they really are; unchanged by effects on encoders.
 
         Raises InputError where the vehicle does not have what the effect changes.
@@ -128,11 +128,11 @@ class Effect(Generic[V]):
         self.sensor_model(vehicle)  # refuses what is not there
         return vehicle
 
-    def sensor_model(self, vehicle: V) -> SensorModel | None:
+    def sensor_model(self, vehicle: V, /) -> SensorModel | None:
         """Return what this effect makes of angles on their way to the encoders, new for each run; None: nothing."""
         return None
 
-    def radius_change(self, vehicle: V) -> RadiusChange | None:
+    def radius_change(self, vehicle: V, /) -> RadiusChange | None:
         """Return how radii change as castors turn, given the vehicle before this effect; None: they do not."""
         return None
 
@@ -144,7 +144,7 @@ class Effect(Generic[V]):
         """Return the poses (K, 3) that the reference shows of a body that truly stands at `pose` (K, 3)."""
         return pose
 
-    def floor(self, vehicle: V, floor: Floor) -> Floor:
+    def floor(self, vehicle: V, floor: Floor, /) -> Floor:
         """Return the floor as it really is under this vehicle, given how it is described."""
         return floor
 
@@ -197,7 +197,8 @@ class EffectOf:
 
 @functools.cache
 def _any_of(kinds: tuple[type[Effect], ...]) -> TypeAdapter[Effect]:
-    return TypeAdapter(Annotated[Union[kinds], Field(discriminator="name")])  # noqa: UP007
+    told_by_name: Any = Annotated[Union[kinds], Field(discriminator="name")]  # noqa: UP007  # pyright: ignore
+    return TypeAdapter(told_by_name)
 
 
 def apply_effects(vehicle: V, effects: tuple[Effect[V], ...]) -> V:

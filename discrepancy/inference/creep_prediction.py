@@ -50,9 +50,10 @@ class Slipping:
         for effect in self._robot.effects:
             if effect.creep is not None:
                 try:
-                    total = total + effect.slip(ContactMotion(self._without.as_built(), motion))
+                    slip = effect.slip(ContactMotion(self._without.as_built(), motion))
                 except InputError:  # it cannot stand by itself
                     continue
+                total = total if slip is None else total + slip
         return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:

@@ -210,9 +210,8 @@ def test_robots_and_trains_take_their_own_effects_only():
 
 @pytest.mark.parametrize("kind", [*EFFECTS.values(), *TRAIN_EFFECTS.values()], ids=lambda kind: kind.__name__)
 def test_what_an_effect_says_of_itself_is_so(kind):
-    robot = kind.scope == "robot"
-    known = ROBOT if robot else load_train("cfmmr-2")
-    effect = (kind.variants(known) or (PLACED.get(kind.__dataclass_fields__["name"].default),))[-1]
+    name = kind.__dataclass_fields__["name"].default
+    effect = BY_NAME[name] if kind.scope == "robot" else kind.variants(load_train("cfmmr-2"))[-1]
     bounds = TypeAdapter(kind).json_schema()["properties"]["value"]
     assert kind.binary == (bounds.get("minimum") == bounds.get("maximum") == 1.0)
     if kind.wiring:  # twice it is undone
