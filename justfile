@@ -33,3 +33,7 @@ bench *options:
 docs:
     {{python}} scripts/make_architecture.py
     {{python}} scripts/make_effects_table.py
+
+# docs/results.json and the tables of estimators, from a run of the whole benchmark.
+results folder="castor-results":
+    {{python}} scripts/make_results.py {{folder}}

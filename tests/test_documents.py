@@ -1,0 +1,198 @@
+"""The documents are true: tables are those of stored results, these are what the code gives, what is named is there."""
+
+import importlib.util
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.main import get_command
+
+from benchmarks.cli import app
+from benchmarks.leaderboard.ranking import interval, ranks
+from benchmarks.results.rows import ResultsStore
+from benchmarks.run.plan import Assignment, run
+from benchmarks.scoring.registry import BOARD_METRICS
+from benchmarks.tasks import official_tasks, select_tasks
+from estimators.plugins.registry import load_estimator
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+FIGURES = json.loads((DOCS / "results.json").read_text(encoding="utf-8"))
+BOARDS = {board["task"]: board for board in FIGURES["tasks"]}
+PAGES = ("README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in DOCS.glob("*.md")))
+FEW_DIGITS = 1e-7
+"""Relative: the stored numbers have ten digits, and limits of intervals lose some of them."""
+
+
+def make_results():
+    spec = importlib.util.spec_from_file_location("make_results", ROOT / "scripts" / "make_results.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def scores(task):
+    """Return the ranking scores (cases,) of each estimator that failed in none."""
+    board = BOARDS[task]
+    return {entry["estimator"]: np.array(entry["by_case"]) for entry in board["estimators"] if not entry["failed"]}
+
+
+def mean(task, estimator):
+    return scores(task)[estimator].mean()
+
+
+def rank(task):
+    return {entry["estimator"]: entry["rank"] for entry in BOARDS[task]["estimators"]}
+
+
+def test_tables_are_those_of_the_stored_results():
+    script = make_results()
+    pages = [path.read_text(encoding="utf-8") for path in script.PAGES]
+    assert [script.with_tables(page, FIGURES) for page in pages] == pages, "run python scripts/make_results.py"
+    for name in script.TABLES:
+        assert sum(page.count(script.START.format(name)) for page in pages) == 1, name
+
+
+def test_stored_results_are_of_the_official_tasks():
+    for task in official_tasks():
+        if task.missing is None or task.name in BOARDS:
+            board = BOARDS[task.name]
+            assert (board["version"], board["metric"], board["cases"]) == (
+                task.version,
+                task.metric,
+                list(task.cases()),
+            ), "castor-bench run, then python scripts/make_results.py"
+    assert set(BOARDS) <= {task.name for task in official_tasks()}
+
+
+@pytest.mark.parametrize("task", BOARDS)
+def test_means_intervals_and_ranks_follow_from_the_cases(task):
+    metric = BOARD_METRICS[BOARDS[task]["metric"]]
+    for entry in BOARDS[task]["estimators"]:
+        values = [value for value in entry["by_case"] if value is not None]
+        assert entry["failed"] == len(entry["by_case"]) - len(values)
+        if values:
+            found = interval(values, metric.within)
+            for number, stored in zip((found.mean, found.low, found.high), entry["scores"][metric.name], strict=True):
+                assert (number is None) == (stored is None)
+                assert number is None or number == pytest.approx(stored, rel=FEW_DIGITS, abs=metric.rounding)
+    ranked = {name: values for name, values in scores(task).items() if rank(task)[name] is not None}
+    assert ranks(ranked, metric.rounding) == {name: rank(task)[name] for name in ranked}
+
+
+AFRESH = {
+    "configuration-static": ("grpec-xy", "grpec-phi", "grpec-dev", "rmspec", "train-least-squares", "train-odometry"),
+    "configuration-two-of-five": ("grpec-xy", "rmspec", "inlier-least-squares"),
+    "umbmark-kinematic-calibrated": ("cast-0", "ipec-1", "dead-reckoning-1"),
+    "umbmark-physics-clean": ("cast-0",),
+    "umbmark-measured-nominal": ("dead-reckoning-1",),
+}
+"""Tasks whose first case is run again, with estimators."""
+
+
+def test_a_case_of_several_tasks_run_afresh_gives_the_stored_scores(tmp_path):
+    measured = Path(os.environ["CASTOR_DATA"]) if "CASTOR_DATA" in os.environ else None
+    tasks = [task for task in select_tasks(official_tasks(measured), list(AFRESH)) if task.missing is None]
+    run(
+        [Assignment(task, tuple(task.cases(1)), tuple(map(load_estimator, AFRESH[task.name]))) for task in tasks],
+        tmp_path,
+    )
+    for task in tasks:
+        rows = list(ResultsStore(tmp_path).rows(task.name, task.version))
+        assert {row.estimator for row in rows} == set(AFRESH[task.name])
+        for row in rows:
+            stored = scores(task.name)[row.estimator][0]
+            assert row.scores[task.metric] == pytest.approx(stored, rel=1e-6, abs=BOARD_METRICS[task.metric].rounding)
+
+
+def test_the_table_of_tasks_has_their_names_cases_and_metrics():
+    page = (DOCS / "benchmark.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`[a-z].*)\|$", page.split("\n## Tasks\n")[1].split("\n## ")[0], flags=re.M)
+    found = {}
+    for row in rows:
+        names, *_, cases, title = (cell.strip() for cell in row.split("|"))
+        found |= {name: (int(cases.split()[0]), title) for name in re.findall(r"`(.*?)`", names)}
+    assert found == {task.name: (len(task.cases()), BOARD_METRICS[task.metric].title) for task in official_tasks()}
+
+
+@pytest.mark.parametrize("document", PAGES)
+def test_paths_in_documents_exist(document):
+    text = (ROOT / document).read_text(encoding="utf-8")
+    named = re.findall(
+        r"(?<![\w/.-])((?:castor_envs|estimators|benchmarks|discrepancy|tests|scripts|docs)/[\w/.-]*\w)", text
+    )
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize("document", PAGES)
+def test_commands_and_options_in_documents_exist(document):
+    text = (ROOT / document).read_text(encoding="utf-8")
+    blocks = "\n".join(re.findall(r"```bash\n(.*?)```", text, flags=re.S))
+    spans = [*re.findall(r"`([^`\n]+)`", text), *re.split(r"\n|&&", blocks)]
+    commands = getattr(get_command(app), "commands")  # noqa: B009 - a group, which the type does not tell
+    for span in spans:
+        name, *words = span.split("#")[0].split() or [""]
+        if name.rpartition("/")[2] == "castor-bench" and words:
+            assert words[0] in commands, f"{document}: {span}"
+            options = {option for parameter in commands[words[0]].params for option in parameter.opts} | {"--help"}
+            assert {word for word in words if word.startswith("--")} <= options, f"{document}: {span}"
+
+
+def test_what_the_pages_say_of_square_tasks():
+    uncalibrated, calibrated = "umbmark-kinematic-uncalibrated", "umbmark-kinematic-calibrated"
+    clean, cables, slippery = "umbmark-physics-clean", "umbmark-physics-cables", "umbmark-physics-slippery"
+    all_but = {f"{name}-{castor}" for name in ("cast", "ipec") for castor in (1, 2, 3)}
+    assert {rank(task)["cast-0"] for task in (uncalibrated, calibrated, clean, slippery)} == {1}
+    assert min(rank(task)[name] for task in (uncalibrated, calibrated) for name in all_but) > 1
+    rolling, slipping = interval(scores(calibrated)["cast-0"]), interval(scores(clean)["cast-0"])
+    assert rolling.high > slipping.low
+    assert min(mean(cables, name) for name in ("cast-1", "ipec-1")) > 3 * mean(cables, "cast-0")
+    assert max(mean(cables, name) for name in ("cast-2", "cast-3", "ipec-2", "ipec-3")) < mean(cables, "cast-0")
+    together = [mean(slippery, name) for name in {*all_but, "cast-0", "cast-arc-0"}]
+    assert max(together) < 1.1 * min(together)
+    assert {rank(slippery)[name] for name in {*all_but, "cast-0", "cast-arc-0"}} == {1}
+
+
+def test_what_the_pages_say_of_calibration():
+    def error(task, method, metric):
+        (entry,) = (entry for entry in BOARDS[task]["estimators"] if entry["estimator"] == method)
+        return entry["scores"][metric][0]
+
+    for metric in ("radius_error", "half_track_error"):
+        rolling = error("calibration-pivoting", "pivoting", metric)
+        assert error("calibration-physics", "pivoting", metric) > 10 * rolling
+    left = mean("calibration-umbmark", "umbmark-correction") / mean("calibration-umbmark", "uncalibrated")
+    assert left == pytest.approx(1 / 8, abs=0.02)
+    likelihood = mean("calibration-umbmark", "maximum-likelihood")
+    assert likelihood < mean("calibration-umbmark", "umbmark-correction") / 5
+    by_correction = error("calibration-umbmark", "umbmark-correction", "radius_error")
+    assert error("calibration-umbmark", "maximum-likelihood", "radius_error") > by_correction
+    if "calibration-measured" in BOARDS:
+        assert set(rank("calibration-measured").values()) == {1}
+
+
+def test_what_the_pages_say_of_trains():
+    snapshots = [task for task in BOARDS if task.startswith("configuration-")]
+    drives = [task for task in BOARDS if task.startswith("train-")]
+    assert (len(snapshots), len(drives)) == (5, 6)
+    for task in (*snapshots, *drives):
+        assert rank(task)["inlier-least-squares"] == 1
+    for task in ("configuration-one-of-three", "configuration-two-of-five"):
+        (grpec,) = (entry for entry in BOARDS[task]["estimators"] if entry["estimator"] == "grpec-xy")
+        assert grpec["scores"]["sound_axle_chosen"][0] > 0.95
+        assert mean(task, "grpec-xy") > mean(task, "inlier-least-squares")
+        assert mean(task, "train-least-squares") > 2 * mean(task, "grpec-xy")
+    assert rank("configuration-small")["train-least-squares"] == 2
+    better = {
+        name
+        for name in scores("train-2-patch")
+        if all(mean(task, name) < mean(task, "train-odometry") for task in drives if name in scores(task))
+    }
+    assert better == {"inlier-least-squares"}
+    for task in drives:
+        assert min(mean(task, f"grpec-{metric}") for metric in ("xy", "phi", "dev")) > mean(task, "train-odometry")
+    for task in ("train-2-patch", "train-2-cables"):
+        assert mean(task, "two-truck-ipec") > 5 * mean(task, "train-odometry")
