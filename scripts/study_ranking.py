@@ -46,8 +46,9 @@ def splits(draw: Draw, estimators: int, cases: int, boards: int) -> str:
 def coverage(draw: Draw, mean: float, cases: int, samples: int) -> str:
     """Return in what share of samples the interval covers the true mean."""
     random = np.random.default_rng(cases)
-    intervals = (interval(draw(random, (cases,))) for _ in range(samples))
-    return f"{100 * np.mean([found.low <= mean <= found.high for found in intervals]):.1f}"
+    limits = (interval(draw(random, (cases,))) for _ in range(samples))
+    covered = [found.low is not None and found.high is not None and found.low <= mean <= found.high for found in limits]
+    return f"{100 * np.mean(covered):.1f}"
 
 
 def main() -> None:

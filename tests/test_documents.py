@@ -28,6 +28,8 @@ FEW_DIGITS = 1e-7
 
 def make_results():
     spec = importlib.util.spec_from_file_location("make_results", ROOT / "scripts" / "make_results.py")
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -147,7 +149,7 @@ def test_what_the_pages_say_of_square_tasks():
     assert {rank(task)["cast-0"] for task in (uncalibrated, calibrated, clean, slippery)} == {1}
     assert min(rank(task)[name] for task in (uncalibrated, calibrated) for name in all_but) > 1
     rolling, slipping = interval(scores(calibrated)["cast-0"]), interval(scores(clean)["cast-0"])
-    assert rolling.high > slipping.low
+    assert (rolling.high or 0) > (slipping.low or np.inf)
     assert slipping.mean == pytest.approx(1.25 * rolling.mean, rel=0.1)
     assert min(mean(cables, name) for name in ("cast-1", "ipec-1")) > 3 * mean(cables, "cast-0")
     assert max(mean(cables, name) for name in ("cast-2", "cast-3", "ipec-2", "ipec-3")) < mean(cables, "cast-0")
