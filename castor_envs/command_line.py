@@ -31,8 +31,8 @@ _kept: list[str] = []
 _endings: list[Callable[[], None]] = []
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(value: bool) -> None:
+    if value:
         print(f"castor-envs {importlib.metadata.version('castor-envs')}")
         raise typer.Exit
 

@@ -138,10 +138,10 @@ def run_jobs(agenda: Agenda, processes: int) -> Generator[tuple[Job, Outcome], N
                 if not idle:
                     workers.append(_Worker())
                     continue
-                own = [worker for worker in idle if worker.owner in (None, job.owner)]
-                worker = own[-1] if own else idle[-1]
+                matching = [worker for worker in idle if worker.owner in (None, job.owner)]
+                worker = matching[-1] if matching else idle[-1]
                 idle.remove(worker)
-                if own and worker.give(job):
+                if matching and worker.give(job):
                     job = None
                 else:
                     worker.kill()

@@ -110,9 +110,9 @@ class Geometry:
             "roller": 1,
         }
         changed = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        for name, own in parameters.items():
+        for name, ndim in parameters.items():
             array = changed[name]
-            split = array.ndim - own
+            split = array.ndim - ndim
             changed[name] = array.reshape(array.shape[:split] + (1,) * axes + array.shape[split:])
         return Geometry(**changed)
 

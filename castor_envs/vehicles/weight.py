@@ -58,8 +58,8 @@ def swung_loads(robot: RobotDescription, gravity: float, castor_angle: Array) ->
     pivot, offset = (np.array([getattr(castor, name) for castor in robot.castors]) for name in ("pivot", "offset"))
     behind = np.stack([np.cos(castor_angle), np.sin(castor_angle)], axis=-1) * offset[:, None]
     on_castor = _castor_loads(robot, gravity, pivot - behind)
-    own = np.array([castor.mass * gravity for castor in robot.castors])
-    return np.maximum(on_castor, own)[:, list(robot.wheel_castors)] * _shares(robot)
+    castor_weight = np.array([castor.mass * gravity for castor in robot.castors])
+    return np.maximum(on_castor, castor_weight)[:, list(robot.wheel_castors)] * _shares(robot)
 
 
 def _castor_loads(robot: RobotDescription, gravity: float, places: Array) -> Array:
