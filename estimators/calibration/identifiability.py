@@ -79,8 +79,8 @@ def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:
 def rests_on(calibration: Calibration, unseen: Sequence[Unseen]) -> list[tuple[Unseen, ...]]:
     """Return for every parameter what its interval takes to be right in the robot file."""
     scale = np.array([p.scale for p in calibration.parameters])
-    moved = [one.moves * scale > RESTS * calibration.standard_errors for one in unseen]
-    return [tuple(one for one, by in zip(unseen, moved, strict=True) if by[i]) for i in range(len(scale))]
+    moved = [effect.moves * scale > RESTS * calibration.standard_errors for effect in unseen]
+    return [tuple(effect for effect, by in zip(unseen, moved, strict=True) if by[i]) for i in range(len(scale))]
 
 
 def _width(parameters: Sequence[Parameter], moves: Array) -> str:

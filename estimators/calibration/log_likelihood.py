@@ -157,7 +157,7 @@ class LogLikelihood:
         self._expected = np.zeros((len(log) - 1, len(self._used)))
 
         self._rests = tuple(
-            bool(np.ptp(some, axis=0).max() <= 1) for some in (self._counts[:REST], self._counts[-REST:])
+            bool(np.ptp(counts, axis=0).max() <= 1) for counts in (self._counts[:REST], self._counts[-REST:])
         )
 
         self._t = log.t
@@ -180,8 +180,8 @@ class LogLikelihood:
         """Return what every row's wheel rolled in every step (K - 1, rows), m; of side slip: its castor on average."""
         rolled = self._rolled(geometry, state[:, 3:])
         first = len(self._rolling)
-        own = self._castor[:first] == self._castor[first:, None]
-        rolled[:, first:] = rolled[:, :first] @ (own / np.maximum(own.sum(axis=1, keepdims=True), 1)).T
+        in_castor = self._castor[:first] == self._castor[first:, None]
+        rolled[:, first:] = rolled[:, :first] @ (in_castor / np.maximum(in_castor.sum(axis=1, keepdims=True), 1)).T
         return rolled
 
     def wanted(self, state: Array) -> Array:
@@ -300,7 +300,7 @@ class LogLikelihood:
         n = p + len(clock)
         random = np.random.default_rng(self._number)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
-        columns, own = np.zeros((len(state), size, n + 1 + probes)), np.zeros((n, n + 1 + probes))
+        columns, numbers_block = np.zeros((len(state), size, n + 1 + probes)), np.zeros((n, n + 1 + probes))
         rights = {}
         for name, rows in kinds.items():
             k, r = rows.values.shape
@@ -315,16 +315,16 @@ class LogLikelihood:
                 _add(diagonal, at + 1, end @ rows.end)
                 _add(above, at, start @ rows.end)
                 _add(columns, at + 1, end @ right)
-            own += _squared(right.reshape(k * r, right.shape[-1]))[:n]
+            numbers_block += _squared(right.reshape(k * r, right.shape[-1]))[:n]
         believed = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6
-        own[p:, p:n] += np.diag(believed**-2.0)
-        own[p:, n] += clock / believed**2
+        numbers_block[p:, p:n] += np.diag(believed**-2.0)
+        numbers_block[p:, n] += clock / believed**2
         factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
         (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
         half, _ = solve(factors, columns.reshape(-1, n + 1 + probes), trans="T")
-        own -= _squared(half)[:n]
-        clocks = np.linalg.solve(own[p:, p:n], np.delete(own[p:], np.s_[p:n], axis=1))
-        reduced = np.delete(own[:p], np.s_[p:n], axis=1) - own[:p, p:n] @ clocks
+        numbers_block -= _squared(half)[:n]
+        clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
+        reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
 
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
@@ -345,15 +345,17 @@ class LogLikelihood:
             values = self._values(geometry, state, clock, mount, weights)
             return float(sum(np.sum(part**2) for part in values.values()) + np.sum((clock / believed) ** 2))
 
-        return Reduced((reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], own[p:, p:n], finish, squares_at)
+        return Reduced(
+            (reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], numbers_block[p:, p:n], finish, squares_at
+        )
 
     def _weights(self, geometry: Geometry, state: Array, noise: Noise) -> dict[str, Array]:
         """Return one over the standard deviation of every equation around a state, by the kinds of `_values`."""
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         unsure, rolling = self._unsure(geometry, state), len(self._rolling)
         found = {"counts": self._readings}
-        for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            found[name] = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, own] ** 2)
+        for name, rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
+            found[name] = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, rows] ** 2)
         if not self.poses:
             return found | {"pinned": np.full((1, 3), 1 / PINNED)}
         return found | {name: np.full((1, 1), 1 / getattr(noise, name)) for name in ("position", "heading")}
@@ -364,15 +366,15 @@ class LogLikelihood:
         """Return by how much a state misses all equations, in standard deviations: "counts", "pinned", or by the field
         of `Noise` that they are weighed by."""
         slips, rolling = self.missed(geometry, state) - self._expected, len(self._rolling)
-        missed = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
+        residuals = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
         if self.poses:
             at, part, known = self._shown(clock)
             off = compose((1 - part) * state[at, :3] + part * state[at + 1, :3], mount)
             off = known * (off - self._reference[self._used_poses])
-            missed |= {"position": off[:, :2], "heading": off[:, 2:]}
+            residuals |= {"position": off[:, :2], "heading": off[:, 2:]}
         else:
-            missed["pinned"] = state[:1, :3]
-        return {name: weights[name] * off for name, off in missed.items()}
+            residuals["pinned"] = state[:1, :3]
+        return {name: weights[name] * off for name, off in residuals.items()}
 
     def _shown(self, clock: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Return after which sample each used reference pose was taken, what part (k, 1) of the step later, and how
@@ -401,13 +403,13 @@ class LogLikelihood:
             read = np.pad(self._readings[..., None] * more.readings, ((0, 0), (0, 0), (first, placed)))
         kinds = {"counts": _Rows(every, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
-        missed, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
-        by_parameters = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
+        residual, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
+        by_parameters = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         by_parameters = np.concatenate([by_parameters, -more.slips], axis=-1)
         by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, placed)))
         rolling = len(self._rolling)
-        for name, own in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            parts = (weights[name][..., None] * part[:, own] for part in (*derivatives, by_parameters))
+        for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
+            parts = (weights[name][..., None] * part[:, wheel_rows] for part in (*derivatives, by_parameters))
             kinds[name] = _Rows(every[:-1], values[name], *parts)
         if not self.poses:
             kinds["pinned"] = _Rows(every[:1], values["pinned"], eye[None, :3] / PINNED)
@@ -419,15 +421,15 @@ class LogLikelihood:
         seen = compose(body, mount)
         by_body = np.tile(eye[:3], (len(at), 1, 1))
         by_body[:, 0, 2], by_body[:, 1, 2] = body[:, 1] - seen[:, 1], seen[:, 0] - body[:, 0]
-        c, s, zero, one = np.cos(body[:, 2]), np.sin(body[:, 2]), np.zeros(len(at)), np.ones(len(at))
-        by_mount = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+        c, s, zeros, ones = np.cos(body[:, 2]), np.sin(body[:, 2]), np.zeros(len(at)), np.ones(len(at))
+        by_mount = np.array([[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]).transpose(2, 0, 1)
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
-        by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([one, since])[:, None, :]
+        by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
         numbers = np.concatenate([np.zeros((len(at), 3, first + others)), by_mount, by_clock], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
-        for name, own in (("position", slice(0, 2)), ("heading", slice(2, 3))):
+        for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]
-            kinds[name] = _Rows(at, values[name], *(weight * slope[:, own] for slope in parts))
+            kinds[name] = _Rows(at, values[name], *(weight * slope[:, axes] for slope in parts))
         return kinds
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
@@ -450,9 +452,9 @@ class LogLikelihood:
         start[..., 2], end[..., 2] = by_direction / 2 - by_turn, by_direction / 2 + by_turn
         rows = np.arange(len(self._used))
         for column, castor in enumerate(np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))):
-            own, count = rows[self._castor == castor], 2 * np.pi / geometry.pivot_counts_per_rev[castor]
-            start[:, own, 3 + column] = (pointing / 2 - b)[:, own] * count
-            end[:, own, 3 + column] = (pointing / 2 + b)[:, own] * count
+            castor_rows, count = rows[self._castor == castor], 2 * np.pi / geometry.pivot_counts_per_rev[castor]
+            start[:, castor_rows, 3 + column] = (pointing / 2 - b)[:, castor_rows] * count
+            end[:, castor_rows, 3 + column] = (pointing / 2 + b)[:, castor_rows] * count
         for row, wheel in enumerate(self._rolling):
             column = 3 + s + int(np.searchsorted(self._wheels, wheel))
             length = 2 * np.pi * geometry.radius[wheel] / geometry.counts_per_rev[wheel]
@@ -468,8 +470,8 @@ class LogLikelihood:
         squares over how easily each row yields (K - 1, rows), of what no motion of body and castors takes away. For
         units of the changes of the geometry (as in `reduce`) and of what is read more (K, s + d, R).
         """
-        missed, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
-        by_change = np.moveaxis((self.missed(changed, state) - missed) / change[:, None, None], 0, -1)
+        residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
+        by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         by_reading = start[..., 3:] @ readings[:-1] + end[..., 3:] @ readings[1:]
         missing = np.concatenate([by_change, -by_reading], axis=-1)
         angle = self._angles(geometry, state[:, 3:])

@@ -210,7 +210,7 @@ def fitted(
 def _same(sizes: Noise, last: Noise, left: list[Leftover]) -> bool:
     """Whether no noise changed by more than `SETTLED` of itself, or `SETTLED_BY` of its standard error."""
     for name, size in asdict(sizes).items():
-        freedom = sum(one.expected.get(name, 0.0) for one in left)
+        freedom = sum(leftover.expected.get(name, 0.0) for leftover in left)
         error = 1 / np.sqrt(2 * max(freedom, LEAST_FREEDOM))
         if abs(size / getattr(last, name) - 1) > max(SETTLED, SETTLED_BY * error):
             return False
@@ -237,7 +237,8 @@ def _stepped(
     def squares(state: State) -> float:  # and what was believed of the mount
         geometry = geometry_with(described, parameters, state.found)
         logs = zip(each, state.states, state.clocks, strict=True)
-        return sum(one.squares(geometry, *log, state.mount) for one, *log in logs) + np.sum((state.mount / placed) ** 2)
+        prior = np.sum((state.mount / placed) ** 2)
+        return sum(reduced.squares(geometry, *log, state.mount) for reduced, *log in logs) + prior
 
     def part_of(part: float, moved: Callable[[Array, Array], Array]) -> State:
         return State(
@@ -247,14 +248,14 @@ def _stepped(
             at.clocks + part * (np.array([clock for _, clock, _ in whole]) - at.clocks),
         )
 
-    whole = [one.finish(moved_by) for one in each]
+    whole = [reduced.finish(moved_by) for reduced in each]
     most, part = squares(at) + SLACK, 1.0
     while True:
         for moved in (np.add, moved_along):
             after = part_of(part, moved)
             if squares(after) <= most or part <= SHORTEST:
-                left = whole if part == 1 else [one.finish(moved_by, part) for one in each]
-                return after, [one for _, _, one in left], part
+                left = whole if part == 1 else [reduced.finish(moved_by, part) for reduced in each]
+                return after, [leftover for _, _, leftover in left], part
         part /= 2
 
 
@@ -329,8 +330,8 @@ class _Solution(NamedTuple):
 
 def _solve(each: list[Reduced], scale: Array, mount: Array, placed: Array, away: Array, farthest: float) -> _Solution:
     """Return the next step; away (P,): how far it is already from the robot file, in scales."""
-    information = np.sum([one.information for one in each], axis=0)
-    gradient = np.sum([one.gradient for one in each], axis=0)
+    information = np.sum([reduced.information for reduced in each], axis=0)
+    gradient = np.sum([reduced.gradient for reduced in each], axis=0)
     n = len(scale)
     information[n:, n:] += np.diag(placed**-2.0)
     gradient[n:, 0] += mount / placed**2
@@ -354,7 +355,9 @@ def resized(sizes: Noise, left: list[Leftover]) -> Noise:
     """Return the sizes of noise by which the squares that are left would be what they are on average."""
     better = asdict(sizes)
     for name, size in asdict(sizes).items():
-        squares, expected = (sum(getattr(one, part).get(name, 0.0) for one in left) for part in Leftover._fields)
+        squares, expected = (
+            sum(getattr(leftover, part).get(name, 0.0) for leftover in left) for part in Leftover._fields
+        )
         if expected > 0:
             ratio = squares / expected
             change = ratio if ratio < 0.25 else np.sqrt(ratio)  # There is hardly any: go on towards none faster.
@@ -364,7 +367,7 @@ def resized(sizes: Noise, left: list[Leftover]) -> Noise:
 
 def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) -> tuple[float, float] | None:
     """Return the rms distance between odometry and reference by each of two geometries; None without reference."""
-    tracked = [one for one in zip(models, at.states, at.clocks, strict=True) if one[0].poses]
+    tracked = [fit for fit in zip(models, at.states, at.clocks, strict=True) if fit[0].poses]
     if not tracked:
         return None
 

@@ -265,17 +265,17 @@ def _rounding(robot: RobotDescription, held: int, cw: _Measured, ccw: _Measured)
     """Return standard errors of `_estimate` from the rounding of counts: numbers moved by it one after another."""
     pivot = 2 * np.pi / np.array([castor.pivot_counts_per_rev for castor in robot.castors], dtype=float)
     wheel = 2 * np.pi / np.array([w.counts_per_rev for w in robot.wheels], dtype=float).reshape(-1, 2)
-    one, two = 1 / np.sqrt(12), 1 / np.sqrt(6)  # of a rounded number, of the difference of two
+    rounded, difference = 1 / np.sqrt(12), 1 / np.sqrt(6)  # of a rounded number, of the difference of two
     best = _estimate(robot, held, cw, ccw)
     changes = []
-    for own, other in ((cw, ccw), (ccw, cw)):
+    for turn, other in ((cw, ccw), (ccw, cw)):
         for moved in (
-            own._replace(gamma=own.gamma + one * pivot),
-            own._replace(turn=own.turn + two * pivot[held - 1]),
-            own._replace(rolled=own.rolled + two * wheel * [1.0, 0.0]),
-            own._replace(rolled=own.rolled + two * wheel * [0.0, 1.0]),
+            turn._replace(gamma=turn.gamma + rounded * pivot),
+            turn._replace(turn=turn.turn + difference * pivot[held - 1]),
+            turn._replace(rolled=turn.rolled + difference * wheel * [1.0, 0.0]),
+            turn._replace(rolled=turn.rolled + difference * wheel * [0.0, 1.0]),
         ):
-            pair = (moved, other) if own is cw else (other, moved)
+            pair = (moved, other) if turn is cw else (other, moved)
             changes.append(_estimate(robot, held, *pair))
     by_part = zip(best, *changes, strict=True)
     return CastorParameters(*(np.sqrt(sum((part - at) ** 2 for part in parts)) for at, *parts in by_part))

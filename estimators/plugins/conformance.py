@@ -66,8 +66,8 @@ def check(entry: EstimatorEntry, vehicle: Vehicle | None = None) -> list[Finding
             findings.append(_finding(entry, name, lambda run=run: run(subject)))
             if not findings[-1].passed:
                 return findings
-        own = _OF_TRAINS if isinstance(subject.vehicle, TrainDescription) else _OF_ROBOTS
-        findings += [_finding(entry, name, lambda run=run: run(subject)) for name, run in (_CHECKS | own).items()]
+        checks = _OF_TRAINS if isinstance(subject.vehicle, TrainDescription) else _OF_ROBOTS
+        findings += [_finding(entry, name, lambda run=run: run(subject)) for name, run in (_CHECKS | checks).items()]
         if entry.batched and isinstance(subject.vehicle, RobotDescription):
             findings.append(_finding(entry, "gives in a batch what it gives alone", lambda: _batch(subject), _BATCHED))
     return findings
@@ -343,8 +343,8 @@ def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice
 def _place(entry: EstimatorEntry, error: BaseException) -> str:
     """Return where something was raised: the last line of the estimator's own file on the way, if there is one."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
-    return f"({own[-1].name}, line {own[-1].lineno} of {own[-1].filename})"
+    own_frames = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
+    return f"({own_frames[-1].name}, line {own_frames[-1].lineno} of {own_frames[-1].filename})"
 
 
 def _kind(vehicle: Vehicle) -> str:

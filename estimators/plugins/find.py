@@ -57,56 +57,56 @@ class PlugIn(NamedTuple):
     argument: int | None
 
 
-def find(spec: str, wanted: PlugInKind) -> PlugIn:
+def find(spec: str, role: PlugInKind) -> PlugIn:
     """Return what `spec` names: NAME, ``module:Class`` or ``file.py[:Class]``; raises InputError with what to do."""
     if spec.endswith(".py") or ".py:" in spec:
         path, _, class_name = spec.partition(".py:") if ".py:" in spec else (spec[:-3], "", "")
-        return _from_file(spec, Path(path + ".py"), class_name, wanted)
+        return _from_file(spec, Path(path + ".py"), class_name, role)
     if ":" in spec:
-        return _from_module(spec, wanted)
-    return _by_name(spec, wanted)
+        return _from_module(spec, role)
+    return _by_name(spec, role)
 
 
-def _by_name(spec: str, wanted: PlugInKind) -> PlugIn:
-    points = importlib.metadata.entry_points(group=wanted.group)
-    names = wanted.names()
+def _by_name(spec: str, role: PlugInKind) -> PlugIn:
+    points = importlib.metadata.entry_points(group=role.group)
+    names = role.names()
     if spec not in names and spec and os.path.isfile(f"{spec}.py"):
-        raise InputError(f"unknown {wanted.what} {spec!r}; did you mean the file {spec + '.py'!r}?")
+        raise InputError(f"unknown {role.what} {spec!r}; did you mean the file {spec + '.py'!r}?")
     name, argument = spec, None
-    numbered = re.fullmatch(r"(.+)-(\d+)", spec, re.ASCII) if wanted.numbered else None
+    numbered = re.fullmatch(r"(.+)-(\d+)", spec, re.ASCII) if role.numbered else None
     if spec not in names and numbered:
         name, argument = numbered[1], int(numbered[2])
     if name not in names:
         known = names if argument is None else {f"{known}-{argument}" for known in names}
-        raise InputError(f"unknown {wanted.what} {spec!r}{did_you_mean(spec, known)}")
+        raise InputError(f"unknown {role.what} {spec!r}{did_you_mean(spec, known)}")
     targets = {point.value: point for point in points.select(name=name)}
-    if (built_in := wanted.built_in.get(name)) is not None:
+    if (built_in := role.built_in.get(name)) is not None:
         if targets:
             raise InputError(
-                f"{wanted.what} {name!r} is built in, and declared again as {' and '.join(sorted(targets))}: rename one"
+                f"{role.what} {name!r} is built in, and declared again as {' and '.join(sorted(targets))}: rename one"
             )
-        return _plug_in(spec, spec, built_in, wanted, argument)
+        return _plug_in(spec, spec, built_in, role, argument)
     if len(targets) > 1:
         raise InputError(
-            f"{wanted.what} {name!r} is declared twice, as {' and '.join(sorted(targets))}: name one of them"
+            f"{role.what} {name!r} is declared twice, as {' and '.join(sorted(targets))}: name one of them"
         )
     (point,) = targets.values()
-    module = _imported(lambda: importlib.import_module(point.module), f"{wanted.what} {spec!r} ({point.value})", None)
-    return _plug_in(spec, spec, _class_in(module, point.attr, point.value), wanted, argument)
+    module = _imported(lambda: importlib.import_module(point.module), f"{role.what} {spec!r} ({point.value})", None)
+    return _plug_in(spec, spec, _class_in(module, point.attr, point.value), role, argument)
 
 
-def _from_module(spec: str, wanted: PlugInKind) -> PlugIn:
+def _from_module(spec: str, role: PlugInKind) -> PlugIn:
     module_name, _, class_name = spec.partition(":")
     if not module_name or not class_name:
-        raise InputError(f"{wanted.what} {spec!r}: expected module:Class")
+        raise InputError(f"{role.what} {spec!r}: expected module:Class")
     if os.getcwd() not in sys.path and "" not in sys.path:
         sys.path.append(os.getcwd())
     importlib.invalidate_caches()
-    module = _imported(lambda: importlib.import_module(module_name), f"{wanted.what} {spec!r}", None)
-    return _plug_in(spec, spec, _class_in(module, class_name, module_name), wanted)
+    module = _imported(lambda: importlib.import_module(module_name), f"{role.what} {spec!r}", None)
+    return _plug_in(spec, spec, _class_in(module, class_name, module_name), role)
 
 
-def _from_file(spec: str, path: Path, class_name: str, wanted: PlugInKind) -> PlugIn:
+def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> PlugIn:
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -125,12 +125,12 @@ def _from_file(spec: str, path: Path, class_name: str, wanted: PlugInKind) -> Pl
         return module
 
     _imported(run, str(path), module.__file__)
-    kind = _class_in(module, class_name, str(path)) if class_name else _only_class(module, path, wanted)
+    kind = _class_in(module, class_name, str(path)) if class_name else _only_class(module, path, role)
     for file, name in source_files(kind).items():
         loaded = getattr(sys.modules.get(name), "__file__", None) or file
         if Path(loaded).resolve() != file and Path(loaded).parent.resolve() in _FOLDERS:
             raise InputError(f"{path}: imports {name!r}, and another plug-in has loaded {loaded} as that; rename one")
-    return _plug_in(f"{path.stem}:{kind.__name__}", spec, kind, wanted)
+    return _plug_in(f"{path.stem}:{kind.__name__}", spec, kind, role)
 
 
 def _imported(run: Callable[[], ModuleType], what: str, file: str | None) -> ModuleType:
@@ -156,15 +156,15 @@ def _class_in(module: ModuleType, name: str, where: str) -> type:
     raise InputError(f"{where}: there is no class {name!r}{did_you_mean(name, classes) if classes else ''}")
 
 
-def _only_class(module: ModuleType, path: Path, wanted: PlugInKind) -> type:
-    """Return the one class of a file that can be what is wanted."""
+def _only_class(module: ModuleType, path: Path, role: PlugInKind) -> type:
+    """Return the one class of a file that can play a role."""
     classes = _own_classes(module)
-    lacking = {name: _missing(kind, wanted) for name, kind in classes.items()}
+    lacking = {name: _missing(kind, role) for name, kind in classes.items()}
     whole = [name for name in classes if not lacking[name]]
-    candidates = whole or [name for name in classes if len(lacking[name]) < len(wanted.methods)] or list(classes)
+    candidates = whole or [name for name in classes if len(lacking[name]) < len(role.methods)] or list(classes)
     if not candidates:
-        methods = " and ".join(wanted.methods)
-        raise InputError(f"{path}: there is no class in it; {_with_article(wanted.what)} is a class with {methods}")
+        methods = " and ".join(role.methods)
+        raise InputError(f"{path}: there is no class in it; {_with_article(role.what)} is a class with {methods}")
     if len(candidates) > 1:
         raise InputError(f"{path}: say which class, as {path}:{candidates[0]}; there are {', '.join(candidates)}")
     return classes[candidates[0]]
@@ -179,26 +179,26 @@ def _own_classes(module: ModuleType) -> dict[str, type]:
     }
 
 
-def _missing(kind: type, wanted: PlugInKind) -> list[str]:
-    return [name for name in wanted.methods if not callable(getattr(kind, name, None))]
+def _missing(kind: type, role: PlugInKind) -> list[str]:
+    return [name for name in role.methods if not callable(getattr(kind, name, None))]
 
 
 def _with_article(noun: str) -> str:
     return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
 
 
-def _plug_in(name: str, spec: str, kind: type, wanted: PlugInKind, argument: int | None = None) -> PlugIn:
-    if missing := _missing(kind, wanted):
-        raise InputError(f"{wanted.what} {spec!r}: class {kind.__name__} has no method {' and no '.join(missing)}")
+def _plug_in(name: str, spec: str, kind: type, role: PlugInKind, argument: int | None = None) -> PlugIn:
+    if missing := _missing(kind, role):
+        raise InputError(f"{role.what} {spec!r}: class {kind.__name__} has no method {' and no '.join(missing)}")
     if argument is not None:
         try:
             inspect.signature(kind).bind(argument)
         except (TypeError, ValueError):
-            text = f"{wanted.what} {spec!r}: {kind.__name__} takes no number; leave out '-{argument}'"
+            text = f"{role.what} {spec!r}: {kind.__name__} takes no number; leave out '-{argument}'"
             raise InputError(text) from None
         if kind.__module__.startswith("estimators."):
             try:
                 kind(argument)
             except InputError as error:
-                raise InputError(f"{wanted.what} {spec!r}: {error}") from None
+                raise InputError(f"{role.what} {spec!r}: {error}") from None
     return PlugIn(name, source_hash(kind, argument), kind, argument)

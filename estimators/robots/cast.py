@@ -100,8 +100,8 @@ def design_matrix(pivot: Array, psi: ArrayLike) -> Array:
     cos, sin = np.cos(psi)[..., None], np.sin(psi)[..., None]
     east = x * cos - y * sin  # R cos(psi- + phi)
     north = y * cos + x * sin  # R sin(psi- + phi)
-    one, zero = np.ones_like(east), np.zeros_like(east)
-    return np.concatenate([np.stack([one, zero, -north], -1), np.stack([zero, one, east], -1)], axis=-2)
+    ones, zeros = np.ones_like(east), np.zeros_like(east)
+    return np.concatenate([np.stack([ones, zeros, -north], -1), np.stack([zeros, ones, east], -1)], axis=-2)
 
 
 def normal_inverse(pivot: Array, psi: ArrayLike) -> Array:

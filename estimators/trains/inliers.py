@@ -117,9 +117,9 @@ def _derivatives(front: Array, rear: Array) -> tuple[Array, Array]:
     """Return how the rear axle's pose (..., 3, 3) changes with the front axle's, and with the frame's relative pose."""
     x, y = front[..., 0] - rear[..., 0], front[..., 1] - rear[..., 1]
     cos, sin = np.cos(rear[..., 2]), np.sin(rear[..., 2])
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    by_front = [[one, zero, y], [zero, one, -x], [zero, zero, one]]
-    by_frame = [[-cos, sin, -y], [-sin, -cos, x], [zero, zero, -one]]
+    zeros, ones = np.zeros_like(x), np.ones_like(x)
+    by_front = [[ones, zeros, y], [zeros, ones, -x], [zeros, zeros, ones]]
+    by_frame = [[-cos, sin, -y], [-sin, -cos, x], [zeros, zeros, -ones]]
     return _matrices(by_front), _matrices(by_frame)
 
 
