@@ -110,8 +110,8 @@ def build(
     for task in tasks:
         rows = [row for row in store.rows(task.name, task.version) if _usable(task, row, store)]
         if cases is not None:
-            wanted = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
-            rows = [row for row in rows if row.case in wanted]
+            chosen = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
+            rows = [row for row in rows if row.case in chosen]
         reason = (missing or {}).get(task.name) or task.missing
         recorded = _recorded(task, {row.case for row in rows}, episodes, refused_episodes)
         boards.append(_board(task, rows, store, recorded, reason, sources or {}, (left_out or {}).get(task.name, ())))
@@ -184,19 +184,24 @@ def _board(
         if latest not in sources:
             latest = max(sources, key=lambda source: max(row.origin.created for row in sources[source]))
         newest[name] = sources[latest]
-        superseded += [(name, source, len(own)) for source, own in sources.items() if source != latest]
-    declining = [name for name, own in newest.items() if all(row.refusal is not None for row in own)]
+        superseded += [(name, source, len(source_rows)) for source, source_rows in sources.items() if source != latest]
+    declining = [name for name, entry_rows in newest.items() if all(row.refusal is not None for row in entry_rows)]
     refused = {name: newest[name][0].refusal or "" for name in declining}
-    declined = {**{one.estimator: one.reason for one in left_out if one.estimator not in newest}, **refused}
-    newest = {name: own for name, own in newest.items() if name not in refused}
-    cases = tuple(sorted({row.case for own in newest.values() for row in own}, key=_case_order))
+    declined = {
+        **{refusal.estimator: refusal.reason for refusal in left_out if refusal.estimator not in newest},
+        **refused,
+    }
+    newest = {name: entry_rows for name, entry_rows in newest.items() if name not in refused}
+    cases = tuple(sorted({row.case for entry_rows in newest.values() for row in entry_rows}, key=_case_order))
     ranking = {
-        name: [row.scores[task.metric] for row in sorted(own, key=lambda row: _case_order(row.case))]
-        for name, own in newest.items()
-        if len(own) == len(cases) and all(row.failure is None for row in own) and not _stands_still(own)
+        name: [row.scores[task.metric] for row in sorted(entry_rows, key=lambda row: _case_order(row.case))]
+        for name, entry_rows in newest.items()
+        if len(entry_rows) == len(cases)
+        and all(row.failure is None for row in entry_rows)
+        and not _stands_still(entry_rows)
     }
     placed = ranks(ranking, BOARD_METRICS[task.metric].rounding)
-    entries = [_entry(task, name, own, placed.get(name), cases, store) for name, own in newest.items()]
+    entries = [_entry(task, name, entry_rows, placed.get(name), cases, store) for name, entry_rows in newest.items()]
     entries.sort(key=lambda entry: _entry_order(entry, task.metric))
     return TaskBoard(
         task=task.name,
@@ -234,7 +239,10 @@ def _entry(
         },
         time_per_update_us=store.load_time(task.name, task.version, name, source_hash),
         done=len(good),
-        failed=tuple(FailedCases(reason, tuple(own), reason.startswith(DECLINED)) for reason, own in reasons.items()),
+        failed=tuple(
+            FailedCases(reason, tuple(failed_cases), reason.startswith(DECLINED))
+            for reason, failed_cases in reasons.items()
+        ),
         lacking=tuple(case for case in cases if case not in present),
         stands_still=_stands_still(good),
     )

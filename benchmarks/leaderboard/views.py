@@ -59,7 +59,7 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
             }
             for entry in board.entries
         ],
-        "declined": [{"estimator": one.estimator, "reason": one.reason} for one in board.declined],
+        "declined": [{"estimator": declined.estimator, "reason": declined.reason} for declined in board.declined],
         "missing": board.missing,
         "superseded": [
             {"estimator": name, "source_hash": source_hash, "rows": rows}
@@ -149,7 +149,7 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
     intervals: where in the table they are, if that is to be said.
     """
     served = "this robot" if board.odometry is None else "this task"
-    refusals = [f"{one.estimator} declines {served}: {one.reason}" for one in board.declined]
+    refusals = [f"{declined.estimator} declines {served}: {declined.reason}" for declined in board.declined]
     if not board.entries:
         return refusals
     meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]

@@ -193,9 +193,9 @@ def write_episode(folder: Path, episode: Episode) -> None:
         write_atomically(folder / "beliefs.json", json.dumps({"format": BELIEFS_FORMAT, **beliefs}, indent=2) + "\n")
     if (calibration := episode.calibration) is not None:
         known: dict[str, Any] = {"format": RECORDINGS_FORMAT, "odometry": calibration.odometry}
-        for k, one in enumerate(calibration.recordings, start=1):
-            write_log(folder / f"recording-{k:02d}.csv", one.log, episode.robot)
-            known[f"recording-{k:02d}.csv"] = {"held": one.held, "side_m": one.side}
+        for k, recording in enumerate(calibration.recordings, start=1):
+            write_log(folder / f"recording-{k:02d}.csv", recording.log, episode.robot)
+            known[f"recording-{k:02d}.csv"] = {"held": recording.held, "side_m": recording.side}
         write_atomically(folder / "recordings.json", json.dumps(known, indent=2) + "\n")
         if calibration.true_robot is not None:
             calibration.true_robot.save(folder / "true-robot.json")

@@ -163,7 +163,13 @@ def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[s
             entry = shown.get((assignment.task.name, competitor.name))
             if entry is None or entry.source_hash != competitor.source_hash:
                 continue
-            lost = [case for one in entry.failed if not one.declined for case in one.cases if case in assignment.cases]
+            lost = [
+                case
+                for failed in entry.failed
+                if not failed.declined
+                for case in failed.cases
+                if case in assignment.cases
+            ]
             if lost:
                 cases = f"{len(lost)} of {len(assignment.cases)} cases"
                 failures.append(f"{competitor.name} failed {cases} of {assignment.task.name}")
@@ -173,5 +179,5 @@ def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[s
 def declining_everything(named: Sequence[Competitor], board: boards.Leaderboard) -> list[str]:
     """Return which named estimators or methods declined whatever they were given."""
     scored = {entry.estimator for task in board.boards for entry in task.entries}
-    declining = {one.estimator for task in board.boards for one in task.declined}
+    declining = {declined.estimator for task in board.boards for declined in task.declined}
     return [f"{entry.name} declined every task" for entry in named if entry.name in declining - scored]

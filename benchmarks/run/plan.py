@@ -132,19 +132,19 @@ class _Run:
     def _works(self, task: Task, lacking: dict[Case, list[Competitor]]) -> Iterator[Work]:
         """Yield what is to be done in a task, some cases at a time so that few episodes are held at once."""
         cases = list(lacking)
-        for some in (cases[k : k + STACK] for k in range(0, len(cases), STACK)):
-            episodes = {case: self._load(task, case) for case in some}
-            for entry in dict.fromkeys(entry for case in some for entry in lacking[case]):
-                own = {case: episodes[case] for case in some if entry in lacking[case]}
+        for batch in (cases[k : k + STACK] for k in range(0, len(cases), STACK)):
+            episodes = {case: self._load(task, case) for case in batch}
+            for entry in dict.fromkeys(entry for case in batch for entry in lacking[case]):
+                batch_episodes = {case: episodes[case] for case in batch if entry in lacking[case]}
                 # A train is one vehicle of several poses, which a stack could not be told from.
-                robots = all(isinstance(episode.robot, RobotDescription) for episode in own.values())
+                robots = all(isinstance(episode.robot, RobotDescription) for episode in batch_episodes.values())
                 stacked = entry.batched and robots
                 if stacked and entry.builtin:
-                    yield Work(task, entry, own, stacked=True)
+                    yield Work(task, entry, batch_episodes, stacked=True)
                 else:
                     # Robots of different cases stay apart: their mean would be nearer to the truth than any of them.
-                    for case in own:
-                        yield Work(task, entry, {case: own[case]}, stacked=stacked)
+                    for case in batch_episodes:
+                        yield Work(task, entry, {case: batch_episodes[case]}, stacked=stacked)
 
     def _load(self, task: Task, case: Case) -> Episode:
         try:

@@ -109,15 +109,15 @@ def _checked(answer: Any, described: RobotDescription) -> RobotDescription:
 def _other_layout(robot: RobotDescription, described: RobotDescription) -> str | None:
     """Return the first difference in what calibration leaves as it is, or None."""
     found = [len(castor.wheels) for castor in robot.castors]
-    wanted = [len(castor.wheels) for castor in described.castors]
-    if found != wanted:
-        return f"wheels of its castors {found} instead of {wanted}"
+    expected = [len(castor.wheels) for castor in described.castors]
+    if found != expected:
+        return f"wheels of its castors {found} instead of {expected}"
     parts = (((robot, described),), zip(robot.castors, described.castors, strict=True))
     wheels = zip(robot.wheels, described.wheels, strict=True)
     for (what, names), pairs in zip(_LAYOUT, (*parts, wheels), strict=True):
-        for number, (one, other) in enumerate(pairs, start=1):
+        for number, (returned_part, described_part) in enumerate(pairs, start=1):
             for name in names:
-                if getattr(one, name) != getattr(other, name):
+                if getattr(returned_part, name) != getattr(described_part, name):
                     which = f"{name} of {what} {number}" if what else name
-                    return f"{which} is {getattr(one, name)!r} instead of {getattr(other, name)!r}"
+                    return f"{which} is {getattr(returned_part, name)!r} instead of {getattr(described_part, name)!r}"
     return None

@@ -99,9 +99,9 @@ def estimate_stacked(
             poses = _follow(loaded(load_estimator, spec, source_hash), geometry, start, observations)
         except FailedError as failure:
             return Failure(str(failure))
-        for (e, r, run), own in zip(members, poses, strict=True):
-            estimates[e][r] = own[run.samples]
-            good = np.isfinite(own).all(axis=-1)
+        for (e, r, run), run_poses in zip(members, poses, strict=True):
+            estimates[e][r] = run_poses[run.samples]
+            good = np.isfinite(run_poses).all(axis=-1)
             if not good.all() and (e not in failures or r < failures[e][0]):
                 k = np.argmin(good)
                 failures[e] = (r, Failure(f"returned NaN or infinity at sample {k} of run {r + 1}"))
@@ -117,9 +117,9 @@ def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> fl
     spent: list[int] = []
     try:
         for run in islice(cycle(runs), FEWEST_TIMED):
-            own: list[int] = []
-            _follow(loaded(load_estimator, spec, source_hash), run.robot, run.start, run.observations, own)
-            spent += own[1:] or own
+            times: list[int] = []
+            _follow(loaded(load_estimator, spec, source_hash), run.robot, run.start, run.observations, times)
+            spent += times[1:] or times
             if len(spent) >= FEWEST_TIMED:
                 break
     except FailedError as failure:
