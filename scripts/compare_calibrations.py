@@ -56,7 +56,7 @@ def one_set(k: int) -> list[list[float]]:
             steady.append(pivoting.Turn(log(roll(true, trajectory, again.castor_angle[-1])), held))
     return [
         errors(pivoting.calibrate(described, steady).applied(), true),
-        errors(maximum_likelihood.calibrate(described, [one.log for one in steady]).calibrated, true),
+        errors(maximum_likelihood.calibrate(described, [turn_log.log for turn_log in steady]).calibrated, true),
         errors(maximum_likelihood.calibrate(described, swinging).calibrated, true),
     ]
 
