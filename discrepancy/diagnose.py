@@ -112,7 +112,7 @@ def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescripti
 def _found(
     robot: RobotDescription, checked: Preflight, wiring: Sequence[Effect], diagnosis: Diagnosis
 ) -> RobotDescription | None:
-    doubtful = {effect for mistake in checked.mistakes if mistake.rivals for effect in mistake.effects}
+    doubtful = {effect for mistake in checked.mistakes if mistake.alternatives for effect in mistake.effects}
     built = [effect for effect in checked.effects if not effect.wiring and effect not in doubtful]
     effects = [*built, *diagnosis.effects, *(effect for effect in wiring if effect not in doubtful)]
     return robot.with_effects(*effects) if effects else None

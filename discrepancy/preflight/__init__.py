@@ -88,7 +88,7 @@ def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterat
         yield Mistake(
             f"the reference's heading points {abs(np.degrees(yaw)):.0f} degrees to the {side} of the robot's front: it "
             "then agrees with the encoders; correct ref_psi, or what the robot file takes for the front",
-            rivals=tuple(_named(one) for one in straight),
+            alternatives=tuple(_named(one) for one in straight),
         )
 
 

@@ -10,12 +10,12 @@ class Mistake:
     """A gross mistake. what: where, evidence in numbers, and what to do, in one sentence.
 
     effects: of wiring and the like that explain it, for the robot file; empty where log or robot file must be mended.
-    rivals: other mistakes that would explain it as well, or nearly.
+    alternatives: other mistakes that would explain it as well, or nearly.
     """
 
     what: str
     effects: tuple[Effect, ...] = ()
-    rivals: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

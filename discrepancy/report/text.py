@@ -155,7 +155,7 @@ def mistake_data(mistake: Mistake) -> Data:
     """Return the data of a gross mistake, as of a finding."""
     effects = [TypeAdapter(Effect).dump_python(effect, mode="json") for effect in mistake.effects]
     return {
-        "verdict": "ambiguous" if mistake.rivals else "named",
+        "verdict": "ambiguous" if mistake.alternatives else "named",
         "reason": mistake.what,
         "title": mistake.what.split(":")[0],
         "effect": effects[0] if len(effects) == 1 else None,
@@ -168,7 +168,7 @@ def mistake_data(mistake: Mistake) -> Data:
         "deviance": None,
         "hidden_by_creep": None,
         "cost": None,
-        "cannot_be_told_apart": [mistake.what.split(":")[0], *mistake.rivals],
+        "cannot_be_told_apart": [mistake.what.split(":")[0], *mistake.alternatives],
         "separating_motion": None,
         "rivals": [],
     }

@@ -92,12 +92,12 @@ class Case:
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects of the catalogue."""
-        return tuple(one.effect for one in self.hidden if one.effect is not None)
+        return tuple(hidden.effect for hidden in self.hidden if hidden.effect is not None)
 
     @property
     def outside(self) -> Any | None:
         """What is outside the catalogue; None for nothing."""
-        return next((one.what for one in self.hidden if one.effect is None), None)
+        return next((hidden.what for hidden in self.hidden if hidden.effect is None), None)
 
     @property
     def bounds(self) -> tuple[float, float]:

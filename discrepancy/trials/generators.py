@@ -43,8 +43,8 @@ def generator(name: str) -> Generator:
 
 
 def _own_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
-    for one in outside_effects(robot, random):
-        yield Hidden(one)
+    for outsider in outside_effects(robot, random):
+        yield Hidden(outsider)
 
 
 def _foreign_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:

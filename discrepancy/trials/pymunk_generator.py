@@ -59,10 +59,10 @@ def drive(
         if k == rows - 1:
             break
         believed = castor_angles(geometry, encoders.pivot(castor))
-        wanted = controller.commands(believed, twist[k])
-        world.advance(wanted.wheel, wanted.steering)
-        command.append(wanted.wheel)
-        steering.append(wanted.steering)
+        commands = controller.commands(believed, twist[k])
+        world.advance(commands.wheel, commands.steering)
+        command.append(commands.wheel)
+        steering.append(commands.steering)
     command.append(0 * command[-1])
     steering.append(0 * steering[-1])
 

@@ -36,8 +36,8 @@ from discrepancy.trials.folder import asked_of, begin, each, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import EXACT, Noise
 from discrepancy.trials.reading import as_recorded
-from discrepancy.trials.strength.separation import Yardstick, class_of
-from discrepancy.trials.strength.solve_size import Strength, Track, settled
+from discrepancy.trials.strength.separation import StrengthMetric, class_of
+from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
 
 FORMAT = "castor-trial-case/1"
 ROBOT, DURATION = "asoc-prototype", 60.0
@@ -127,15 +127,15 @@ def said_by(examined: Examination) -> Said:
     """Return what an examination says."""
     named, possible, unnamed = [], [], False
     for mistake in examined.mistakes:
-        (possible if mistake.rivals else named).extend(map(class_of, mistake.effects))
-    for one in examined.diagnosis.findings:
-        kinds = [kind for rank in one.chosen for kind in rank.candidate.kinds]
-        if one.verdict == "named" and one.effect is not None:
-            named.append(class_of(one.effect))
-        if one.verdict == "ambiguous":
+        (possible if mistake.alternatives else named).extend(map(class_of, mistake.effects))
+    for finding in examined.diagnosis.findings:
+        kinds = [kind for rank in finding.chosen for kind in rank.candidate.kinds]
+        if finding.verdict == "named" and finding.effect is not None:
+            named.append(class_of(finding.effect))
+        if finding.verdict == "ambiguous":
             possible += [class_of(kind) for kind in kinds]
-            unnamed |= any(not rank.candidate.kinds for rank in one.chosen)
-        unnamed |= one.verdict == "unexplained"
+            unnamed |= any(not rank.candidate.kinds for rank in finding.chosen)
+        unnamed |= finding.verdict == "unexplained"
     verdict = examined.data["verdict"]
     return Said(verdict, tuple(named), tuple(dict.fromkeys([*named, *possible])), unnamed or verdict == "unexplained")
 
@@ -143,9 +143,9 @@ def said_by(examined: Examination) -> Said:
 def intervals(found: Diagnosis) -> list[dict[str, Any]]:
     """Return the effects named, with their classes and the standard errors of their sizes."""
     return [
-        {"class": class_of(one.effect), "effect": dataclasses.asdict(one.effect), "error": one.error}
-        for one in found.findings
-        if one.verdict == "named" and one.effect is not None
+        {"class": class_of(finding.effect), "effect": dataclasses.asdict(finding.effect), "error": finding.error}
+        for finding in found.findings
+        if finding.verdict == "named" and finding.effect is not None
     ]
 
 
@@ -169,18 +169,18 @@ def _make_case(plan: Plan, number: int, folder: Path) -> None:
     started, robot, source = time.process_time(), preset(plan.robot), _generator_of(plan)
     for attempt in range(ATTEMPTS):
         drawn = draw(number, attempt, plan.seed, robot, source.outsiders)
-        tracks = [Track(robot, drawn, which, source, plan.duration) for which in (0, 1)]
-        if (case := settled(drawn, tracks[0])) is None:
+        trial_runs = [TrialRun(robot, drawn, which, source, plan.duration) for which in (0, 1)]
+        if (case := solve_size(drawn, trial_runs[0])) is None:
             continue
         try:
-            first = tracks[0].strength(case.hidden, rivals=True) if case.hidden else None
+            first = trial_runs[0].strength(case.hidden, alternatives=True) if case.hidden else None
             if not _accepted(case, first):
                 continue
-            strengths = [first, tracks[1].strength(case.hidden, rivals=False) if case.hidden else None]
-            logs = [track.drive(*case.effects, outside=case.outside) for track in tracks]
+            strengths = [first, trial_runs[1].strength(case.hidden, alternatives=False) if case.hidden else None]
+            logs = [trial_run.drive(*case.effects, outside=case.outside) for trial_run in trial_runs]
         except InputError:
             continue
-        _write_case(plan, case, tracks, logs, strengths, folder, attempt, started)
+        _write_case(plan, case, trial_runs, logs, strengths, folder, attempt, started)
         return
     raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
 
@@ -202,7 +202,7 @@ def _accepted(case: Case, strength: Strength | None) -> bool:
 def _write_case(
     plan: Plan,
     case: Case,
-    tracks: list[Track],
+    trial_runs: list[TrialRun],
     logs: list[Log],
     strengths: list[Strength | None],
     folder: Path,
@@ -210,12 +210,12 @@ def _write_case(
     started: float,
 ) -> None:
     robot, name = preset(plan.robot), name_of(case.number)
-    real, own = robot.with_effects(*case.effects), folder / "cases" / name
-    own.mkdir(exist_ok=True)
+    real, case_folder = robot.with_effects(*case.effects), folder / "cases" / name
+    case_folder.mkdir(exist_ok=True)
     for file, log, seed in zip(("log.csv", "holdout.csv"), logs, case.seeds, strict=True):
-        write_log(own / file, as_recorded(real, log, seed, Noise()), robot)
-    robot.save(own / "robot.json")
-    exact = {"true": logs[1], "nominal": tracks[1].nominal}
+        write_log(case_folder / file, as_recorded(real, log, seed, Noise()), robot)
+    robot.save(case_folder / "robot.json")
+    exact = {"true": logs[1], "nominal": trial_runs[1].nominal}
     arrays = {
         f"{kind}_{part}": getattr(log, part) for kind, log in exact.items() for part in ("wheel", "pivot", "reference")
     }
@@ -226,7 +226,7 @@ def _write_case(
         "stratum": case.stratum,
         "course": case.course,
         "seeds": case.seeds,
-        "hidden": [_hidden(one) for one in case.hidden],
+        "hidden": [_hidden(hidden) for hidden in case.hidden],
         "targets": case.targets,
         "log": None if strengths[0] is None else dataclasses.asdict(strengths[0]),
         "holdout": None if strengths[1] is None else dataclasses.asdict(strengths[1]),
@@ -236,9 +236,9 @@ def _write_case(
     write_json(folder / "labels" / f"{name}.json", label)
 
 
-def _hidden(one: Hidden) -> dict[str, Any]:
-    kind = "catalogue" if one.effect is not None else "outside"
-    return {"class": one.label, "from": kind, "what": dataclasses.asdict(one.what)}
+def _hidden(hidden: Hidden) -> dict[str, Any]:
+    kind = "catalogue" if hidden.effect is not None else "outside"
+    return {"class": hidden.label, "from": kind, "what": dataclasses.asdict(hidden.what)}
 
 
 def _judge_case(case: Path, clean: list[Path], outcome: Path) -> None:
@@ -281,8 +281,8 @@ def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:
                 )
                 for kind in ("true", "nominal")
             )
-        yard, floor = Yardstick(robot, nominal), label["holdout"]["floor"]
-        signal = _above(yard.signal(true), floor)
+        metric, floor = StrengthMetric(robot, nominal), label["holdout"]["floor"]
+        signal = _above(metric.signal(true), floor)
         left = signal
         if outcome["robot"] is not None:
             found = RobotDescription.from_dict(outcome["robot"])
@@ -291,7 +291,7 @@ def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:
                 again = _generator_of(plan).drive(
                     found, course, seed, duration=plan.duration, rounded=False, noise=EXACT
                 )
-                left = _above(yard.signal(true, again), floor)
+                left = _above(metric.signal(true, again), floor)
             except InputError as error:
                 result["reason"] = str(error)
         result |= {"signal": signal, "left": left / signal if signal > 0 else None}

@@ -48,12 +48,12 @@ class Trial:
     @property
     def truth(self) -> tuple[str, ...]:
         """The classes of what was hidden."""
-        return tuple(one["class"] for one in self.label["hidden"])
+        return tuple(hidden["class"] for hidden in self.label["hidden"])
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the effects hidden, whose classes know castors and wheels besides."""
-        return tuple(one["what"].get("name", one["class"]) for one in self.label["hidden"])
+        return tuple(hidden["what"].get("name", hidden["class"]) for hidden in self.label["hidden"])
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
     found = []
     for path in sorted((folder / "outcomes").glob("case-*.json")):
         left = folder / "left" / path.name
-        label, outcome = (read_json(own) for own in (folder / "labels" / path.name, path))
+        label, outcome = (read_json(file) for file in (folder / "labels" / path.name, path))
         after = read_json(left) if left.exists() else {"left": None}
         found.append(Trial(label, outcome, after))
     if not found:
@@ -149,22 +149,22 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         """Cases of some strata, wiring left out, with z of at least `strong` in both logs."""
         held_out = min(strong, STRONG)
         return [
-            one
-            for one in trials
-            if one.stratum in strata
-            and not one.wiring
-            and one.z >= strong
-            and one.z_held_out >= held_out
-            and one.z_sep >= separate
+            trial
+            for trial in trials
+            if trial.stratum in strata
+            and not trial.wiring
+            and trial.z >= strong
+            and trial.z_held_out >= held_out
+            and trial.z_sep >= separate
         ]
 
-    def rate(what: str, some: Sequence[Trial], so: Callable[[Trial], bool], **asked: tuple[float, float]) -> Rate:
-        count = sum(map(so, some))
-        return Rate(what, count, len(some), *wilson(count, len(some)), **asked)
+    def rate(what: str, cases: Sequence[Trial], so: Callable[[Trial], bool], **asked: tuple[float, float]) -> Rate:
+        count = sum(map(so, cases))
+        return Rate(what, count, len(cases), *wilson(count, len(cases)), **asked)
 
-    one, poor = among("one", "large", strong=STRONG), among("poor", strong=STRONG)
-    jitter = [own for own in among("one", "large", strong=JITTERY) if JITTER in own.names]
-    wired = [own for own in trials if own.wiring]
+    single, poor = among("one", "large", strong=STRONG), among("poor", strong=STRONG)
+    jitter = [trial for trial in among("one", "large", strong=JITTERY) if JITTER in trial.names]
+    wired = [trial for trial in trials if trial.wiring]
     return [
         rate(
             f"one effect, z >= {STRONG:g}, z_sep >= {SEPARATE:g}: named exactly",
@@ -172,10 +172,13 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
             _exact,
             least=(0.97, 0.85),
         ),
-        rate(f"one effect, z >= {STRONG:g}: the truth among the names", one, _in_the_set, least=(0.99, 0.92)),
-        rate(f"one effect, z >= {STRONG:g}: a wrong name, the truth not among them", one, _wrong, most=(0.01, 0.02)),
+        rate(f"one effect, z >= {STRONG:g}: the truth among the names", single, _in_the_set, least=(0.99, 0.92)),
+        rate(f"one effect, z >= {STRONG:g}: a wrong name, the truth not among them", single, _wrong, most=(0.01, 0.02)),
         rate(
-            "clean: an effect named (false positive)", among("clean"), lambda own: bool(own.possible), most=(0.01, 0.05)
+            "clean: an effect named (false positive)",
+            among("clean"),
+            lambda trial: bool(trial.possible),
+            most=(0.01, 0.05),
         ),
         rate(
             f"two effects, the weaker z >= {STRONG_OF_TWO:g}: both named exactly",
@@ -186,15 +189,17 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         rate("outside the catalogue: a name said to be sure", among("outside"), _sure, most=(0.03, 0.05)),
         rate(
             f"outside the catalogue, z >= {LOUD:g}: flagged",
-            [own for own in among("outside") if own.z >= LOUD],
-            lambda own: own.flagged,
+            [trial for trial in among("outside") if trial.z >= LOUD],
+            lambda trial: trial.flagged,
             least=(0.90, 0.80),
         ),
         rate(f"jitter, z >= {JITTERY:g}: found", jitter, _exact, least=(0.80, 0.80)),
         rate(f"poor motion, z >= {STRONG:g}: named exactly", poor, _exact),
         rate(f"poor motion, z >= {STRONG:g}: a wrong name, the truth not among them", poor, _wrong),
         rate("wiring gone wrong: found, or refused with a reason", wired, _wired),
-        rate("the finder broke down", list(trials), lambda own: own.outcome["verdict"] == "broken", most=(0.0, 0.0)),
+        rate(
+            "the finder broke down", list(trials), lambda trial: trial.outcome["verdict"] == "broken", most=(0.0, 0.0)
+        ),
     ]
 
 
@@ -204,13 +209,13 @@ def signal_left(trials: Sequence[Trial]) -> tuple[float, int]:
     Where nothing was named, all of it is left. Jitter has no signal.
     """
     left = [
-        one.left["left"]
-        for one in trials
-        if one.stratum in ("one", "large")
-        and not one.wiring
-        and min(one.z, one.z_held_out) >= STRONG
-        and one.left["left"] is not None
-        and JITTER not in one.names
+        trial.left["left"]
+        for trial in trials
+        if trial.stratum in ("one", "large")
+        and not trial.wiring
+        and min(trial.z, trial.z_held_out) >= STRONG
+        and trial.left["left"] is not None
+        and JITTER not in trial.names
     ]
     return (float(np.median(left)), len(left)) if left else (math.nan, 0)
 
@@ -218,15 +223,17 @@ def signal_left(trials: Sequence[Trial]) -> tuple[float, int]:
 def coverage(trials: Sequence[Trial]) -> dict[str, Rate]:
     """Return for each effect how often its true size lies in the 95 % interval of the one named at its place."""
     inside: dict[str, list[bool]] = {}
-    for one in trials:
-        for hidden in one.label["hidden"]:
-            for found in one.outcome["found"]:
+    for trial in trials:
+        for hidden in trial.label["hidden"]:
+            for found in trial.outcome["found"]:
                 if hidden["from"] != "catalogue" or found["error"] is None or found["class"] != hidden["class"]:
                     continue
                 true = size_as(hidden["what"], found["effect"])
                 covered = abs(found["effect"]["value"] - true) <= NORMAL * found["error"]
                 inside.setdefault(hidden["what"]["name"], []).append(covered)
-    return {name: Rate(name, sum(own), len(own), *wilson(sum(own), len(own))) for name, own in sorted(inside.items())}
+    return {
+        name: Rate(name, sum(hits), len(hits), *wilson(sum(hits), len(hits))) for name, hits in sorted(inside.items())
+    }
 
 
 def size_as(true: dict[str, Any], found: dict[str, Any]) -> float:
@@ -248,10 +255,10 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     Columns: names, several as "a + b", "another place" for the right ones elsewhere; the verdict where none is named.
     """
     table: dict[str, Counter[str]] = {}
-    for one in trials:
-        truth = " + ".join(sorted(_name(own) for own in one.truth)) or "clean"
-        said = " + ".join(sorted(_name(own) for own in one.named)) or one.outcome["verdict"]
-        if said == truth and sorted(one.named) != sorted(one.truth):
+    for trial in trials:
+        truth = " + ".join(sorted(_name(hidden_class) for hidden_class in trial.truth)) or "clean"
+        said = " + ".join(sorted(_name(hidden_class) for hidden_class in trial.named)) or trial.outcome["verdict"]
+        if said == truth and sorted(trial.named) != sorted(trial.truth):
             said += ", another place"
         table.setdefault(truth, Counter())[said] += 1
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
@@ -266,13 +273,13 @@ def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
         "format": FORMAT,
         "plan": dataclasses.asdict(plan),
         "judged": len(trials),
-        "rates": [_plain(one) | {"reached": one.reached(foreign)} for one in rates(trials)],
+        "rates": [_plain(rate) | {"reached": rate.reached(foreign)} for rate in rates(trials)],
         "held_out_signal_left": {"median": None if math.isnan(left) else left, "cases": of, "most": 0.2},
-        "coverage": [_plain(one) for one in coverage(trials).values()],
+        "coverage": [_plain(rate) for rate in coverage(trials).values()],
         "confusion": confusion(trials),
         "seconds": {
-            "make": float(np.mean([one.label["seconds"] for one in trials])),
-            "judge": float(np.mean([one.outcome["seconds"] for one in trials])),
+            "make": float(np.mean([trial.label["seconds"] for trial in trials])),
+            "judge": float(np.mean([trial.outcome["seconds"] for trial in trials])),
         },
     }
 
@@ -281,17 +288,17 @@ def lines(scores: dict[str, Any]) -> list[str]:
     """Return the scores of `report` as text."""
     plan, foreign = Plan(**scores["plan"]), scores["plan"]["generator"] != "pymunk"
     text = [f"{scores['judged']} of {plan.cases} cases, generator {plan.generator}, seed {plan.seed}, {plan.robot}", ""]
-    for one in scores["rates"]:
-        asked = one["least"] or one["most"]
-        bound = "" if asked is None else f"   asked: {'>=' if one['least'] else '<='} {100 * asked[foreign]:g} %"
-        text.append(f"{_counted(one)}  {one['what']}{bound}{_mark(one['reached'])}")
+    for rate in scores["rates"]:
+        asked = rate["least"] or rate["most"]
+        bound = "" if asked is None else f"   asked: {'>=' if rate['least'] else '<='} {100 * asked[foreign]:g} %"
+        text.append(f"{_counted(rate)}  {rate['what']}{bound}{_mark(rate['reached'])}")
     left = scores["held_out_signal_left"]
     if left["median"] is not None:
         mark = _mark(left["median"] <= left["most"])
         what = f"median part of the held-out signal left, {left['cases']} cases   asked: <= 0.2"
         text.append(f"{left['median']:.2f}  {what}{mark}")
     text += ["", "True size within the 95 % interval:"]
-    text += [f"{_counted(one)}  {one['what']}" for one in scores["coverage"]]
+    text += [f"{_counted(rate)}  {rate['what']}" for rate in scores["coverage"]]
     text += ["", "Hidden -> said:"]
     for truth, row in scores["confusion"].items():
         text.append(f"{truth}: " + ", ".join(f"{said} {count}" for said, count in row.items()))
@@ -300,37 +307,37 @@ def lines(scores: dict[str, Any]) -> list[str]:
     return text
 
 
-def _exact(one: Trial) -> bool:
-    return sorted(one.named) == sorted(one.truth) and not one.flagged
+def _exact(trial: Trial) -> bool:
+    return sorted(trial.named) == sorted(trial.truth) and not trial.flagged
 
 
-def _in_the_set(one: Trial) -> bool:
-    return set(one.truth) <= set(one.possible)
+def _in_the_set(trial: Trial) -> bool:
+    return set(trial.truth) <= set(trial.possible)
 
 
-def _wrong(one: Trial) -> bool:
-    return bool(one.possible) and not set(one.truth) & set(one.possible)
+def _wrong(trial: Trial) -> bool:
+    return bool(trial.possible) and not set(trial.truth) & set(trial.possible)
 
 
-def _sure(one: Trial) -> bool:
-    return bool(one.named)
+def _sure(trial: Trial) -> bool:
+    return bool(trial.named)
 
 
-def _wired(one: Trial) -> bool:
-    return _exact(one) or one.outcome["verdict"] == "refused"
+def _wired(trial: Trial) -> bool:
+    return _exact(trial) or trial.outcome["verdict"] == "refused"
 
 
-def _name(own: str) -> str:
-    return own.split()[0]
+def _name(label: str) -> str:
+    return label.split()[0]
 
 
-def _plain(one: Rate) -> dict[str, Any]:
-    return dataclasses.asdict(one) | {"share": None if not one.total else one.share}
+def _plain(rate: Rate) -> dict[str, Any]:
+    return dataclasses.asdict(rate) | {"share": None if not rate.total else rate.share}
 
 
-def _counted(one: dict[str, Any]) -> str:
-    share = "   -  " if one["share"] is None else f"{100 * one['share']:5.1f} %"
-    return f"{share} ({one['count']:3d}/{one['total']:3d}, {100 * one['low']:.1f} to {100 * one['high']:.1f})"
+def _counted(rate: dict[str, Any]) -> str:
+    share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
+    return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {100 * rate['low']:.1f} to {100 * rate['high']:.1f})"
 
 
 def _mark(reached: bool | None) -> str:

@@ -54,21 +54,21 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
     """Return a case (number from 1) of a trial. Every kind of effect is as likely as any other, then every place."""
     random = np.random.default_rng([seed, number])
     stratum = MIX[(number - 1) // 2 % len(MIX)]
-    every = [one.placed for one in (*named_candidates(train), *dead_gauges(train)) if one.placed is not None]
-    kinds = sorted({one.effect.name for one in every})
+    every = [found.placed for found in (*named_candidates(train), *dead_gauges(train)) if found.placed is not None]
+    kinds = sorted({placed.effect.name for placed in every})
     chosen = random.choice(kinds, size=("clean", "one", "two").index(stratum), replace=False)
     hidden, thirds = [], []
     for kind in chosen.tolist():
-        places = [one for one in every if one.effect.name == kind]
-        own = places[int(random.integers(len(places)))]
+        places = [placed for placed in every if placed.effect.name == kind]
+        effect = places[int(random.integers(len(places)))]
         part, sign = float(random.uniform()), float(random.choice([-1.0, 1.0]))
         if kind in BOUNDS:
             low, high = (math.log(bound) for bound in BOUNDS[kind])
             size = math.exp(low + part * (high - low))
-            own = own.sized(size if kind in ONE_WAY else sign * size)
-        hidden.append(own)
+            effect = effect.sized(size if kind in ONE_WAY else sign * size)
+        hidden.append(effect)
         thirds.append(THIRDS[min(int(3 * part), 2)] if kind in BOUNDS else "none")
-    first, second = (int(one) for one in random.integers(10**9, size=2))
+    first, second = (int(seed_value) for seed_value in random.integers(10**9, size=2))
     drive: Drive = "yielding" if number % 2 else "held"
     return Case(number, stratum, drive, tuple(hidden), tuple(thirds), (first, second))
 

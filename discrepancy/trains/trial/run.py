@@ -68,28 +68,32 @@ def plan_of(folder: str | os.PathLike[str]) -> Plan:
 
 def said_by(found: TrainDiagnosis) -> dict[str, Any]:
     """Return what a diagnosis says, by names and places in words: those it is sure of, and all that it may be."""
-    named = [one.what(found.train) for one in found.effects]
-    sure = [one for one in found.findings if one.verdict == "named" and one.placed is not None]
+    named = [effect.what(found.train) for effect in found.effects]
+    sure = [finding for finding in found.findings if finding.verdict == "named" and finding.placed is not None]
     return {
         "verdict": found.verdict,
         "reason": found.reason,
         "named": named,
         "possible": list(dict.fromkeys([*named, *found.families])),
-        "found": [plain(one.placed, found.train) | {"error": one.error} for one in sure if one.placed is not None],
+        "found": [
+            plain(finding.placed, found.train) | {"error": finding.error}
+            for finding in sure
+            if finding.placed is not None
+        ],
     }
 
 
 def _make_case(plan: Plan, number: int, folder: Path) -> None:
     train, name = load_train(plan.train), name_of(number)
-    case, own = draw(number, plan.seed, train), folder / "cases" / name
-    own.mkdir(exist_ok=True)
+    case, case_folder = draw(number, plan.seed, train), folder / "cases" / name
+    case_folder.mkdir(exist_ok=True)
     real = train
     for effect in case.hidden:
         real = effect.added(real)
     for file, seed in zip(("log.csv", "holdout.csv"), case.seeds, strict=True):
         drive = "servo" if case.drive == "held" else "voltage"
-        write_log(own / file, log_at_random(real, seed, SPEED * plan.duration - STANDING, drive), train)
-    train.save(own / "train.json")
+        write_log(case_folder / file, log_at_random(real, seed, SPEED * plan.duration - STANDING, drive), train)
+    train.save(case_folder / "train.json")
     write_json(folder / "labels" / f"{name}.json", _label(case, train))
 
 
@@ -100,7 +104,9 @@ def _label(case: Case, train: TrainDescription) -> dict[str, Any]:
         "stratum": case.stratum,
         "drive": case.drive,
         "seeds": case.seeds,
-        "hidden": [plain(one, train) | {"third": third} for one, third in zip(case.hidden, case.thirds, strict=True)],
+        "hidden": [
+            plain(hidden, train) | {"third": third} for hidden, third in zip(case.hidden, case.thirds, strict=True)
+        ],
     }
 
 

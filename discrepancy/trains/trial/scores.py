@@ -32,7 +32,7 @@ class Trial:
     @property
     def truth(self) -> set[str]:
         """Names and places of what was hidden."""
-        return {one["what"] for one in self.label["hidden"]}
+        return {hidden["what"] for hidden in self.label["hidden"]}
 
     @property
     def exact(self) -> bool:
@@ -72,42 +72,46 @@ def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
 def rates(trials: Sequence[Trial]) -> list[Rate]:
     """Return the rates of some cases."""
 
-    def rate(what: str, some: Sequence[Trial], so: Callable[[Trial], bool]) -> Rate:
-        count = sum(map(so, some))
-        return Rate(what, count, len(some), *wilson(count, len(some)))
+    def rate(what: str, cases: Sequence[Trial], so: Callable[[Trial], bool]) -> Rate:
+        count = sum(map(so, cases))
+        return Rate(what, count, len(cases), *wilson(count, len(cases)))
 
-    clean, one, two = ([own for own in trials if own.label["stratum"] == kind] for kind in ("clean", "one", "two"))
-    thirds = {third: [own for own in one if own.label["hidden"][0]["third"] == third] for third in THIRDS}
+    clean, single, double = (
+        [trial for trial in trials if trial.label["stratum"] == kind] for kind in ("clean", "one", "two")
+    )
+    thirds = {third: [trial for trial in single if trial.label["hidden"][0]["third"] == third] for third in THIRDS}
     return [
-        rate("clean: an effect named (false positive)", clean, lambda own: own.wrong),
-        rate("clean: any alarm", clean, lambda own: own.alarm),
-        rate("one effect: named exactly", one, lambda own: own.exact),
-        *(rate(f"  of {third} size", some, lambda own: own.exact) for third, some in thirds.items()),
-        rate("one effect: the truth among the names", one, lambda own: own.in_the_set),
-        rate("one effect: sure of something that is not there", one, lambda own: own.extra),
-        rate("one effect: a wrong name, the truth not among them", one, lambda own: own.wrong),
-        rate("two effects: both named exactly", two, lambda own: own.exact),
-        rate("two effects: sure of something that is not there", two, lambda own: own.extra),
-        rate("the finder broke down", list(trials), lambda own: own.outcome["verdict"] == "broken"),
+        rate("clean: an effect named (false positive)", clean, lambda trial: trial.wrong),
+        rate("clean: any alarm", clean, lambda trial: trial.alarm),
+        rate("one effect: named exactly", single, lambda trial: trial.exact),
+        *(rate(f"  of {third} size", cases, lambda trial: trial.exact) for third, cases in thirds.items()),
+        rate("one effect: the truth among the names", single, lambda trial: trial.in_the_set),
+        rate("one effect: sure of something that is not there", single, lambda trial: trial.extra),
+        rate("one effect: a wrong name, the truth not among them", single, lambda trial: trial.wrong),
+        rate("two effects: both named exactly", double, lambda trial: trial.exact),
+        rate("two effects: sure of something that is not there", double, lambda trial: trial.extra),
+        rate("the finder broke down", list(trials), lambda trial: trial.outcome["verdict"] == "broken"),
     ]
 
 
 def by_effect(trials: Sequence[Trial]) -> list[Rate]:
     """Return for each kind of effect how often it was named exactly where it was hidden alone."""
     counts: dict[str, list[bool]] = {}
-    for own in trials:
-        if own.label["stratum"] == "one":
-            counts.setdefault(own.label["hidden"][0]["name"], []).append(own.exact)
-    return [Rate(name, sum(some), len(some), *wilson(sum(some), len(some))) for name, some in sorted(counts.items())]
+    for trial in trials:
+        if trial.label["stratum"] == "one":
+            counts.setdefault(trial.label["hidden"][0]["name"], []).append(trial.exact)
+    return [
+        Rate(name, sum(named), len(named), *wilson(sum(named), len(named))) for name, named in sorted(counts.items())
+    ]
 
 
 def coverage(trials: Sequence[Trial]) -> Rate:
     """Return how often the true size of what is named rightly lies in the 95 % interval."""
     inside = [
         abs(found["value"] - hidden["value"]) <= NORMAL * found["error"]
-        for own in trials
-        for hidden in own.label["hidden"]
-        for found in own.outcome["found"]
+        for trial in trials
+        for hidden in trial.label["hidden"]
+        for found in trial.outcome["found"]
         if found["what"] == hidden["what"] and found.get("value") is not None and found["error"]
     ]
     return Rate("true size within the 95 % interval", sum(inside), len(inside), *wilson(sum(inside), len(inside)))
@@ -118,19 +122,19 @@ def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
     trials = trials_of(folder)
     drives: dict[str, Any] = {}
     for drive in get_args(Drive):
-        own = [one for one in trials if one.label["drive"] == drive]
+        driven = [trial for trial in trials if trial.label["drive"] == drive]
         drives[drive] = {
-            "rates": [_plain(one) for one in (*rates(own), coverage(own))],
-            "by_effect": [_plain(one) for one in by_effect(own)],
+            "rates": [_plain(rate) for rate in (*rates(driven), coverage(driven))],
+            "by_effect": [_plain(rate) for rate in by_effect(driven)],
         }
-    verdicts = Counter(f"{one.label['stratum']}, {one.outcome['verdict']}" for one in trials)
+    verdicts = Counter(f"{trial.label['stratum']}, {trial.outcome['verdict']}" for trial in trials)
     return {
         "format": FORMAT,
         "plan": dataclasses.asdict(plan_of(folder)),
         "judged": len(trials),
         "drives": drives,
         "verdicts": dict(sorted(verdicts.items())),
-        "seconds": float(np.mean([one.outcome["seconds"] for one in trials])),
+        "seconds": float(np.mean([trial.outcome["seconds"] for trial in trials])),
     }
 
 
@@ -140,20 +144,20 @@ def lines(scores: dict[str, Any]) -> list[str]:
     text = [
         f"{scores['judged']} of {plan['cases']} cases, {plan['train']}, seed {plan['seed']}, {plan['duration']:g} s"
     ]
-    for drive, own in scores["drives"].items():
+    for drive, rates_of in scores["drives"].items():
         text += ["", "Wheels that yield to each other:" if drive == "yielding" else "Wheels held at speed:"]
-        text += [_counted(one) for one in own["rates"]]
-        text += ["named exactly, of one effect alone:", *(_counted(one) for one in own["by_effect"])]
+        text += [_counted(rate) for rate in rates_of["rates"]]
+        text += ["named exactly, of one effect alone:", *(_counted(rate) for rate in rates_of["by_effect"])]
     text += ["", *(f"{count:4d}  {what}" for what, count in scores["verdicts"].items())]
     return [*text, "", f"A case takes {scores['seconds']:.1f} s to judge."]
 
 
-def _plain(one: Rate) -> dict[str, Any]:
-    kept = {name: value for name, value in dataclasses.asdict(one).items() if name not in ("least", "most")}
-    return kept | {"share": one.share if one.total else None}
+def _plain(rate: Rate) -> dict[str, Any]:
+    kept = {name: value for name, value in dataclasses.asdict(rate).items() if name not in ("least", "most")}
+    return kept | {"share": rate.share if rate.total else None}
 
 
-def _counted(one: dict[str, Any]) -> str:
-    share = "   -  " if one["share"] is None else f"{100 * one['share']:5.1f} %"
-    count = f"{one['count']:3d}/{one['total']:3d}, {100 * one['low']:.0f} to {100 * one['high']:.0f}"
-    return f"{share} ({count})  {one['what']}"
+def _counted(rate: dict[str, Any]) -> str:
+    share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
+    count = f"{rate['count']:3d}/{rate['total']:3d}, {100 * rate['low']:.0f} to {100 * rate['high']:.0f}"
+    return f"{share} ({count})  {rate['what']}"

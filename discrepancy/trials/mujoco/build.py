@@ -136,10 +136,10 @@ class Build:
 
     def wheel(self, castor: int, wheel: int) -> int:
         """Return the index of a wheel, castor and wheel numbered from 1."""
-        own = np.flatnonzero(self.castor == self.place(castor))
-        if not 1 <= wheel <= len(own):
-            raise InputError(f"castor {castor} has no wheel {wheel}; give one of 1 to {len(own)}")
-        return int(own[wheel - 1])
+        castor_wheels = np.flatnonzero(self.castor == self.place(castor))
+        if not 1 <= wheel <= len(castor_wheels):
+            raise InputError(f"castor {castor} has no wheel {wheel}; give one of 1 to {len(castor_wheels)}")
+        return int(castor_wheels[wheel - 1])
 
     def pivot_speed(self, twist: Array) -> Array:
         """Return the velocity (n, 2) in B of the pivots of a body that moves with a twist (3,)."""

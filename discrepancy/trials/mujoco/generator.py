@@ -147,7 +147,7 @@ def read(
     """
     sensors, every = Sensors(robot), run.every
     rows = [slice(0, 1), *(slice(k + 1, k + every + 1) for k in range(0, len(run.t) - 1, every))]
-    seen = np.vstack([sensors.push(run.t[own], run.angle[own]) for own in rows])
+    seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
     t = run.t[::every]
     sampled = _at(reading_times(robot, t), run.t, seen)
     wheel = sensors.wheels(sampled, run.phase, rounded=rounded)
@@ -231,8 +231,8 @@ class _SoftTyres:
     def act(self) -> None:
         """Set radii for the loads of the step before."""
         rig = self._rig
-        wanted = self._unloaded - rig.build.shrinking * rig.loads()
-        rig.radius[:] += (wanted - rig.radius) * min(rig.step / GIVING_WAY, 1.0)
+        target = self._unloaded - rig.build.shrinking * rig.loads()
+        rig.radius[:] += (target - rig.radius) * min(rig.step / GIVING_WAY, 1.0)
         for k, radius in enumerate(rig.radius.tolist()):
             rig.set_radius(k, radius)
 
@@ -252,10 +252,10 @@ class _TyreCreep:
         rig, build = self._rig, self._rig.build
         (along, aside), up = rig.forces(), rig.loads()
         rate = rig.data.qvel[rig.roll_dof] * rig.radius
-        sideways, load = (np.bincount(build.castor, own, len(build.offset)) for own in (aside, up))
+        sideways, load = (np.bincount(build.castor, force, len(build.offset)) for force in (aside, up))
         aside = (sideways / np.maximum(load, 1e-9))[build.castor]
-        wanted = np.array([build.long * along / np.maximum(up, 1e-9), build.side * aside]) * np.sign(rate)
-        self._share += np.minimum(np.abs(rate) * rig.step / RELAXATION, 1.0) * (wanted - self._share)
+        share = np.array([build.long * along / np.maximum(up, 1e-9), build.side * aside]) * np.sign(rate)
+        self._share += np.minimum(np.abs(rate) * rig.step / RELAXATION, 1.0) * (share - self._share)
         for k, (long, side) in enumerate(self._share.T.tolist()):
             rig.set_radius(k, rig.radius[k] * (1 - long))
             rig.model.body_quat[rig.hub[k]] = math.cos(side / 2), 0.0, 0.0, -math.sin(side / 2)
@@ -301,8 +301,8 @@ def _poses(rig: Rig, course: Array) -> Array:
     return np.column_stack([x, y, heading])
 
 
-def _at(wanted: Array, t: Array, values: Array) -> Array:
+def _at(instants: Array, t: Array, values: Array) -> Array:
     """Return values (N, c) at times (K,); after the last, they go on as they went."""
     last = (values[-1] - values[-2]) / (t[-1] - t[-2])
-    beyond = np.maximum(wanted - t[-1], 0.0)[:, None] * last
-    return np.column_stack([np.interp(wanted, t, column) for column in values.T]) + beyond
+    beyond = np.maximum(instants - t[-1], 0.0)[:, None] * last
+    return np.column_stack([np.interp(instants, t, column) for column in values.T]) + beyond

@@ -150,8 +150,8 @@ class Rig:
         """Let contacts slip by `viscous` (m/s) more for each N of friction, for the state that the model is in."""
         rows = np.ravel([np.arange(1, 3) + c.efc_address for c in self.data.contact[: self.data.ncon] if c.dim == 3])
         damping = 2 / (IMPEDANCE * CONTACT_TIME * self.step)
-        own = float(np.mean(self.data.efc_R[rows])) * (1 / damping + self.step)  # as the step treats it implicitly
-        self.model.opt.impratio *= own / (own + viscous)
+        creep = float(np.mean(self.data.efc_R[rows])) * (1 / damping + self.step)  # as the step treats it implicitly
+        self.model.opt.impratio *= creep / (creep + viscous)
 
     def forces(self) -> tuple[Array, Array]:
         """Return the floor's friction on wheels (w,), N: along their rolling directions, and to their left."""
@@ -218,8 +218,8 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     actuator = ET.SubElement(root, "actuator")
     standing = len(skids) + (len(build.offset) if build.turning.any() else 0)
     sinking = SINKING * (REDUNDANT if standing > 3 else 1.0)
-    own = loads[: len(build.radius)]
-    build.radius[:] -= build.shrinking * (own - own[build.driven].mean())
+    wheel_loads = loads[: len(build.radius)]
+    build.radius[:] -= build.shrinking * (wheel_loads - wheel_loads[build.driven].mean())
     parts = Parts(build, root, chassis, [], [], loads[: len(build.radius)], step, sinking)
     for i in range(len(build.offset)):
         parts.castors.append(_castor(parts, robot, actuator, i))
@@ -354,12 +354,12 @@ def _share_loads(parts: Parts) -> None:
     """Add springs that only the common rising of a castor's wheels presses in, as stiff as that they sink in asks."""
     tendons = ET.SubElement(parts.root, "tendon")
     for i in range(len(parts.castors)):
-        own = np.flatnonzero(parts.build.castor == i)
-        if len(own) > 1:
-            stiffness = parts.load[own].mean() * (1 - 1 / ROCKING) / parts.sinking / len(own)
+        wheels = np.flatnonzero(parts.build.castor == i)
+        if len(wheels) > 1:
+            stiffness = parts.load[wheels].mean() * (1 - 1 / ROCKING) / parts.sinking / len(wheels)
             spring = {"stiffness": text(stiffness), "damping": text(_damping(parts.sinking) * stiffness)}
             tendon = ET.SubElement(tendons, "fixed", spring, springlength="0")
-            for k in own:
+            for k in wheels:
                 ET.SubElement(tendon, "joint", joint=f"slide_{k}", coef="1")
 
 

@@ -157,11 +157,11 @@ class CountGlitches(Outside):
 
     def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Add the jumps."""
-        own = int(np.flatnonzero(build.driven == build.wheel(self.castor, self.wheel))[0])
+        channel = int(np.flatnonzero(build.driven == build.wheel(self.castor, self.wheel))[0])
         hit = random.uniform(size=len(t)) < self.rate * np.diff(t, prepend=t[0])
         jump = np.where(hit, np.ceil(self.counts * random.uniform(size=len(t))) * random.choice([-1, 1], len(t)), 0)
         wheel = wheel.copy()
-        wheel[:, own] += np.cumsum(jump)
+        wheel[:, channel] += np.cumsum(jump)
         return wheel
 
 

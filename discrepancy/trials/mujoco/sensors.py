@@ -53,22 +53,22 @@ class Sensors:
 
     def pivots(self, angle: Array, *, rounded: bool = True) -> Array:
         """Return the counts (..., pivot encoders), within a turn, of angles (..., w + n)."""
-        own = np.isfinite(self.build.pivot_counts)
-        turn = self.build.pivot_counts[own]
-        counts = (angle[..., len(self.build.radius) :] + self.build.zero)[..., own] * turn / (2 * math.pi)
+        sensed = np.isfinite(self.build.pivot_counts)
+        turn = self.build.pivot_counts[sensed]
+        counts = (angle[..., len(self.build.radius) :] + self.build.zero)[..., sensed] * turn / (2 * math.pi)
         return np.mod(np.round(counts) if rounded else counts, turn)
 
     def wheels(self, angle: Array, phase: Array, *, rounded: bool = True) -> Array:
         """Return cumulative counts (..., driven wheels) of angles (..., w + n); phase (driven wheels,) in counts."""
-        own = self.build.driven
-        counts = angle[..., own] * self.build.counts[own] / (2 * math.pi) + phase
+        driven = self.build.driven
+        counts = angle[..., driven] * self.build.counts[driven] / (2 * math.pi) + phase
         return np.round(counts) if rounded else counts
 
 
 def believed(build: Build, counts: Array) -> Array:
     """Return the castor angles (n,) that a robot makes of its pivot counts (pivot encoders,)."""
-    theta, own = build.angle.copy(), np.isfinite(build.pivot_counts)
-    theta[own] = counts * 2 * math.pi / build.pivot_counts[own] - build.zero[own]
+    theta, sensed = build.angle.copy(), np.isfinite(build.pivot_counts)
+    theta[sensed] = counts * 2 * math.pi / build.pivot_counts[sensed] - build.zero[sensed]
     return theta
 
 
@@ -118,11 +118,11 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
         case PivotGain():
             return _one(w + build.place(effect.castor), lambda angle: (1 + effect.value) * angle)
         case PivotEccentricity():
-            own = w + build.place(effect.castor)
-            return _one(own, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
+            channel = w + build.place(effect.castor)
+            return _one(channel, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
         case WheelEccentricity():
-            own = build.wheel(effect.castor, effect.wheel)
-            return _one(own, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
+            channel = build.wheel(effect.castor, effect.wheel)
+            return _one(channel, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
         case EncoderReversed():
             return _one(_channel(build, effect.castor, effect.wheel), np.negative)
         case EncodersSwapped():
@@ -140,11 +140,11 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
             sign = 1.0 if effect.direction == "forward" else -1.0
             return LostTicks(build.wheel(effect.castor, effect.wheel), effect.value, sign, effect.above)
         case LostRemainders():
-            own = build.wheel(effect.castor, effect.wheel)
-            return Truncated(own, 2 * math.pi / build.counts[own])
+            channel = build.wheel(effect.castor, effect.wheel)
+            return Truncated(channel, 2 * math.pi / build.counts[channel])
         case TickLossBursts():
-            own = build.wheel(effect.castor, effect.wheel)
-            return Bursts(own, effect.value, effect.start, effect.period, effect.width, effect.seed)
+            channel = build.wheel(effect.castor, effect.wheel)
+            return Bursts(channel, effect.value, effect.start, effect.period, effect.width, effect.seed)
     if effect.name not in NOT_SENSED:
         raise InputError(f"effect {effect.name!r}: the MuJoCo generator has no such effect; leave it out")
     return None
@@ -154,21 +154,21 @@ class Late:
     """Some channels as they were `latency` s before; early ones (below 0) go on as from the last sample to this."""
 
     def __init__(self, channels: list[int], latency: float) -> None:
-        self._own, self._latency = channels, latency
+        self._channels, self._latency = channels, latency
         self._t, self._angle = np.empty(0), np.empty((0, len(channels)))
 
     def __call__(self, t: Array, angle: Array) -> Array:
         """Return the angles of a period."""
         angle = angle.copy()
-        last = (self._t[-1], self._angle[-1]) if len(self._t) else (t[0], angle[0, self._own])
-        self._t, self._angle = np.append(self._t, t), np.vstack([self._angle, angle[:, self._own]])
-        newest, rate = self._t[-1], np.zeros(len(self._own))
+        last = (self._t[-1], self._angle[-1]) if len(self._t) else (t[0], angle[0, self._channels])
+        self._t, self._angle = np.append(self._t, t), np.vstack([self._angle, angle[:, self._channels]])
+        newest, rate = self._t[-1], np.zeros(len(self._channels))
         if newest > last[0]:
             rate = (self._angle[-1] - last[1]) / (newest - last[0])
-        wanted = t - self._latency
-        for j, own in enumerate(self._own):
-            beyond = rate[j] * np.maximum(wanted - newest, 0.0)
-            angle[:, own] = np.interp(wanted, self._t, self._angle[:, j]) + beyond
+        read_at = t - self._latency
+        for j, channel in enumerate(self._channels):
+            beyond = rate[j] * np.maximum(read_at - newest, 0.0)
+            angle[:, channel] = np.interp(read_at, self._t, self._angle[:, j]) + beyond
         kept = max(0, int(np.searchsorted(self._t, newest - self._latency)) - 1)
         self._t, self._angle = self._t[kept:], self._angle[kept:]
         return angle
@@ -178,16 +178,16 @@ class Play:
     """A channel behind a gear with play: it follows at `half` of it, rad, and starts in the middle."""
 
     def __init__(self, channel: int, half: float) -> None:
-        self._own, self._half = channel, half
+        self._channel, self._half = channel, half
         self._stands: float | None = None
 
     def __call__(self, t: Array, angle: Array) -> Array:
         """Return the angles of a period."""
         angle = angle.copy()
-        stands = float(angle[0, self._own]) if self._stands is None else self._stands
-        for k, true in enumerate(angle[:, self._own].tolist()):
+        stands = float(angle[0, self._channel]) if self._stands is None else self._stands
+        for k, true in enumerate(angle[:, self._channel].tolist()):
             stands = min(max(stands, true - self._half), true + self._half)
-            angle[k, self._own] = stands
+            angle[k, self._channel] = stands
         self._stands = stands
         return angle
 
@@ -196,20 +196,20 @@ class LostTicks:
     """A wheel whose encoder loses a share of the turn in periods faster than `above`, rad/s, one way round."""
 
     def __init__(self, channel: int, share: float, sign: float, above: float) -> None:
-        self._own, self._share, self._sign, self._above = channel, share, sign, above
+        self._channel, self._share, self._sign, self._above = channel, share, sign, above
         self._before: tuple[float, float] | None = None
         self._lost = 0.0
 
     def __call__(self, t: Array, angle: Array) -> Array:
         """Return the angles of a period."""
-        angle, true = angle.copy(), angle[:, self._own]
+        angle, true = angle.copy(), angle[:, self._channel]
         share, start = 0.0, true[0]
         if self._before is not None:
             start = self._before[1]
             fast = self._sign * (true[-1] - start) > self._above * (t[-1] - self._before[0])
             share = self._share if fast else 0.0
         lost = self._lost + share * (true - start)
-        angle[:, self._own] = true - lost
+        angle[:, self._channel] = true - lost
         self._lost, self._before = float(lost[-1]), (float(t[-1]), float(true[-1]))
         return angle
 
@@ -218,18 +218,18 @@ class Truncated:
     """A wheel whose turn a period is cut to whole counts of `count` rad, toward zero; what is left over is lost."""
 
     def __init__(self, channel: int, count: float) -> None:
-        self._own, self._count = channel, count
+        self._channel, self._count = channel, count
         self._before: float | None = None
         self._lost = 0.0
 
     def __call__(self, t: Array, angle: Array) -> Array:
         """Return the angles of a period: what is lost in it is lost in its last row."""
-        angle, true = angle.copy(), angle[:, self._own]
-        angle[:, self._own] = true - self._lost
+        angle, true = angle.copy(), angle[:, self._channel]
+        angle[:, self._channel] = true - self._lost
         if self._before is not None:
             turned = true[-1] - self._before
             self._lost += float(turned - math.trunc(turned / self._count) * self._count)
-            angle[-1, self._own] = true[-1] - self._lost
+            angle[-1, self._channel] = true[-1] - self._lost
         self._before = float(true[-1])
         return angle
 
@@ -241,7 +241,7 @@ class Bursts:
     """
 
     def __init__(self, channel: int, share: float, start: float, period: float, width: float, seed: int | None) -> None:
-        self._own, self._share, self._period, self._width = channel, share, period, width
+        self._channel, self._share, self._period, self._width = channel, share, period, width
         self._random = None if seed is None else np.random.default_rng(seed)
         self._begins = [start]
         self._before: tuple[float, float] | None = None
@@ -252,13 +252,13 @@ class Bursts:
         while self._begins[-1] <= t[-1]:
             later = 1.0 if self._random is None else self._random.uniform(0.0, 2.0)
             self._begins.append(self._begins[-1] + self._period * later)
-        angle, true = angle.copy(), angle[:, self._own]
+        angle, true = angle.copy(), angle[:, self._channel]
         since, start = (t[0], true[0]) if self._before is None else self._before
         middle = t - np.diff(t, prepend=since) / 2
         last = np.searchsorted(self._begins, middle, side="right") - 1
         losing = (last >= 0) & (middle - np.array(self._begins)[last] < self._width)
         lost = self._lost + np.cumsum(self._share * losing * np.diff(true, prepend=start))
-        angle[:, self._own] = true - lost
+        angle[:, self._channel] = true - lost
         self._lost, self._before = float(lost[-1]), (float(t[-1]), float(true[-1]))
         return angle
 

@@ -124,18 +124,21 @@ def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
 
     And the derivative by each window's motion (S * per_step, 3, 3).
     """
-    own = moved[: layout.steps * layout.per_step].reshape(layout.steps, layout.per_step, 3)
-    heading = np.cumsum(own[:, :, 2], axis=1) - own[:, :, 2] / 2
-    chord = np.sinc(own[:, :, 2] / (2 * np.pi))
+    steps = moved[: layout.steps * layout.per_step].reshape(layout.steps, layout.per_step, 3)
+    heading = np.cumsum(steps[:, :, 2], axis=1) - steps[:, :, 2] / 2
+    chord = np.sinc(steps[:, :, 2] / (2 * np.pi))
     c, s = np.cos(heading), np.sin(heading)
-    part = np.stack([c * own[..., 0] - s * own[..., 1], s * own[..., 0] + c * own[..., 1]], axis=-1) * chord[..., None]
+    part = (
+        np.stack([c * steps[..., 0] - s * steps[..., 1], s * steps[..., 0] + c * steps[..., 1]], axis=-1)
+        * chord[..., None]
+    )
     total = part.sum(axis=1)
     rest = total[:, None] - np.cumsum(part, axis=1) + part / 2
     by = np.zeros((*heading.shape, 3, 3))
     by[..., 0, 0], by[..., 0, 1], by[..., 0, 2] = c, -s, -rest[..., 1]
     by[..., 1, 0], by[..., 1, 1], by[..., 1, 2] = s, c, rest[..., 0]
     by[..., 2, 2] = 1.0
-    return np.column_stack([total, own[:, :, 2].sum(axis=1)]), by.reshape(-1, 3, 3)
+    return np.column_stack([total, steps[:, :, 2].sum(axis=1)]), by.reshape(-1, 3, 3)
 
 
 def between(pose: Array) -> tuple[Array, Array, Array]:

@@ -36,7 +36,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import angles_of, counts_of
 from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
-from discrepancy.trials.strength.whitening import Declared, Whitening
+from discrepancy.trials.strength.whitening import NoiseModel, Whitening
 
 SMALL = 1e-4
 """s, m and rad: changes of nuisances to take derivatives with."""
@@ -53,30 +53,30 @@ FITTED_ANYWAY = frozenset(("all_latency", "clock_offset", "reference_yaw", "refe
 """Effects that are nuisances: of an offset of all clocks some edges are left over, of the tracked point nothing."""
 
 
-class Yardstick:
+class StrengthMetric:
     """What effects on one run are measured with.
 
     robot: nominal. exact: a log of its run, counts not rounded, the true pose in every row; castor angles and distances
     of the whitening are its own.
     """
 
-    def __init__(self, robot: RobotDescription, exact: Log, declared: Declared | None = None) -> None:
+    def __init__(self, robot: RobotDescription, exact: Log, noise_model: NoiseModel | None = None) -> None:
         self.robot, self.exact = robot.as_described(), exact
         self._geometry = Geometry.of(self.robot)
         self._layout = Layout(self._geometry, len(exact), float(np.median(np.diff(exact.t))))
         windows = windows_of(self._geometry, self._layout, exact)
-        self._whitening = Whitening(self._geometry, self._layout, windows, exact, declared or Declared())
-        self._own = self._residuals(windows, exact)
+        self._whitening = Whitening(self._geometry, self._layout, windows, exact, noise_model or NoiseModel())
+        self._base = self._residuals(windows, exact)
         nuisances = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
         self._nuisances = basis(nuisances[:, np.linalg.norm(nuisances, axis=0) > FAINT])
 
     def signal(self, log: Log, against: Log | None = None) -> Array:
-        """Return the whitened residuals of a log less those of another one (None: the yardstick's), nuisances gone."""
-        before = self._own if against is None else self._of(against)
+        """Return the whitened residuals of a log less those of another one (None: the metric's), nuisances gone."""
+        before = self._base if against is None else self._of(against)
         return self._cleared(np.nan_to_num(self._of(log) - before))
 
     def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
-        """Return the yardstick's run as sensors with some effects report it, the physics unchanged."""
+        """Return the metric's run as sensors with some effects report it, the physics unchanged."""
         robot, exact = self.robot.with_effects(*effects), self.exact
         assert exact.reference is not None
         angle, pose, w = angles_of(self.robot, exact), exact.reference, len(robot.wheels)
@@ -97,7 +97,7 @@ class Yardstick:
             return self.signal(self.read(effect)) / effect.value
         slip = slip_of(ContactMotion(real, self._motion))
         windows = windows_of(Geometry.of(real.as_built()), self._layout, self.exact, slip)
-        return self._cleared(self._own - self._residuals(windows, self.exact)) / effect.value
+        return self._cleared(self._base - self._residuals(windows, self.exact)) / effect.value
 
     @cached_property
     def _motion(self) -> Motion:
@@ -114,23 +114,23 @@ class Yardstick:
             if effect.wiring or effect.name in FITTED_ANYWAY or effect.name == JITTER:
                 continue
             try:
-                own = self.signature(effect)
+                signature = self.signature(effect)
             except InputError:
                 continue
-            length = float(np.linalg.norm(own))
+            length = float(np.linalg.norm(signature))
             if length * abs(effect.value) > LEAST:
-                found.setdefault(class_of(effect), []).append(own / length)
-        return {name: np.stack(own, axis=-1) for name, own in found.items()}
+                found.setdefault(class_of(effect), []).append(signature / length)
+        return {name: np.stack(signature, axis=-1) for name, signature in found.items()}
 
-    def separation(self, signal: Array, own: str, *others: Array) -> tuple[float, str]:
-        """Return z_sep of a signal of the class `own`, and the class that comes nearest.
+    def separation(self, signal: Array, class_name: str, *others: Array) -> tuple[float, str]:
+        """Return z_sep of a signal of the class `class_name`, and the class that comes nearest.
 
         others: signals of effects that are there too; they are projected out.
         """
         left = {
-            name: float(np.linalg.norm(without(signal, rival, *others)))
-            for name, rival in self.signatures.items()
-            if name != own
+            name: float(np.linalg.norm(without(signal, other, *others)))
+            for name, other in self.signatures.items()
+            if name != class_name
         }
         nearest = min(left, key=left.__getitem__)
         return left[nearest], nearest
@@ -161,7 +161,7 @@ class Yardstick:
         return self._residuals(windows_of(self._geometry, self._layout, log), log)
 
     def _residuals(self, windows: Windows, log: Log) -> Array:
-        """Return parity in the frame of the yardstick's run, window by window, then steps."""
+        """Return parity in the frame of the metric's run, window by window, then steps."""
         parity = np.einsum("wij,wi->wj", self._whitening.null, windows.left)
         return np.concatenate([parity.ravel(), steps_left(self._layout, windows, log).ravel()])  # NaN: no pose
 
@@ -175,12 +175,12 @@ class Yardstick:
         t, pose = self.exact.t, self.exact.reference.copy()
         c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         if k == 0:
-            pose = 2 * pose - np.stack([np.interp(t - SMALL, t, own) for own in pose.T], axis=-1)
+            pose = 2 * pose - np.stack([np.interp(t - SMALL, t, coordinate) for coordinate in pose.T], axis=-1)
         else:
             by = [np.column_stack([c, s, 0 * c]), np.column_stack([-s, c, 0 * c]), np.array([0.0, 0.0, 1.0])]
             pose += SMALL * by[k - 1]
         moved = self._of(dataclasses.replace(self.exact, reference=pose))
-        return self._whitening.whitened(moved - self._own) / SMALL
+        return self._whitening.whitened(moved - self._base) / SMALL
 
 
 def gaussian_strength(more: Array) -> float:
@@ -192,8 +192,8 @@ def without(signal: Array, *spans: Array) -> Array:
     """Return a signal (size,) less its projection on all of some spans, each (size,) or (size, k)."""
     if not spans:
         return signal
-    own = basis(np.column_stack(spans))
-    return signal - own @ (own.T @ signal)
+    orthonormal = basis(np.column_stack(spans))
+    return signal - orthonormal @ (orthonormal.T @ signal)
 
 
 def basis(columns: Array) -> Array:
@@ -228,7 +228,9 @@ def _moving_parts(robot: RobotDescription) -> RobotDescription:
     """Return a robot with encoders of one kind."""
     castors = []
     for castor in robot.castors:
-        wheels = tuple(dataclasses.replace(own, counts_per_rev=own.counts_per_rev and 1.0) for own in castor.wheels)
+        wheels = tuple(
+            dataclasses.replace(wheel, counts_per_rev=wheel.counts_per_rev and 1.0) for wheel in castor.wheels
+        )
         castors.append(dataclasses.replace(castor, wheels=wheels, pivot_zero=0.0))
     return dataclasses.replace(robot, castors=tuple(castors))
 
@@ -236,6 +238,6 @@ def _moving_parts(robot: RobotDescription) -> RobotDescription:
 def apart(signals: Sequence[Array]) -> list[float]:
     """Return z of each of several signals after projecting out the others."""
     return [
-        float(np.linalg.norm(without(own, *(other for j, other in enumerate(signals) if j != k))))
-        for k, own in enumerate(signals)
+        float(np.linalg.norm(without(signal, *(other for j, other in enumerate(signals) if j != k))))
+        for k, signal in enumerate(signals)
     ]

@@ -15,7 +15,7 @@ from discrepancy.trials.cases import Case, Hidden
 from discrepancy.trials.generators import Generator
 from discrepancy.trials.noise import EXACT
 from discrepancy.trials.outside import Outside
-from discrepancy.trials.strength.separation import JITTER, Yardstick, apart, is_physical
+from discrepancy.trials.strength.separation import JITTER, StrengthMetric, apart, is_physical
 
 TRIES, CLOSE = 4, 0.1
 """Of sizes, until z is so close to what was drawn, as a part of it."""
@@ -42,7 +42,7 @@ class Strength:
     floor: float | None
 
 
-class Track:
+class TrialRun:
     """One of a case's two motions, driven by the nominal robot and by others."""
 
     def __init__(self, robot: RobotDescription, case: Case, which: int, generator: Generator, duration: float) -> None:
@@ -68,9 +68,9 @@ class Track:
         return self.drive()
 
     @cached_property
-    def yardstick(self) -> Yardstick:
+    def metric(self) -> StrengthMetric:
         """Of the robot without effects."""
-        return Yardstick(self.robot, self.nominal)
+        return StrengthMetric(self.robot, self.nominal)
 
     @cached_property
     def floor(self) -> float:
@@ -80,19 +80,19 @@ class Track:
         without an effect. So the second run drives the same motion by `FASTER` faster: what hangs on trifles, such as
         which way round a castor swings, then shows.
         """
-        return float(np.linalg.norm(self.yardstick.signal(self.drive(faster=FASTER))))
+        return float(np.linalg.norm(self.metric.signal(self.drive(faster=FASTER))))
 
     def signal(self, hidden: Hidden) -> Array:
         """Return the signal of one thing: of sensors, on the nominal run; else of a run of its own less the nominal."""
         effects = () if hidden.effect is None else (hidden.effect,)
         outside = hidden.what if hidden.effect is None else None
-        make = self.drive if self._moves(hidden) else self.yardstick.read
-        return self.yardstick.signal(make(*effects, outside=outside))
+        make = self.drive if self._moves(hidden) else self.metric.read
+        return self.metric.signal(make(*effects, outside=outside))
 
     def z(self, hidden: Hidden, signal: Array | None = None) -> float:
         """Return z of one thing; 0 where it is not well above the floor."""
         if hidden.effect is not None and hidden.effect.name == JITTER:
-            return self.yardstick.jitter_strength(hidden.size)
+            return self.metric.jitter_strength(hidden.size)
         size = float(np.linalg.norm(self.signal(hidden) if signal is None else signal))
         return self.above_floor(hidden, size)
 
@@ -102,29 +102,29 @@ class Track:
             return size
         return float(np.sqrt(size**2 - self.floor**2)) if size > OVER_FLOOR * self.floor else 0.0
 
-    def strength(self, hidden: tuple[Hidden, ...], *, rivals: bool) -> Strength:
+    def strength(self, hidden: tuple[Hidden, ...], *, alternatives: bool) -> Strength:
         """Return how strong things are, each with the others projected out.
 
-        rivals: whether to look at those too, or else at the floor in any case.
+        alternatives: whether to look at those too, or else at the floor in any case.
         """
-        yard = self.yardstick
-        nothing = np.zeros_like(yard.signal(self.nominal))
-        jitters = [one.effect is not None and one.effect.name == JITTER for one in hidden]
-        signals = [nothing if jitter else self.signal(one) for one, jitter in zip(hidden, jitters, strict=True)]
+        metric = self.metric
+        nothing = np.zeros_like(metric.signal(self.nominal))
+        jitters = [item.effect is not None and item.effect.name == JITTER for item in hidden]
+        signals = [nothing if jitter else self.signal(item) for item, jitter in zip(hidden, jitters, strict=True)]
         alone = apart(signals)
         z, z_sep, nearest = [], [], []
-        for k, one in enumerate(hidden):
-            z.append(yard.jitter_strength(one.size) if jitters[k] else self.above_floor(one, alone[k]))
-            if rivals and not jitters[k]:
-                far, name = yard.separation(signals[k], one.label, *signals[:k], *signals[k + 1 :])
+        for k, item in enumerate(hidden):
+            z.append(metric.jitter_strength(item.size) if jitters[k] else self.above_floor(item, alone[k]))
+            if alternatives and not jitters[k]:
+                far, name = metric.separation(signals[k], item.label, *signals[:k], *signals[k + 1 :])
                 z_sep.append(far)
                 nearest.append(name)
             else:  # nothing else looks like jitter
                 z_sep.append(z[k])
                 nearest.append("")
-        cosine = yard.cosine(signals[0])[0] if rivals and signals[0].any() else None
-        floor = None if rivals and not any(map(self._moves, hidden)) else self.floor
-        return Strength(tuple(z), tuple(z_sep) if rivals else None, tuple(nearest), cosine, floor)
+        cosine = metric.cosine(signals[0])[0] if alternatives and signals[0].any() else None
+        floor = None if alternatives and not any(map(self._moves, hidden)) else self.floor
+        return Strength(tuple(z), tuple(z_sep) if alternatives else None, tuple(nearest), cosine, floor)
 
     def _moves(self, hidden: Hidden) -> bool:
         """Whether something changes the physics."""
@@ -133,27 +133,27 @@ class Track:
         return is_physical(self.robot, hidden.effect)
 
 
-def settled(case: Case, track: Track) -> Case | None:
+def solve_size(case: Case, trial_run: TrialRun) -> Case | None:
     """Return a case with what it hides in a size of about the strength wanted; None where that cannot be had."""
     try:
-        hidden = tuple(_sized(one, target, track) for one, target in zip(case.hidden, case.targets, strict=True))
+        hidden = tuple(_sized(item, target, trial_run) for item, target in zip(case.hidden, case.targets, strict=True))
     except (InputError, ValueError, ArithmeticError):
         return None
     return dataclasses.replace(case, hidden=hidden)
 
 
-def _sized(hidden: Hidden, target: float, track: Track) -> Hidden:
+def _sized(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     """Return something in the size that makes z the target, to `CLOSE`; raises ValueError where there is none.
 
     By secants of log z over log size, from a slope of `power` on.
     """
     if hidden.effect is not None and hidden.effect.wiring:
         return hidden
-    hidden, slope, before = _begun(hidden, target, track), hidden.power, None
+    hidden, slope, before = _begun(hidden, target, trial_run), hidden.power, None
     for _ in range(TRIES):
         if hidden.effect is not None:
-            track.robot.with_effects(hidden.effect).as_built()  # refuses what cannot be
-        z = track.z(hidden)
+            trial_run.robot.with_effects(hidden.effect).as_built()  # refuses what cannot be
+        z = trial_run.z(hidden)
         if z <= 0.0:
             raise ValueError(f"{hidden.label} does not show")
         if abs(z / target - 1.0) < CLOSE:
@@ -167,12 +167,12 @@ def _sized(hidden: Hidden, target: float, track: Track) -> Hidden:
     return hidden
 
 
-def _begun(hidden: Hidden, target: float, track: Track) -> Hidden:
+def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     """Return a physical effect in the size that its signature would need; others in the size of their step."""
     effect = hidden.effect
-    if effect is None or effect.name == JITTER or not is_physical(track.robot, effect):
+    if effect is None or effect.name == JITTER or not is_physical(trial_run.robot, effect):
         return hidden
-    alone = float(np.linalg.norm(track.yardstick.signature(effect)))
+    alone = float(np.linalg.norm(trial_run.metric.signature(effect)))
     return (
         hidden.scaled(float(np.copysign(target / alone, effect.value))) if alone * abs(effect.value) > 0.01 else hidden
     )

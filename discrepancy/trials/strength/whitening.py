@@ -17,7 +17,7 @@ Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Declared:
+class NoiseModel:
     """The numbers that residuals are whitened by.
 
     counts: variance of an absolute reading, counts^2. position, heading: of reference poses, m and rad, one standard
@@ -39,7 +39,7 @@ class Whitening:
     sparse. Residuals: parity, window by window, then steps.
     """
 
-    def __init__(self, geometry: Geometry, layout: Layout, windows: Windows, log: Log, declared: Declared) -> None:
+    def __init__(self, geometry: Geometry, layout: Layout, windows: Windows, log: Log, noise_model: NoiseModel) -> None:
         rank = int(np.linalg.matrix_rank(windows.rows, tol=1e-9).max())
         self.null = np.linalg.svd(windows.rows)[0][:, :, rank:]
         redundant, per = self.null.shape[2], layout.per_step
@@ -59,17 +59,17 @@ class Whitening:
         samples = (layout.q * np.arange(layout.windows))[:, None] + np.arange(layout.q + 1)
         column = (samples[:, :, None] * channels + np.arange(channels)).reshape(layout.windows, -1)
         self.by_counts = spread(_by_counts(geometry, layout, windows), column, len(log) * channels)
-        own = np.arange(windows.left.size).reshape(windows.left.shape)
-        slip = np.sqrt(declared.slip**2 * _distance(geometry, layout, windows) + declared.least**2)
-        by_slip = spread(slip[:, :, None] * np.eye(slip.shape[1]), own, own.size)
+        slip_columns = np.arange(windows.left.size).reshape(windows.left.shape)
+        slip = np.sqrt(noise_model.slip**2 * _distance(geometry, layout, windows) + noise_model.least**2)
+        by_slip = spread(slip[:, :, None] * np.eye(slip.shape[1]), slip_columns, slip_columns.size)
 
-        sigma = np.array([declared.position, declared.position, declared.heading])
+        sigma = np.array([noise_model.position, noise_model.position, noise_model.heading])
         place = np.arange((layout.steps + 1) * 3).reshape(-1, 3)
         _, before, after = between(poses_of(layout, log))
         blocks = [(steps, place[:-1], before * sigma), (steps, place[1:], after * sigma)]
         by_poses = _sparse(blocks, (self._size, place.size))
 
-        self.covariance = declared.counts * (self.by_counts @ self.by_counts.T)
+        self.covariance = noise_model.counts * (self.by_counts @ self.by_counts.T)
         self.covariance += by_slip @ by_slip.T + by_poses @ by_poses.T
         middle = [
             np.repeat(np.arange(layout.windows) + 0.5, redundant),
@@ -111,8 +111,8 @@ def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
     rolled = np.abs(windows.rolled)
     columns = [rolled[:, wheel] for wheel in layout.wheels]
     for castor in layout.castors:
-        own = layout.driven[geometry.wheel_castor[layout.driven] == castor]
-        columns.append(rolled[:, own].mean(axis=1) if own.size else np.hypot(*windows.moved[:, :2].T))
+        wheels = layout.driven[geometry.wheel_castor[layout.driven] == castor]
+        columns.append(rolled[:, wheels].mean(axis=1) if wheels.size else np.hypot(*windows.moved[:, :2].T))
     return np.stack(columns, axis=-1)
 
 

@@ -88,7 +88,7 @@ def test_wrong_wiring_is_named(effect, poses):
     found = preflight(ASOC, [log_of(ASOC, effect, poses=poses)])
     mistake = only(found)
     assert mistake.effects == found.effects == (effect,)
-    assert mistake.rivals == ()
+    assert mistake.alternatives == ()
     assert not found.fatal
     assert any("scale cannot be seen" in remark for remark in found.remarks) is not poses
 
@@ -132,7 +132,7 @@ def test_castors_shifted_around_are_put_in_order():
 def test_two_mistakes_at_once_are_both_named(effects):
     found = preflight(ASOC, [log_of(ASOC, *effects)])
     assert set(found.effects) == set(effects)
-    assert [mistake.rivals for mistake in found.mistakes] == [(), ()]
+    assert [mistake.alternatives for mistake in found.mistakes] == [(), ()]
 
 
 def counted(log, wheels, factor):
@@ -181,7 +181,7 @@ def test_a_reference_in_other_units_or_senses_is_named(name, change, said):
     log = log_of(robot)
     found = preflight(robot, [dataclasses.replace(log, reference=log.reference * change)])
     mistake = only(found)
-    assert any(said in one for one in (mistake.what, *mistake.rivals))
+    assert any(said in one for one in (mistake.what, *mistake.alternatives))
     if robot is ASOC:
         assert said in mistake.what
 
@@ -191,7 +191,7 @@ def test_what_two_wheels_cannot_tell_apart_is_told():
     robot = preset("differential")
     mistake = only(preflight(robot, [log_of(robot, EncodersSwapped(castor=1))]))
     assert mistake.effects == (EncodersSwapped(castor=1),)
-    assert any("mirror" in rival for rival in mistake.rivals)
+    assert any("mirror" in alternative for alternative in mistake.alternatives)
     blind = preflight(robot, [log_of(robot, EncodersSwapped(castor=1), poses=False)])
     assert blind.mistakes == ()
     assert any("too few encoders and reference poses" in remark for remark in blind.remarks)
@@ -201,7 +201,7 @@ def test_a_wheel_reversed_on_the_spot_is_a_fork_turned_around():
     robot = preset("swerve")
     mistake = only(preflight(robot, [log_of(robot, EncoderReversed(castor=3, wheel=1))]))
     assert mistake.effects == (EncoderReversed(castor=3, wheel=1),)
-    assert mistake.rivals == ("pivot_3 reads half a turn too much",)
+    assert mistake.alternatives == ("pivot_3 reads half a turn too much",)
 
 
 def test_a_reference_that_is_turned_is_told_with_its_angle():
@@ -341,4 +341,4 @@ def test_mistakes_made_in_measured_logs_are_found():
                         wheel[:, [a, b]] = wheel[:, [b, a]]
                 wrong.append(dataclasses.replace(run, wheel=wheel, pivot=pivot))
             found = preflight(session.robot, wrong)
-            assert found.effects == (effect,) or found.mistakes[0].rivals, (session.name, effect, found)
+            assert found.effects == (effect,) or found.mistakes[0].alternatives, (session.name, effect, found)

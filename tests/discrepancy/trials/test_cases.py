@@ -15,7 +15,7 @@ from discrepancy.trials.noise import EXACT, REFERENCE_EVERY, Noise
 from discrepancy.trials.outside import KINDS, outside_effects
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import angles_of, counts_of
-from discrepancy.trials.strength.solve_size import Track, settled
+from discrepancy.trials.strength.solve_size import TrialRun, solve_size
 
 ROBOT = preset("asoc-prototype")
 OWN = generator("pymunk")
@@ -125,10 +125,10 @@ def test_effects_outside_the_catalogue_are_all_drawn_and_do_something():
 def test_an_effect_is_settled_to_the_strength_wanted():
     effect = WheelEccentricity(castor=1, wheel=1, value=1e-3, phase=0.5)
     case = Case(1, "one", "wander", (7, 8), (Hidden(effect),), (12.0,))
-    track = Track(ROBOT, case, 0, OWN, 12.0)
-    found = settled(case, track)
+    trial_run = TrialRun(ROBOT, case, 0, OWN, 12.0)
+    found = solve_size(case, trial_run)
     assert found is not None
-    strength = track.strength(found.hidden, rivals=True)
+    strength = trial_run.strength(found.hidden, alternatives=True)
     assert strength.z[0] == pytest.approx(12.0, rel=0.1)
     assert strength.z_sep is not None
     assert 0 < strength.z_sep[0] <= strength.z[0] * (1 + 1e-9)
@@ -138,4 +138,4 @@ def test_an_effect_is_settled_to_the_strength_wanted():
 def test_what_cannot_be_is_not_settled():
     effect = WheelEccentricity(castor=1, wheel=1, value=1e-3)
     case = Case(1, "large", "wander", (7, 8), (Hidden(effect),), (1e9,))
-    assert settled(case, Track(ROBOT, case, 0, OWN, 6.0)) is None
+    assert solve_size(case, TrialRun(ROBOT, case, 0, OWN, 6.0)) is None

@@ -149,5 +149,5 @@ def test_what_a_diagnosis_says():
     assert unexplained == run.Said("unexplained", (), (), True)
     swapped = Mistake("left and right are swapped: so", (EncodersSwapped(castor=1),))
     assert said_by("named", (), (swapped,)).named == ("encoders_swapped 1",)
-    assert said_by("ambiguous", (), (dataclasses.replace(swapped, rivals=("or not",)),)).named == ()
+    assert said_by("ambiguous", (), (dataclasses.replace(swapped, alternatives=("or not",)),)).named == ()
     assert said_by("unconfirmed", (Finding("unconfirmed", (known,), track),)).possible == ()

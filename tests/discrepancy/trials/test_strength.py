@@ -20,8 +20,15 @@ from discrepancy.trials.generators import generator
 from discrepancy.trials.noise import EXACT
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.strength.residuals import Layout, rolling
-from discrepancy.trials.strength.separation import Yardstick, apart, class_of, gaussian_strength, is_physical, without
-from discrepancy.trials.strength.whitening import Declared
+from discrepancy.trials.strength.separation import (
+    StrengthMetric,
+    apart,
+    class_of,
+    gaussian_strength,
+    is_physical,
+    without,
+)
+from discrepancy.trials.strength.whitening import NoiseModel
 
 ASOC = preset("asoc-prototype")
 SPEED = 0.2
@@ -42,8 +49,8 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def yard(run):
-    return Yardstick(ASOC, run)
+def metric(run):
+    return StrengthMetric(ASOC, run)
 
 
 def test_all_radii_wrong_on_a_straight_drive_as_the_closed_form():
@@ -51,20 +58,20 @@ def test_all_radii_wrong_on_a_straight_drive_as_the_closed_form():
     # to J (J + 1) (J + 2) / (12 sigma^2). A log that begins at speed has one step more, which the clock's offset takes.
     robot, sigma, part = preset("differential"), 1e-3, 0.002
     radii = np.array([wheel.radius for wheel in robot.wheels])
-    yard = Yardstick(robot, straight(robot, 10.0, radii), Declared(counts=1e-12, slip=1e-12, position=sigma))
+    metric = StrengthMetric(robot, straight(robot, 10.0, radii), NoiseModel(counts=1e-12, slip=1e-12, position=sigma))
     a, steps = SPEED * (1 - 1 / (1 + part)), 10 - 1
-    z = np.linalg.norm(yard.signal(straight(robot, 10.0, radii * (1 + part))))
+    z = np.linalg.norm(metric.signal(straight(robot, 10.0, radii * (1 + part))))
     assert z == pytest.approx(a / sigma * math.sqrt(steps * (steps + 1) * (steps + 2) / 12), rel=1e-4)
 
 
 def test_one_radius_wrong_under_slip_alone_as_the_closed_form():
     # Rolled straight, every row slips by the same variance, so parity is white: z^2 = windows (part distance)^2
     # (1 - leverage of the row) / (slip^2 distance).
-    part, slip, declared = 1e-4, 3e-5, Declared(counts=1e-12, position=1e6, heading=1e6)
+    part, slip, noise_model = 1e-4, 3e-5, NoiseModel(counts=1e-12, position=1e6, heading=1e6)
     radii = np.array([wheel.radius for wheel in ASOC.wheels])
-    yard = Yardstick(ASOC, straight(ASOC, 10.0, radii), declared)
+    metric = StrengthMetric(ASOC, straight(ASOC, 10.0, radii), noise_model)
     wrong = radii * np.array([1, 1 + part, 1, 1, 1, 1])
-    z = np.linalg.norm(yard.signal(straight(ASOC, 10.0, wrong)))
+    z = np.linalg.norm(metric.signal(straight(ASOC, 10.0, wrong)))
     a = constraint_matrix(Geometry.of(ASOC), np.zeros(3))[0][[0, 1, 2, 3, 4, 5, 6, 8, 10]]
     leverage = (a @ np.linalg.solve(a.T @ a, a.T))[1, 1]
     distance = SPEED * 0.1
@@ -87,8 +94,8 @@ def test_rolling_is_that_of_the_kinematics():
 
 
 def test_declared_noise_becomes_white(run):
-    yard, random, squares = Yardstick(ASOC, run, Declared(slip=1e-9)), np.random.default_rng(5), []
-    size = len(yard.signal(run))
+    metric, random, squares = StrengthMetric(ASOC, run, NoiseModel(slip=1e-9)), np.random.default_rng(5), []
+    size = len(metric.signal(run))
     assert run.reference is not None
     for _ in range(4):
         noisy = dataclasses.replace(
@@ -97,41 +104,43 @@ def test_declared_noise_becomes_white(run):
             pivot=run.pivot + random.uniform(-0.5, 0.5, run.pivot.shape),
             reference=run.reference + random.normal(size=run.reference.shape) * 1e-3,
         )
-        signal = yard.signal(noisy)
+        signal = metric.signal(noisy)
         squares.append(signal @ signal / (size - 4))
     assert np.mean(squares) == pytest.approx(1.0, abs=5 * math.sqrt(2 / (4 * size)))
 
 
-def test_start_pose_does_not_matter(run, yard):
+def test_start_pose_does_not_matter(run, metric):
     assert run.reference is not None
     c, s = math.cos(0.7), math.sin(0.7)
     x, y, psi = run.reference.T
     moved = dataclasses.replace(run, reference=np.column_stack([c * x - s * y + 2, s * x + c * y - 1, psi + 0.7]))
-    assert np.linalg.norm(yard.signal(moved)) < 1e-6
+    assert np.linalg.norm(metric.signal(moved)) < 1e-6
     effect = WheelEccentricity(castor=1, wheel=2, value=0.002)
-    before, after = (Yardstick(ASOC, log).signature(effect) for log in (run, moved))
+    before, after = (StrengthMetric(ASOC, log).signature(effect) for log in (run, moved))
     assert np.linalg.norm(after) == pytest.approx(np.linalg.norm(before), rel=1e-6)
 
 
 @pytest.mark.parametrize("effect", [ReferenceLeverX(value=1e-3), ReferenceYaw(value=1e-3), ClockOffset(value=-1e-3)])
-def test_what_is_fitted_anyway_has_no_strength(yard, effect):
-    raw = yard._whitening.whitened(yard._of(yard.read(effect)) - yard._own)
+def test_what_is_fitted_anyway_has_no_strength(metric, effect):
+    raw = metric._whitening.whitened(metric._of(metric.read(effect)) - metric._base)
     assert np.linalg.norm(raw) > 0.5
-    assert np.linalg.norm(yard.signal(yard.read(effect))) < 0.02 * np.linalg.norm(raw)
+    assert np.linalg.norm(metric.signal(metric.read(effect))) < 0.02 * np.linalg.norm(raw)
 
 
-def test_twice_the_size_is_twice_the_strength(yard):
+def test_twice_the_size_is_twice_the_strength(metric):
     one, two = (WheelEccentricity(castor=1, wheel=1, value=value) for value in (1e-3, 2e-3))
-    assert np.linalg.norm(yard.signal(yard.read(two))) == pytest.approx(2 * np.linalg.norm(yard.signal(yard.read(one))))
+    assert np.linalg.norm(metric.signal(metric.read(two))) == pytest.approx(
+        2 * np.linalg.norm(metric.signal(metric.read(one)))
+    )
 
 
 def test_dimensions_look_like_their_signatures_where_contact_is_stiff():
     # Of a differential robot nothing fights anything: physics make what kinematics say.
     robot, motion = preset("differential"), wander(np.random.default_rng(2), duration=20, holonomic=False)
     nominal = drive(robot, motion, 1, duration=20.0, rounded=False, noise=EXACT)
-    yard, effect = Yardstick(robot, nominal), next(one for one in catalogue(robot) if one.name == "wheel_radius")
+    metric, effect = StrengthMetric(robot, nominal), next(one for one in catalogue(robot) if one.name == "wheel_radius")
     real = drive(robot.with_effects(effect), motion, 1, duration=20.0, rounded=False, noise=EXACT)
-    made, expected = yard.signal(real), yard.signature(effect) * effect.value
+    made, expected = metric.signal(real), metric.signature(effect) * effect.value
     assert np.linalg.norm(made - expected) < 0.05 * np.linalg.norm(expected)
 
 
@@ -143,13 +152,13 @@ def test_soft_tyres_look_like_their_signature(name):
     nominal, real = (
         make(robot, motion, 1, duration=20.0, rounded=False, noise=EXACT) for robot in (ASOC, ASOC.with_effects(effect))
     )
-    yard = Yardstick(ASOC, nominal)
-    made, expected = yard.signal(real), yard.signature(effect) * effect.value
+    metric = StrengthMetric(ASOC, nominal)
+    made, expected = metric.signal(real), metric.signature(effect) * effect.value
     assert made @ expected > 0.9 * np.linalg.norm(made) * np.linalg.norm(expected)
     assert 0.5 < made @ expected / (expected @ expected) < 1.2
 
 
-def test_projections(yard):
+def test_projections(metric):
     random = np.random.default_rng(1)
     a, b = random.normal(size=(2, 50))
     left = without(a, b)
@@ -160,31 +169,31 @@ def test_projections(yard):
     assert apart([a, b]) == pytest.approx([np.linalg.norm(a) * sine, np.linalg.norm(b) * sine])
 
 
-def test_separation_is_from_other_classes(yard):
+def test_separation_is_from_other_classes(metric):
     effect = WheelEccentricity(castor=1, wheel=1, value=1e-3, phase=0.4)
-    signal = yard.signal(yard.read(effect))
-    far, nearest = yard.separation(signal, class_of(effect))
+    signal = metric.signal(metric.read(effect))
+    far, nearest = metric.separation(signal, class_of(effect))
     assert 0 < far <= np.linalg.norm(signal)
     assert nearest != class_of(effect)
-    assert yard.separation(signal, "")[1] == class_of(effect)  # any phase is in the span of both
-    assert yard.cosine(signal)[0] == pytest.approx(1.0, abs=1e-6)
-    assert yard.separation(signal, class_of(effect), signal)[0] == pytest.approx(0.0, abs=1e-9)
+    assert metric.separation(signal, "")[1] == class_of(effect)  # any phase is in the span of both
+    assert metric.cosine(signal)[0] == pytest.approx(1.0, abs=1e-6)
+    assert metric.separation(signal, class_of(effect), signal)[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_strength_of_a_wider_gaussian(yard):
+def test_strength_of_a_wider_gaussian(metric):
     # KL(N(0, v) || N(0, 1)) = (v - 1 - log v) / 2
     assert gaussian_strength(np.array([1.5])) == pytest.approx(math.sqrt(1.5 - math.log(2.5)))
-    assert yard.jitter_strength(0.0) == 0.0
-    ratio = yard.jitter_strength(2e-5) / yard.jitter_strength(1e-5)
+    assert metric.jitter_strength(0.0) == 0.0
+    ratio = metric.jitter_strength(2e-5) / metric.jitter_strength(1e-5)
     assert ratio == pytest.approx(4.0, rel=1e-2)  # variances count, where there is little
 
 
-def test_jitter_adds_the_variance_that_it_is_said_to_add(yard):
+def test_jitter_adds_the_variance_that_it_is_said_to_add(metric):
     sigma, draws, squares = 2e-4, 40, []
     for seed in range(draws):
-        signal = yard.signal(yard.read(SampleJitter(value=sigma, seed=seed)))
+        signal = metric.signal(metric.read(SampleJitter(value=sigma, seed=seed)))
         squares.append(signal @ signal)
-    added = sigma**2 * yard.jitter
+    added = sigma**2 * metric.jitter
     spread = math.sqrt(2 * np.sum(added**2) / draws)  # of a sum of squares of Gaussians
     assert np.mean(squares) == pytest.approx(added.sum(), abs=4 * spread)
     assert 4 * spread < 0.9 * added.sum()
