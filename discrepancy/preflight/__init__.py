@@ -44,11 +44,16 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     names: what the logs are called; "log 1" and so on if left out. What small effects do is no matter here.
     """
     called = [Named(name, log) for name, log in zip(names or _numbered(logs), logs, strict=True)]
-    broken = [mistake for one in called for mistake in not_finite(robot, one)]
+    broken = [mistake for named_log in called for mistake in not_finite(robot, named_log)]
     if broken:
         return Preflight(tuple(broken))
-    told = [remark for one in called for remark in remarks(robot, one)]
-    mistakes = [mistake for one in called for kind in (time_mistakes, wrapped_counts) for mistake in kind(robot, one)]
+    told = [remark for named_log in called for remark in remarks(robot, named_log)]
+    mistakes = [
+        mistake
+        for named_log in called
+        for kind in (time_mistakes, wrapped_counts)
+        for mistake in kind(robot, named_log)
+    ]
     if mistakes:
         return Preflight(tuple(mistakes), tuple(told))
     dead = dead_channels(robot, logs)
@@ -80,15 +85,15 @@ def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterat
         if len(best.mistakes) > 1:
             evidence += f" ({len(best.mistakes)} mistakes together)"
         what = f"{hypothesis.what}: {evidence}; {hypothesis.remedy}"
-        yield Mistake(what, hypothesis.effects, tuple(_named(one) for one in others))
+        yield Mistake(what, hypothesis.effects, tuple(_named(candidate) for candidate in others))
     yaw = best.misfit.yaw
     if misfits.poses is not None and abs(yaw) > YAW and best.misfit.rms < AGREED:
-        straight = [one for one in found.alike if abs(one.misfit.yaw) < YAW]
+        straight = [candidate for candidate in found.alike if abs(candidate.misfit.yaw) < YAW]
         side = "left" if yaw > 0 else "right"
         yield Mistake(
             f"the reference's heading points {abs(np.degrees(yaw)):.0f} degrees to the {side} of the robot's front: it "
             "then agrees with the encoders; correct ref_psi, or what the robot file takes for the front",
-            alternatives=tuple(_named(one) for one in straight),
+            alternatives=tuple(_named(candidate) for candidate in straight),
         )
 
 
@@ -112,24 +117,24 @@ def _poses_off(called: Sequence[Named], misfits: Misfits, reading: Reading) -> l
     poses = misfits.poses
     if poses is None or not misfits.sees_poses:
         return []
-    missed, way = misfits.missed(reading)
-    usual = 1.4826 * float(np.median(missed))
-    off = np.flatnonzero((missed > OUTLIER * usual) & (missed > OUTLIER_PART * np.median(way)))
+    residual, way = misfits.residuals(reading)
+    usual = 1.4826 * float(np.median(residual))
+    off = np.flatnonzero((residual > OUTLIER * usual) & (residual > OUTLIER_PART * np.median(way)))
     told = []
-    for number, one in enumerate(called):
+    for number, named_log in enumerate(called):
         places = [
-            f"{1e3 * missed[k]:.0f} mm between rows {poses.rows[k, 0] + 1} and {poses.rows[k, 1] + 1} "
-            f"(t {one.log.t[poses.rows[k, 0]]:.6g} to {one.log.t[poses.rows[k, 1]]:.6g} s)"
+            f"{1e3 * residual[k]:.0f} mm between rows {poses.rows[k, 0] + 1} and {poses.rows[k, 1] + 1} "
+            f"(t {named_log.log.t[poses.rows[k, 0]]:.6g} to {named_log.log.t[poses.rows[k, 1]]:.6g} s)"
             for k in off[poses.log[off] == number]
         ]
         if places:
             more = f"; and {len(places) - 3} more" if len(places) > 3 else ""
-            told.append(f"{one.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{more}")
+            told.append(f"{named_log.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{more}")
     return told
 
 
-def _named(one: Candidate) -> str:
-    return " and ".join(mistake.what for mistake in one.mistakes) or "the reference is turned"
+def _named(candidate: Candidate) -> str:
+    return " and ".join(mistake.what for mistake in candidate.mistakes) or "the reference is turned"
 
 
 def _contradiction(misfit: Misfit) -> str:

@@ -65,8 +65,8 @@ def places_to_scale(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
     places: dict[str, tuple[int, ...]] = {names[k]: (k,) for k in channels.wheels}
     if len(robot.castors) > 1:
         for i in range(1, len(robot.castors) + 1):
-            if len(own := channels.of_castor(i)) > 1:
-                places[f"the wheels of castor {i}"] = own
+            if len(channels_of_castor := channels.of_castor(i)) > 1:
+                places[f"the wheels of castor {i}"] = channels_of_castor
     if len(names) > 1:
         places["all wheels"] = channels.wheels
     return places
@@ -144,8 +144,8 @@ def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
 def _exchanges(alike: list[int], order: list[int]) -> list[tuple[int, int]]:
     """Return the exchanges, first to last, after which place alike[k] shows castor order[k]."""
     now, found = list(alike), []
-    for k, wanted in enumerate(order):
-        at = now.index(wanted)
+    for k, castor in enumerate(order):
+        at = now.index(castor)
         if at != k:
             now[k], now[at] = now[at], now[k]
             found.append((alike[k], alike[at]))
@@ -155,8 +155,8 @@ def _exchanges(alike: list[int], order: list[int]) -> list[tuple[int, int]]:
 def _many(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
     """Yield what is alike all over the robot, or on all wheels of a castor."""
     reversals = EncoderReversed.variants(robot)
-    wheels = tuple(one for one in reversals if one.wheel is not None)
-    pivots = tuple(one for one in reversals if one.wheel is None)
+    wheels = tuple(reversal for reversal in reversals if reversal.wheel is not None)
+    pivots = tuple(reversal for reversal in reversals if reversal.wheel is None)
     if len(wheels) > 1:
         yield _by_effects(channels, "all wheels count backwards", wheels, plain=False)
     if len(pivots) > 1:
@@ -166,12 +166,12 @@ def _many(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
         what = "the left and right encoders of every castor are swapped"
         yield _by_effects(channels, what, swaps, plain=False)
     for swap in swaps:
-        own = tuple(one for one in wheels if one.castor == swap.castor)
-        if len(robot.castors) > 1 and len(own) < len(wheels):
+        castor_reversals = tuple(reversal for reversal in wheels if reversal.castor == swap.castor)
+        if len(robot.castors) > 1 and len(castor_reversals) < len(wheels):
             what = f"both wheels of castor {swap.castor} count backwards"
-            yield _by_effects(channels, what, own, plain=False)
+            yield _by_effects(channels, what, castor_reversals, plain=False)
         what = f"the left and right encoder of castor {swap.castor} are swapped and both count backwards"
-        yield _by_effects(channels, what, (swap, *own), plain=False)
+        yield _by_effects(channels, what, (swap, *castor_reversals), plain=False)
 
 
 def _foreign(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
@@ -190,11 +190,11 @@ def _foreign(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis
                 )
     if len({castor[k] for k in channels.wheels}) > 1 and channels.pivots:
         for i, j in combinations(sorted({castor[k] + 1 for k in channels.wheels}), 2):
-            one, other = channels.of_castor(i), channels.of_castor(j)
-            if len(one) == len(other) > 1:
+            first, second = channels.of_castor(i), channels.of_castor(j)
+            if len(first) == len(second) > 1:
                 yield Hypothesis(
                     f"the wheel encoders, not the pivots, of castors {i} and {j} are exchanged",
-                    lambda reading, one=one, other=other: reading.exchanged(one, other),
+                    lambda reading, first=first, second=second: reading.exchanged(first, second),
                     remedy="turn one wheel by hand and see which counts change; exchange the columns",
                     plain=False,
                 )
@@ -207,7 +207,7 @@ def _turned(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
         (math.pi / 2, "a quarter turn"),
         (-math.pi / 2, "minus a quarter turn"),
     ):
-        biases = tuple(dataclasses.replace(one, value=angle) for one in PivotBias.variants(robot))
+        biases = tuple(dataclasses.replace(bias, value=angle) for bias in PivotBias.variants(robot))
         for bias in biases:
             yield _by_effects(channels, f"pivot_{bias.castor} reads {name} too much", (bias,))
         if len(biases) > 1:
@@ -224,12 +224,12 @@ def _units(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
         "wheels and pivots": channels.wheels + channels.pivots,
     }
     for unit, turn in UNITS.items():
-        for name, own in kinds.items():
+        for name, unit_channels in kinds.items():
             if not channels.pivots and name != "wheels":
                 continue
 
-            def read(reading: Reading, own: tuple[int, ...] = own, turn: float = turn) -> Reading:
-                for k in own:
+            def read(reading: Reading, unit_channels: tuple[int, ...] = unit_channels, turn: float = turn) -> Reading:
+                for k in unit_channels:
                     reading = reading.scaled((k,), turn / turns[k])
                 return reading
 
@@ -244,13 +244,13 @@ def _factors(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis
     }
     if len(places) > 1:
         places["all pivots"] = channels.pivots
-    for place, own in places.items():
+    for place, place_channels in places.items():
         for factor in FACTORS:
             yield Hypothesis(
                 f"the counts of {place} are {factor:g} times what pivot_counts_per_rev says",
-                lambda reading, own=own, factor=factor: reading.scaled(own, factor),
+                lambda reading, place_channels=place_channels, factor=factor: reading.scaled(place_channels, factor),
                 remedy="turn the castor once around by hand, read its counts, and correct pivot_counts_per_rev",
-                plain=len(own) == 1,
+                plain=len(place_channels) == 1,
             )
 
 

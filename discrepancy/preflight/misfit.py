@@ -135,22 +135,24 @@ class Misfits:
             parity = _share(np.sum(left**2, axis=1), np.sum(moved**2, axis=1))
         if not self.sees_poses:
             return Misfit(parity, 0.0, 0.0)
-        missed, way, yaw = self._missed(reading)
-        return Misfit(parity, _share(missed, way), yaw)
+        squares, way, yaw = self._squared_residuals(reading)
+        return Misfit(parity, _share(squares, way), yaw)
 
-    def missed(self, reading: Reading) -> tuple[Array, Array]:
+    def residuals(self, reading: Reading) -> tuple[Array, Array]:
         """Return by how much odometry misses each pose (V,), and how long the ways are (V,), both in m."""
-        missed, way, _ = self._missed(reading)
-        return np.sqrt(missed), np.sqrt(way)
+        squares, way, _ = self._squared_residuals(reading)
+        return np.sqrt(squares), np.sqrt(way)
 
-    def _missed(self, reading: Reading) -> tuple[Array, Array, float]:
+    def _squared_residuals(self, reading: Reading) -> tuple[Array, Array, float]:
         """Return the squares of what is missed and of the ways (V,), and the yaw of the reference."""
         pointed, poses = self._at(reading), self.poses
         assert poses is not None
         assert pointed.way is not None
         channel, metres = self._wheels_of(reading)
-        own = np.einsum("vqw,w->vq", pointed.way[:, :, np.arange(len(channel)), channel], metres) + pointed.way_turning
-        odometry, turned = own[:, 0] + 1j * own[:, 1], own[:, 2]
+        odometry_step = (
+            np.einsum("vqw,w->vq", pointed.way[:, :, np.arange(len(channel)), channel], metres) + pointed.way_turning
+        )
+        odometry, turned = odometry_step[:, 0] + 1j * odometry_step[:, 1], odometry_step[:, 2]
         moved = reading.lengths**-1 * (poses.after[:, :2] - poses.before[:, :2]) @ [1, 1j * reading.across]
         before, after = (np.exp(1j * pose[:, 2] / reading.headings) for pose in (poses.before, poses.after))
         angle = (poses.after[:, 2] - poses.before[:, 2]) / reading.headings
@@ -248,8 +250,8 @@ def _between(steps: Array, poses: Poses) -> Array:
     return sums[poses.last] - sums[poses.first]
 
 
-def _share(missed: Array, whole: Array) -> float:
+def _share(squares: Array, whole: Array) -> float:
     """Return the part of squares that is missed, without the worst windows."""
-    kept = missed <= np.quantile(missed, KEPT)
+    kept = squares <= np.quantile(squares, KEPT)
     total = float(whole[kept].sum())
-    return float(missed[kept].sum()) / total if total > 0 else 0.0
+    return float(squares[kept].sum()) / total if total > 0 else 0.0

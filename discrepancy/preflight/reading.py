@@ -28,12 +28,12 @@ class Reading:
     headings: float = 1.0
     across: float = 1.0
 
-    def exchanged(self, one: tuple[int, ...], other: tuple[int, ...]) -> "Reading":
+    def exchanged(self, first: tuple[int, ...], second: tuple[int, ...]) -> "Reading":
         """Return the reading with some channels and some others exchanged."""
         place = list(range(len(self.source)))
-        for a, b in zip(one, other, strict=True):
+        for a, b in zip(first, second, strict=True):
             place[a], place[b] = b, a
-        source, gain, shift = (tuple(own[k] for k in place) for own in (self.source, self.gain, self.shift))
+        source, gain, shift = (tuple(values[k] for k in place) for values in (self.source, self.gain, self.shift))
         return dataclasses.replace(self, source=source, gain=gain, shift=shift)
 
     def scaled(self, channels: tuple[int, ...], by: float) -> "Reading":
@@ -100,10 +100,10 @@ class Channels:
             case EncoderReversed():
                 return reading.scaled((self.at(effect.castor, effect.wheel),), -1.0)
             case CastorOrder():
-                one, other = (
+                first, second = (
                     (*self.of_castor(castor), *self.pivot_of(castor)) for castor in (effect.castor, effect.other)
                 )
-                return reading.exchanged(one, other)
+                return reading.exchanged(first, second)
             case PivotBias():
                 return reading.shifted(self.pivot_of(effect.castor), effect.value)
             case _:

@@ -97,58 +97,65 @@ def dead_channels(robot: RobotDescription, logs: Sequence[Log]) -> frozenset[int
     return frozenset(np.flatnonzero(still).tolist()) if not still.all() else frozenset()
 
 
-def time_mistakes(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
+def time_mistakes(robot: RobotDescription, named_log: Named) -> Iterator[Mistake]:
     """Yield times in another unit than seconds, or that cannot be those of one drive of this robot."""
-    period = float(np.median(np.diff(one.log.t)))
+    period = float(np.median(np.diff(named_log.log.t)))
     for unit, size in UNITS.items():
         if 0.2 < period / size / robot.sample_period < 5:
             yield Mistake(
-                f"{one.name}: t is in {unit}, not in s: samples are {period:g} apart, and the robot file says "
+                f"{named_log.name}: t is in {unit}, not in s: samples are {period:g} apart, and the robot file says "
                 f"{robot.sample_period:g} s; divide t by {size:g}"
             )
             return
     if not 1 / FAR_OFF < period / robot.sample_period < FAR_OFF:
         yield Mistake(
-            f"{one.name}: samples are {period:g} s apart, and the robot file says {robot.sample_period:g} s; "
+            f"{named_log.name}: samples are {period:g} s apart, and the robot file says {robot.sample_period:g} s; "
             "correct t, or sample_period"
         )
         return
-    longest = int(np.argmax(np.diff(one.log.t)))
-    if (gap := float(np.diff(one.log.t)[longest])) > LONGEST_GAP:
+    longest = int(np.argmax(np.diff(named_log.log.t)))
+    if (gap := float(np.diff(named_log.log.t)[longest])) > LONGEST_GAP:
         yield Mistake(
-            f"{one.name}: nothing for {gap:g} s after row {longest + 1} (t {one.log.t[longest]:.6g} s); correct t, or "
-            "split the log there"
+            f"{named_log.name}: nothing for {gap:g} s after row {longest + 1} (t {named_log.log.t[longest]:.6g} s); "
+            "correct t, or split the log there"
         )
 
 
-def not_finite(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
+def not_finite(robot: RobotDescription, named_log: Named) -> Iterator[Mistake]:
     """Yield the first number of each column that is not finite."""
     columns = LogColumns.of(robot)
-    parts = ((("t",), one.log.t[:, None]), (columns.wheel, one.log.wheel), (columns.pivot, one.log.pivot))
+    parts = (
+        (("t",), named_log.log.t[:, None]),
+        (columns.wheel, named_log.log.wheel),
+        (columns.pivot, named_log.log.pivot),
+    )
     for names, values in parts:
         for j, name in enumerate(names):
             for k in np.flatnonzero(~np.isfinite(values[:, j]))[:1]:
-                yield Mistake(f"{one.name}: column {name!r}, row {k + 1}: {values[k, j]} is not finite; give a number")
+                yield Mistake(
+                    f"{named_log.name}: column {name!r}, row {k + 1}: {values[k, j]} is not finite; give a number"
+                )
 
 
-def wrapped_counts(robot: RobotDescription, one: Named) -> Iterator[Mistake]:
+def wrapped_counts(robot: RobotDescription, named_log: Named) -> Iterator[Mistake]:
     """Yield wheels whose counter wraps at a power of two: steps that are a turn of it off what the wheel can do."""
-    for name, steps, limit in _wheels(robot, one.log):
+    for name, steps, limit in _wheels(robot, named_log.log):
         for bits in WORDS:
             size = 2.0**bits
             off = np.flatnonzero((np.abs(np.abs(steps) - size) <= limit) & (2 * limit < size))
-            if off.size and np.ptp(_column(robot, one.log, name)) < size:
+            if off.size and np.ptp(_column(robot, named_log.log, name)) < size:
                 k = off[0]
                 yield Mistake(
-                    f"{one.name}: {name} wraps at {size:.0f} ({bits} bits), {off.size} times, first in row {k + 2} "
-                    f"(t {one.log.t[k + 1]:g} s), where it steps by {steps[k]:.0f}: unwrap it, counts must go on"
+                    f"{named_log.name}: {name} wraps at {size:.0f} ({bits} bits), {off.size} times, first in row "
+                    f"{k + 2} (t {named_log.log.t[k + 1]:g} s), where it steps by {steps[k]:.0f}: unwrap it, counts "
+                    "must go on"
                 )
                 break
 
 
-def remarks(robot: RobotDescription, one: Named) -> Iterator[str]:
+def remarks(robot: RobotDescription, named_log: Named) -> Iterator[str]:
     """Yield what is to be told of one log."""
-    log, name = one.log, one.name
+    log, name = named_log.log, named_log.name
     steps = np.diff(log.t)
     period = float(np.median(steps))
     if log.t[-1] - log.t[0] < SHORT:
@@ -159,8 +166,8 @@ def remarks(robot: RobotDescription, one: Named) -> Iterator[str]:
     if gaps.size:
         places = [f"{steps[k]:.3g} s after row {k + 1} (t {log.t[k]:.6g} s)" for k in gaps]
         yield f"{name}: {_times(gaps.size, 'gap')} between samples: {_places(places)}"
-    yield from _still(robot, one)
-    yield from _fast(robot, one)
+    yield from _still(robot, named_log)
+    yield from _fast(robot, named_log)
     fractional = [
         column
         for column, values in zip(_names(robot), np.concatenate([log.wheel, log.pivot], axis=1).T, strict=True)
@@ -168,11 +175,11 @@ def remarks(robot: RobotDescription, one: Named) -> Iterator[str]:
     ]
     if fractional:
         yield f"{name}: {', '.join(fractional)}: not whole numbers, and so no counts as encoders give them"
-    yield from _reference(one)
+    yield from _reference(named_log)
 
 
-def _reference(one: Named) -> Iterator[str]:
-    log, name = one.log, one.name
+def _reference(named_log: Named) -> Iterator[str]:
+    log, name = named_log.log, named_log.name
     taken = np.empty(0, dtype=np.intp)
     if log.reference is not None:
         taken = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
@@ -191,28 +198,28 @@ def _reference(one: Named) -> Iterator[str]:
             yield f"{name}: no reference poses in the {part} {edge:.3g} s"
 
 
-def _still(robot: RobotDescription, one: Named) -> Iterator[str]:
-    counts = np.concatenate([one.log.wheel, one.log.pivot], axis=1)
+def _still(robot: RobotDescription, named_log: Named) -> Iterator[str]:
+    counts = np.concatenate([named_log.log.wheel, named_log.log.pivot], axis=1)
     names = _names(robot)
     still = [column for column, values in zip(names, counts.T, strict=True) if np.ptp(values) == 0]
     if len(still) == len(names):
-        yield f"{one.name}: nothing moves"
+        yield f"{named_log.name}: nothing moves"
     elif still:
-        yield f"{one.name}: {', '.join(still)} never change{'s' if len(still) == 1 else ''}"
+        yield f"{named_log.name}: {', '.join(still)} never change{'s' if len(still) == 1 else ''}"
 
 
-def _fast(robot: RobotDescription, one: Named) -> Iterator[str]:
-    for column, steps, limit in _wheels(robot, one.log):
+def _fast(robot: RobotDescription, named_log: Named) -> Iterator[str]:
+    for column, steps, limit in _wheels(robot, named_log.log):
         over = np.flatnonzero(np.abs(steps) > FAST * limit + 2)
         if over.size > OFTEN * len(steps):
             ratio = float(np.max(np.abs(steps) / limit))
             yield (
-                f"{one.name}: {column} turns at up to {ratio:.3g} times max_wheel_speed: "
+                f"{named_log.name}: {column} turns at up to {ratio:.3g} times max_wheel_speed: "
                 "that, counts_per_rev or the unit is wrong"
             )
         elif over.size:
-            places = [f"by {steps[k]:.0f} counts in row {k + 2} (t {one.log.t[k + 1]:.6g} s)" for k in over]
-            yield f"{one.name}: {column} jumps {_often(over.size)}, faster than the robot can: {_places(places)}"
+            places = [f"by {steps[k]:.0f} counts in row {k + 2} (t {named_log.log.t[k + 1]:.6g} s)" for k in over]
+            yield f"{named_log.name}: {column} jumps {_often(over.size)}, faster than the robot can: {_places(places)}"
 
 
 def _wheels(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Array]]:

@@ -53,7 +53,7 @@ class Candidate:
     @property
     def rank(self) -> tuple[bool, int]:
         """How simple it is; the simplest first."""
-        return abs(self.misfit.yaw) > YAW, sum(not one.plain for one in self.mistakes)
+        return abs(self.misfit.yaw) > YAW, sum(not mistake.plain for mistake in self.mistakes)
 
 
 @dataclass(frozen=True)
@@ -71,59 +71,67 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
     nominal = Candidate((), plain, misfits.of(plain))
     if nominal.left < SEEN and abs(nominal.misfit.yaw) < YAW:
         return Found(nominal, nominal)
-    single = [_with(misfits, nominal, one) for one in hypotheses(robot)]
+    single = [_with(misfits, nominal, hypothesis) for hypothesis in hypotheses(robot)]
     single += [_scaled(robot, misfits, nominal, *place) for place in places_to_scale(robot).items()]
     level = _different(single)
     if nominal.left < SEEN:
-        return Found(nominal, nominal, tuple(one for one in level if _alike(one, nominal) and _straight(one)))
+        return Found(
+            nominal,
+            nominal,
+            tuple(candidate for candidate in level if _alike(candidate, nominal) and _straight(candidate)),
+        )
     best, chosen, partners = nominal, level, wiring(robot)
     for depth in range(TOGETHER):
         if depth > 0:
-            by_rest = sorted(level, key=lambda one: one.left)
+            by_rest = sorted(level, key=lambda candidate: candidate.left)
             # Two mistakes may hide each other, so that neither of them helps alone.
-            names = {one.what for one in partners}
+            names = {partner.what for partner in partners}
             starts = [
-                one for k, one in enumerate(by_rest) if k < KEPT or (depth == 1 and one.mistakes[0].what in names)
+                candidate
+                for k, candidate in enumerate(by_rest)
+                if k < KEPT or (depth == 1 and candidate.mistakes[0].what in names)
             ]
             level = _different(
                 _with(misfits, start, partner)
                 for start in starts
                 for partner in partners
-                if partner.what not in [one.what for one in start.mistakes]
+                if partner.what not in [mistake.what for mistake in start.mistakes]
             )
-        first = min(level, key=lambda one: one.left, default=nominal)
+        first = min(level, key=lambda candidate: candidate.left, default=nominal)
         if _explains(first, best) or (depth == 0 and _alone(first, [nominal, *level])):
-            near = [one for one in level if _alike(one, first)]
+            near = [candidate for candidate in level if _alike(candidate, first)]
             best = _simplest(near)
             # Whatever needs a reference that is turned besides is one mistake more.
-            chosen = [one for one in near if _straight(one) or not _straight(best)]
+            chosen = [candidate for candidate in near if _straight(candidate) or not _straight(best)]
         if best.left < SEEN:
             break
-    return Found(nominal, best, tuple(one for one in chosen if one is not best) if best is not nominal else ())
+    return Found(
+        nominal, best, tuple(candidate for candidate in chosen if candidate is not best) if best is not nominal else ()
+    )
 
 
 def _simplest(near: list[Candidate]) -> Candidate:
     """Return the simplest; of several the one that explains most or, where they hardly differ, the first."""
-    simple = [one for one in near if one.rank == min(other.rank for other in near)]
-    least = min(one.left for one in simple)
-    return next(one for one in simple if one.left <= SAME * least)
+    simple = [candidate for candidate in near if candidate.rank == min(other.rank for other in near)]
+    least = min(candidate.left for candidate in simple)
+    return next(candidate for candidate in simple if candidate.left <= SAME * least)
 
 
-def _explains(one: Candidate, other: Candidate) -> bool:
-    return other.left >= (BETTER_OF_MUCH if other.left > MUCH else BETTER) * one.left
+def _explains(candidate: Candidate, other: Candidate) -> bool:
+    return other.left >= (BETTER_OF_MUCH if other.left > MUCH else BETTER) * candidate.left
 
 
-def _alone(one: Candidate, every: list[Candidate]) -> bool:
+def _alone(candidate: Candidate, every: list[Candidate]) -> bool:
     """Whether one stands out where much contradicts the robot: all others, and none, leave far more."""
-    return all(other.left > max(MUCH, ALONE * one.left) for other in every if other is not one)
+    return all(other.left > max(MUCH, ALONE * candidate.left) for other in every if other is not candidate)
 
 
-def _alike(one: Candidate, other: Candidate) -> bool:
-    return one.left <= ALIKE * other.left
+def _alike(candidate: Candidate, other: Candidate) -> bool:
+    return candidate.left <= ALIKE * other.left
 
 
-def _straight(one: Candidate) -> bool:
-    return abs(one.misfit.yaw) < YAW
+def _straight(candidate: Candidate) -> bool:
+    return abs(candidate.misfit.yaw) < YAW
 
 
 def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:
@@ -153,7 +161,7 @@ def _scaled(
 def _different(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return one candidate for each reading."""
     found: dict[Reading, Candidate] = {}
-    for one in candidates:
-        if one.reading not in found or one.rank < found[one.reading].rank:
-            found[one.reading] = one
+    for candidate in candidates:
+        if candidate.reading not in found or candidate.rank < found[candidate.reading].rank:
+            found[candidate.reading] = candidate
     return list(found.values())

@@ -71,14 +71,14 @@ def stretches_of(logs: Sequence[Log]) -> Stretches | None:
     poses = None
     if with_poses:
         heading = np.zeros(starts[-1])
-        for at, own in with_poses:
-            heading[at : at + len(own.heading)] = own.heading
+        for at, piece_poses in with_poses:
+            heading[at : at + len(piece_poses.heading)] = piece_poses.heading
         poses = Poses(
             heading,
-            np.concatenate([at + own.first for at, own in with_poses]),
-            np.concatenate([at + own.last for at, own in with_poses]),
+            np.concatenate([at + piece_poses.first for at, piece_poses in with_poses]),
+            np.concatenate([at + piece_poses.last for at, piece_poses in with_poses]),
             *(
-                np.concatenate([getattr(own, name) for _, own in with_poses])
+                np.concatenate([getattr(piece_poses, name) for _, piece_poses in with_poses])
                 for name in ("before", "after", "log", "rows")
             ),
         )
