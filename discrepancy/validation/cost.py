@@ -25,7 +25,7 @@ def cost_of(robot: RobotDescription, effect: Effect, logs: Sequence[Log]) -> flo
     """
     errors: list[Array] = []
     for log in logs:
-        without, with_it = (_odometry(one, log) for one in (robot, robot.with_effects(effect)))
+        without, with_it = (_odometry(variant, log) for variant in (robot, robot.with_effects(effect)))
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(without[:, :2], axis=0).T))])
         way = min(WAY, float(driven[-1]))
         if way < WAY / 10:

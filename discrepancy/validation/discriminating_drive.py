@@ -21,7 +21,7 @@ def separating_drive(
     poses: how many reference poses can be had. None if no drive would tell them apart.
     """
     best, farthest = None, ENOUGH
-    among = [one for one, _ in candidates] if all(one.kinds for one, _ in candidates) else None
+    among = [candidate for candidate, _ in candidates] if all(candidate.kinds for candidate, _ in candidates) else None
     for drive, make in DRIVES.items():
         try:
             logs = [log_of(robot, trajectory, poses) for trajectory in make(robot)]
@@ -36,11 +36,11 @@ def separating_drive(
 
 def _distance(seen: Evidence, candidates: Sequence[tuple[Candidate, Array]]) -> float:
     """Return the deviance by which the nearest of the other candidates would fit worse than the first."""
-    (own, amplitudes), *others = candidates
-    place = seen.index(own)
+    (first, amplitudes), *others = candidates
+    place = seen.index(first)
     if place is None:
         return 0.0
     expected = seen.expecting(place, 0.0, amplitudes)
-    all_of_it = expected.foretold(own, 0.0, amplitudes)
+    all_of_it = expected.foretold(first, 0.0, amplitudes)
     there = [k for k in (expected.index(other) for other, _ in others) if k is not None]
     return all_of_it - max((expected.best([(k, expected.parted(k))])[2] for k in there), default=0.0)

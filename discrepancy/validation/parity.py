@@ -232,8 +232,8 @@ def _explained(every: _Steps, rows: _Rows, window: int, castors: int) -> Array:
     left = every.left[window // 2 : n * window : window]
     found = np.zeros(castors)
     for i in np.unique(rows.castor):
-        own = left[:, :, rows.castor == i]
-        fitted = np.einsum("kij,kjl,kl->ki", own, np.linalg.pinv(own, rcond=1e-6), sums)
+        castor_left = left[:, :, rows.castor == i]
+        fitted = np.einsum("kij,kjl,kl->ki", castor_left, np.linalg.pinv(castor_left, rcond=1e-6), sums)
         found[i] = np.sum(fitted**2)
     total = np.sum(sums**2)
     return found / total if total > 0 else found

@@ -176,13 +176,13 @@ def replay(
     if not runs:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
     motion, wheels, pivots = (np.array(part) for part in zip(*runs, strict=True))
-    moved = np.array([relative_pose(one.first, one.last) for one in windows])
+    moved = np.array([relative_pose(stretch.first, stretch.last) for stretch in windows])
     return Replay(
         drive=chosen,
         notes=tuple(notes),
-        start=np.array([one.start for one in windows]),
-        end=np.array([one.end for one in windows]),
-        place=np.array([one.first[:2] for one in windows]),
+        start=np.array([stretch.start for stretch in windows]),
+        end=np.array([stretch.end for stretch in windows]),
+        place=np.array([stretch.first[:2] for stretch in windows]),
         driven=np.hypot(motion[:, 0], motion[:, 1]),
         body=motion - moved,
         wheels=wheels,
@@ -194,24 +194,24 @@ def replay(
 
 def joined(replays: Sequence[Replay]) -> Replay:
     """Return the windows of several replays of one robot as one; `start` and `end` are each log's own."""
-    drives = {one.drive for one in replays}
+    drives = {part.drive for part in replays}
     if len(drives) != 1:
         raise ValueError("replays of one drive can be joined")
     arrays = ("start", "end", "place", "driven", "body", "wheels", "pivots")
     return dataclasses.replace(
         replays[0],
-        notes=tuple(dict.fromkeys(note for one in replays for note in one.notes)),
-        **{name: np.concatenate([getattr(one, name) for one in replays]) for name in arrays},
+        notes=tuple(dict.fromkeys(note for part in replays for note in part.notes)),
+        **{name: np.concatenate([getattr(part, name) for part in replays]) for name in arrays},
     )
 
 
-def _drive(robot: RobotDescription, measured: Measured, wanted: Drive | None) -> tuple[Drive, list[str]]:
+def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
     """Return how to drive, and what to say about it."""
     there = measured.command is not None
-    if wanted == "commands" and not there:
+    if requested == "commands" and not there:
         raise InputError("the log has no commands (cmd_...) to replay; replay it by counts")
-    chosen: Drive = wanted or ("commands" if there else "counts")
-    notes = [] if there or wanted else ["the log has no commands: wheels turn as their encoders counted"]
+    chosen: Drive = requested or ("commands" if there else "counts")
+    notes = [] if there or requested else ["the log has no commands: wheels turn as their encoders counted"]
     if chosen == "commands" and robot.driven_castors and measured.steering is None:
         notes.append("the log has no steering commands: steering motors follow the pivots' counts")
     return chosen, notes
@@ -303,16 +303,16 @@ def _windows(
         posed = len(times) > 0 and abs(times[here] - now) < 1e-9
         later = np.flatnonzero((times >= now + window - slack) & (times <= now + LONGEST * window))
         if posed and len(later):
-            one = _Window(now, float(times[later[0]]), poses[here], poses[later[0]])
+            stretch = _Window(now, float(times[later[0]]), poses[here], poses[later[0]])
         else:
-            one = _Window(now, float(min(now + window, t[-1])), unknown, unknown)
-            ahead = times[(times > now + slack) & (times <= one.end)]
+            stretch = _Window(now, float(min(now + window, t[-1])), unknown, unknown)
+            ahead = times[(times > now + slack) & (times <= stretch.end)]
             if len(ahead) and not posed:  # go on where a pose is known, with a shorter window before it
-                one = one._replace(end=float(ahead[0]))
-        first, last = _samples(t, one)
+                stretch = stretch._replace(end=float(ahead[0]))
+        first, last = _samples(t, stretch)
         if last > first and measured.whole[first:last].all() and _commanded(measured, first, last):
-            windows.append(one)
-        now = one.end
+            windows.append(stretch)
+        now = stretch.end
     return windows
 
 
