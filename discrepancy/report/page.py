@@ -62,7 +62,7 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
         _section("The gap", _gap(data, _figures(shown, "replay", "errors", "paths"))),
         _section("Where it is", _where(data) + _figures(shown, "slip", "floor")),
         _section("What is missing" if data.get("findings") else "Candidates", _findings(data)),
-        _section("What else it might be", _rivals(data) + _figures(shown, "candidates")),
+        _section("What else it might be", _alternatives(data) + _figures(shown, "candidates")),
         _section("Robot file", _robot_file(data)),
         _section("More pictures", "".join(_figure(picture) for picture in shown.values())),
         _section("Numbers in full", _full(data)),
@@ -85,7 +85,7 @@ def _name(data: Data) -> str:
 def _sentence(data: Data) -> str:
     """Return the verdict in one sentence."""
     verdict, findings = str(data.get("verdict") or ""), _maps(data.get("findings"))
-    named = "; ".join(f"{_title(one)} {_amount(one)}".strip() for one in findings)
+    named = "; ".join(f"{_title(finding)} {_amount(finding)}".strip() for finding in findings)
     if verdict == "named" and named:
         return f"The robot's file lacks {'an effect' if len(findings) == 1 else f'{len(findings)} effects'}: {named}."
     says = SAYS.get(verdict, "")
@@ -98,7 +98,7 @@ def _sentence(data: Data) -> str:
 
 def _logs(data: Data) -> str:
     groups = (("", data.get("logs")), ("held out: ", data.get("held_out_logs")), ("clean: ", data.get("clean_logs")))
-    names = [f"{kind}{_text(Path(str(one)).name)}" for kind, some in groups for one in some or ()]
+    names = [f"{kind}{_text(Path(str(path)).name)}" for kind, paths in groups for path in paths or ()]
     return f'<p class="logs">{", ".join(names)}</p>' if names else ""
 
 
@@ -134,10 +134,10 @@ def _alignment(of: str, mount: Data, clocks: Iterable[tuple[str, Data]]) -> list
             (f"tracked point, left of it{of}", mount.get("y_m"), 1e3, "mm", 1),
             (f"frame turned against the body{of}", mount.get("psi_rad"), 1e3, "mrad", 1),
         ]
-    for own, clock in clocks:
+    for suffix, clock in clocks:
         rows += [
-            (f"reference taken later than its row says{own}", clock.get("ahead_s"), 1e3, "ms", 1),
-            (f"and drifting by{own}", clock.get("rate"), 1e3, "ms/s", 2),
+            (f"reference taken later than its row says{suffix}", clock.get("ahead_s"), 1e3, "ms", 1),
+            (f"and drifting by{suffix}", clock.get("rate"), 1e3, "ms/s", 2),
         ]
     return rows
 
@@ -191,7 +191,7 @@ def _before_after(caption: str, four: Sequence[Data], rows: Iterable[tuple[str, 
     held_out = any(four[2:])
     body = []
     for key, label, unit in rows:
-        values = [one.get(key) for one in four]
+        values = [gap.get(key) for gap in four]
         if all(value is None for value in values):
             continue
         pairs = [values[:2], values[2:]] if held_out else [values[:2]]
@@ -241,61 +241,63 @@ def _key(key: str) -> tuple[str, str, float, int]:
 
 
 def _findings(data: Data) -> str:
-    return "".join(_finding(one) for one in _maps(data.get("findings")))
+    return "".join(_finding(finding) for finding in _maps(data.get("findings")))
 
 
-def _finding(one: Data) -> str:
-    effect, unit = _map(one.get("effect")), str(one.get("unit") or "1")
+def _finding(finding: Data) -> str:
+    effect, unit = _map(finding.get("effect")), str(finding.get("unit") or "1")
     name, scale = READ_AS.get(unit, (unit, 1.0))
-    value, error, interval = effect.get("value"), one.get("standard_error"), one.get("interval") or (None, None)
+    value, error, interval = effect.get("value"), finding.get("standard_error"), finding.get("interval") or (None, None)
     digits = _digits(error, scale)
     low, high = (_number(end, scale, digits, signed=True) for end in interval)
-    cost = _map(one.get("cost"))
+    cost = _map(finding.get("cost"))
     rows = [
         ["value", _number(value, scale, digits, signed=True), _text(name)],
         ["95 % interval", f"{low} to {high}" if interval[0] is not None else "\N{EN DASH}", _text(name)],
         ["standard error", _number(error, scale, digits), _text(name)],
-        ["2 ln(likelihood ratio)", _number(one.get("deviance"), 1, 0), ""],
+        ["2 ln(likelihood ratio)", _number(finding.get("deviance"), 1, 0), ""],
     ]
     if cost.get("m_per_10_m") is not None:
         rows.append(["what it costs in use", _number(cost["m_per_10_m"], 1e3, 1), "mm per 10 m"])
     if cost.get("rad_per_10_m") is not None:
         rows.append(["", _number(cost["rad_per_10_m"], 1e3, 1), "mrad per 10 m"])
-    rivals = _maps(one.get("rivals"))
-    beaten = [[_text(rival.get("what")), _number(rival.get("deviance"), 1, 0), ""] for rival in rivals]
-    check = f'<p class="check"><b>To check.</b> {_text(one["check"])}</p>' if one.get("check") else ""
+    alternatives = _maps(finding.get("rivals"))
+    beaten = [
+        [_text(alternative.get("what")), _number(alternative.get("deviance"), 1, 0), ""] for alternative in alternatives
+    ]
+    check = f'<p class="check"><b>To check.</b> {_text(finding["check"])}</p>' if finding.get("check") else ""
     return (
-        f"<article><h3>{_text(_title(one))}</h3>{_table(None, rows)}{check}"
+        f"<article><h3>{_text(_title(finding))}</h3>{_table(None, rows)}{check}"
         + (_table(["other candidates", "2 ln(likelihood ratio)"], beaten) if beaten else "")
         + "</article>"
     )
 
 
-def _title(one: Data) -> str:
+def _title(finding: Data) -> str:
     """Return an effect as people call it, with where it is: "wheel radius, castor 2, wheel 1"."""
-    effect = _map(one.get("effect"))
-    title = str(one.get("title") or effect.get("name") or "an effect").replace("_", " ")
+    effect = _map(finding.get("effect"))
+    title = str(finding.get("title") or effect.get("name") or "an effect").replace("_", " ")
     places = [f"{key} {effect[key]}" for key in ("castor", "other", "wheel") if effect.get(key) is not None]
     return ", ".join([title, *(place for place in places if place not in title)])
 
 
-def _amount(one: Data) -> str:
+def _amount(finding: Data) -> str:
     """Return an effect's size with its 95 % half width: "(+0.498 ± 0.021 %)"."""
-    value, error = _map(one.get("effect")).get("value"), one.get("standard_error")
+    value, error = _map(finding.get("effect")).get("value"), finding.get("standard_error")
     if value is None:
         return ""
-    unit = str(one.get("unit") or "1")
+    unit = str(finding.get("unit") or "1")
     name, scale = READ_AS.get(unit, (unit, 1.0))
     digits = _digits(error, scale)
     within = f" \N{PLUS-MINUS SIGN} {_number(1.96 * error, scale, digits)}" if error is not None else ""
     return f"({_number(value, scale, digits, signed=True)}{within} {name})"
 
 
-def _rivals(data: Data) -> str:
+def _alternatives(data: Data) -> str:
     parts = []
-    together = [str(one) for one in data.get("cannot_be_told_apart") or ()]
+    together = [str(explanation) for explanation in data.get("cannot_be_told_apart") or ()]
     if len(together) > 1:
-        items = "".join(f"<li>{_text(one.replace('_', ' '))}</li>" for one in together)
+        items = "".join(f"<li>{_text(explanation.replace('_', ' '))}</li>" for explanation in together)
         parts.append(f"<p>These motions cannot distinguish:</p><ul>{items}</ul>")
     if data.get("separating_motion"):
         parts.append(f"<p>A motion that would: <b>{_text(data['separating_motion'])}</b>.</p>")
@@ -305,7 +307,7 @@ def _rivals(data: Data) -> str:
 
 
 def _robot_file(data: Data) -> str:
-    effects = [_map(one.get("effect")) for one in _maps(data.get("findings"))]
+    effects = [_map(finding.get("effect")) for finding in _maps(data.get("findings"))]
     path = data.get("robot_file")
     written = f"<p>With what was found: <code>{_text(path)}</code></p>" if path else ""
     if not effects:
@@ -383,4 +385,4 @@ def _map(value: Any) -> Data:
 
 
 def _maps(value: Any) -> list[Data]:
-    return [_map(one) for one in value] if isinstance(value, list | tuple) else []
+    return [_map(item) for item in value] if isinstance(value, list | tuple) else []

@@ -179,12 +179,12 @@ def candidates(ranks: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) ->
 
     ranks: with "what" and "deviance". named: the "what" of those that were named.
     """
-    best = sorted(ranks, key=lambda one: -float(one["deviance"]))[:SHOWN]
+    best = sorted(ranks, key=lambda rank: -float(rank["deviance"]))[:SHOWN]
     with mpl.rc_context({**STYLE, "axes.grid": False}):
-        names = [_plain(str(one["what"])) for one in best]
+        names = [_plain(str(rank["what"])) for rank in best]
         figure, (axes,) = _figure(0.55 + 0.2 * len(best) + 0.11 * sum(name.count("\n") for name in names), 1)
-        gains = [max(float(one["deviance"]), 0.0) for one in best]
-        colors = [AFTER if one["what"] in named else "#c9c6bd" for one in best]
+        gains = [max(float(rank["deviance"]), 0.0) for rank in best]
+        colors = [AFTER if rank["what"] in named else "#c9c6bd" for rank in best]
         axes.barh(np.arange(len(best)), gains, color=colors, height=0.62)
         axes.set_yticks(np.arange(len(best)), names, fontsize=7.5)
         for row, gain in enumerate(gains):
@@ -220,16 +220,16 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
         every = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
         top = figure.add_subplot(rows[0]) if posed else every[0]
         if posed:
-            for one, color, label in shown:
-                position = 1e3 * np.hypot(one.body[:, 0], one.body[:, 1])
+            for replay, color, label in shown:
+                position = 1e3 * np.hypot(replay.body[:, 0], replay.body[:, 1])
                 top.plot(np.arange(1, len(position) + 1), position, "o-", color=color, markersize=3, label=label)
             top.set_ylabel("position, mm")
             top.set_xlabel("window")
             top.set_ylim(bottom=0)
         for axes, (kind, (label, names)) in zip(every, kinds.items(), strict=True):
             width = 0.8 / len(shown)
-            for k, (one, color, which) in enumerate(shown):
-                gaps = 1e3 * np.sqrt(np.mean(getattr(one, kind) ** 2, axis=0))
+            for k, (replay, color, which) in enumerate(shown):
+                gaps = 1e3 * np.sqrt(np.mean(getattr(replay, kind) ** 2, axis=0))
                 axes.bar(np.arange(len(names)) - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=which)
             axes.set_xticks(np.arange(len(names)), [name.partition("_")[2] for name in names])
             axes.grid(visible=False, axis="x")
@@ -255,9 +255,9 @@ def _also(after: object) -> str:
 
 def _ends(before: Traces, after: Traces | None) -> str:
     sizes = [
-        f"{1e3 * np.sqrt(np.mean(np.sum(one.off[:, :2] ** 2, axis=1))):.1f} mm"
-        for one in (before, after)
-        if one is not None and len(one.off)
+        f"{1e3 * np.sqrt(np.mean(np.sum(traces.off[:, :2] ** 2, axis=1))):.1f} mm"
+        for traces in (before, after)
+        if traces is not None and len(traces.off)
     ]
     return (" and ".join(sizes) + " rms") if sizes else "there is no reference"
 

@@ -51,13 +51,13 @@ def as_data(found: Diagnosis, logs: dict[str, Log]) -> Data:
         "verdict": found.verdict,
         "reason": found.reason,
         "effects": [] if robot is None else robot.to_dict()["effects"][len(found.robot.effects) :],
-        "findings": [_finding_data(found.robot, one, list(logs.values())) for one in found.findings],
+        "findings": [_finding_data(found.robot, finding, list(logs.values())) for finding in found.findings],
         "reference": _reference_data(found),
         "gap": {"before": _gap_data(found.before), "after": _gap_data(found.after)},
         "gap_held_out": None
         if found.held_out is None
         else {"before": _gap_data(found.held_out[0]), "after": _gap_data(found.held_out[1])},
-        "candidates": [_rank_data(one) for one in found.ranks],
+        "candidates": [_rank_data(rank) for rank in found.ranks],
     }
 
 
@@ -66,8 +66,8 @@ def as_lines(data: Data) -> list[str]:
     lines = [*(f"pre-flight: {line}" for line in data["preflight"]), f"{data['robot']}: {data['verdict']}"]
     if not data["findings"]:
         lines.append(data["reason"])
-    for one in data["findings"]:
-        lines += _finding_lines(one)
+    for finding in data["findings"]:
+        lines += _finding_lines(finding)
     slip = data["gap"]["before"]
     lines.append(
         f"estimated slip: {1e3 * slip['slip_along_m']:.2g} mm along, {1e3 * slip['slip_across_m']:.2g} mm across, "
@@ -89,7 +89,7 @@ def as_lines(data: Data) -> list[str]:
         lines += _replay_lines(data["replay"], key, what)
     if not data["findings"]:
         lines.append("candidates, each alone: 2 ln(likelihood ratio), and size:")
-        lines += [f"  {_rival_line(one)}" for one in data["candidates"][:SHOWN]]
+        lines += [f"  {_candidate_line(rank)}" for rank in data["candidates"][:SHOWN]]
     return lines
 
 
@@ -123,17 +123,17 @@ def write_diagnosis(out: Path, data: Data, found: Vehicle | None, page: str) -> 
         raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
 
 
-def _finding_data(robot: RobotDescription, one: Finding, logs: Sequence[Log]) -> Data:
-    effect, error = one.effect, one.error
+def _finding_data(robot: RobotDescription, finding: Finding, logs: Sequence[Log]) -> Data:
+    effect, error = finding.effect, finding.error
     separating = None
-    if one.verdict == "ambiguous":
+    if finding.verdict == "ambiguous":
         posed = any(log.reference is not None and np.isfinite(log.reference).any() for log in logs)
-        rivals = [(rank.candidate, np.array(rank.amplitudes)) for rank in one.chosen]
-        separating = separating_drive(robot, rivals, "all" if posed else "none")
+        alternatives = [(rank.candidate, np.array(rank.amplitudes)) for rank in finding.chosen]
+        separating = separating_drive(robot, alternatives, "all" if posed else "none")
     return {
-        "verdict": one.verdict,
-        "reason": one.reason,
-        "title": described(effect) if effect is not None else one.chosen[0].candidate.what,
+        "verdict": finding.verdict,
+        "reason": finding.reason,
+        "title": described(effect) if effect is not None else finding.chosen[0].candidate.what,
         "effect": None if effect is None else TypeAdapter(Effect).dump_python(effect, mode="json"),
         "unit": None if effect is None else effect.unit,
         "standard_error": error,
@@ -142,12 +142,12 @@ def _finding_data(robot: RobotDescription, one: Finding, logs: Sequence[Log]) ->
         else [effect.value - COVERAGE * error, effect.value + COVERAGE * error],
         "check": None if effect is None else effect.check,
         "same_as": [] if effect is None else [name for name in effect.indistinguishable_from if name != effect.name],
-        "deviance": one.gain,
-        "hidden_by_creep": one.chosen[0].part,
+        "deviance": finding.gain,
+        "hidden_by_creep": finding.chosen[0].part,
         "cost": _cost_data(robot, effect, logs),
-        "cannot_be_told_apart": list(one.families),
+        "cannot_be_told_apart": list(finding.families),
         "separating_motion": separating,
-        "rivals": [_rank_data(rank) for rank in one.beaten[:SHOWN]],
+        "rivals": [_rank_data(rank) for rank in finding.beaten[:SHOWN]],
     }
 
 
@@ -205,40 +205,41 @@ def _gap_data(gap: Left | None) -> Data | None:
     }
 
 
-def _rank_data(one: Rank) -> Data:
+def _rank_data(rank: Rank) -> Data:
     return {
-        "what": one.candidate.what,
-        "name": one.candidate.kinds[0].name if one.candidate.kinds else None,
-        "deviance": one.gain,
-        "deviance_if_wheels_creep": one.sober,
-        "amplitude": one.size,
-        "standard_error": one.error,
+        "what": rank.candidate.what,
+        "name": rank.candidate.kinds[0].name if rank.candidate.kinds else None,
+        "deviance": rank.gain,
+        "deviance_if_wheels_creep": rank.sober,
+        "amplitude": rank.size,
+        "standard_error": rank.error,
     }
 
 
-def _finding_lines(one: Data) -> list[str]:
-    lines = [f"{one['verdict']}: {one['title']}"]
-    if one["reason"] != one["title"]:
-        lines.append(f"  {one['reason']}")
-    if one["effect"] is not None and one["interval"] is not None:
-        unit, scale = TOLD_AS.get(one["unit"], (one["unit"], 1.0))
-        half = (one["interval"][1] - one["interval"][0]) / 2
-        lines.append(f"  value {scale * one['effect']['value']:.4g} ± {scale * half:.2g} {unit} (95 %)")
-    if one["same_as"]:
-        lines.append(f"  no log can distinguish it from: {', '.join(one['same_as'])}")
-    if one["cost"] is not None and one["cost"]["m_per_10_m"] > NOTHING:
-        lines.append(f"  it costs {1e3 * one['cost']['m_per_10_m']:.1f} mm per {WAY:.0f} m of odometry")
-    if one["check"]:
-        lines.append(f"  to check: {one['check']}")
-    if one["separating_motion"] is not None:
-        lines.append(f"  to distinguish them, drive {one['separating_motion']}")
-    if one["cannot_be_told_apart"][1:] and one["deviance"] is None:
-        lines.append(f"  or: {'; '.join(one['cannot_be_told_apart'][1:])}")
-    if one["deviance"] is not None:
+def _finding_lines(finding: Data) -> list[str]:
+    lines = [f"{finding['verdict']}: {finding['title']}"]
+    if finding["reason"] != finding["title"]:
+        lines.append(f"  {finding['reason']}")
+    if finding["effect"] is not None and finding["interval"] is not None:
+        unit, scale = TOLD_AS.get(finding["unit"], (finding["unit"], 1.0))
+        half = (finding["interval"][1] - finding["interval"][0]) / 2
+        lines.append(f"  value {scale * finding['effect']['value']:.4g} ± {scale * half:.2g} {unit} (95 %)")
+    if finding["same_as"]:
+        lines.append(f"  no log can distinguish it from: {', '.join(finding['same_as'])}")
+    if finding["cost"] is not None and finding["cost"]["m_per_10_m"] > NOTHING:
+        lines.append(f"  it costs {1e3 * finding['cost']['m_per_10_m']:.1f} mm per {WAY:.0f} m of odometry")
+    if finding["check"]:
+        lines.append(f"  to check: {finding['check']}")
+    if finding["separating_motion"] is not None:
+        lines.append(f"  to distinguish them, drive {finding['separating_motion']}")
+    if finding["cannot_be_told_apart"][1:] and finding["deviance"] is None:
+        lines.append(f"  or: {'; '.join(finding['cannot_be_told_apart'][1:])}")
+    if finding["deviance"] is not None:
         lines.append(
-            f"  2 ln(likelihood ratio) {one['deviance']:.0f}" + ("; the other candidates:" if one["rivals"] else "")
+            f"  2 ln(likelihood ratio) {finding['deviance']:.0f}"
+            + ("; the other candidates:" if finding["rivals"] else "")
         )
-    lines += [f"    {_rival_line(rival)}" for rival in one["rivals"]]
+    lines += [f"    {_candidate_line(rank)}" for rank in finding["rivals"]]
     return lines
 
 
@@ -256,8 +257,8 @@ def _miss(summary: Data) -> str:
     return ", ".join(known) or "nothing that was measured"
 
 
-def _rival_line(one: Data) -> str:
-    return f"{one['deviance']:9.1f}  {one['what']}: {one['amplitude']:.4g} ± {COVERAGE * one['standard_error']:.2g}"
+def _candidate_line(rank: Data) -> str:
+    return f"{rank['deviance']:9.1f}  {rank['what']}: {rank['amplitude']:.4g} ± {COVERAGE * rank['standard_error']:.2g}"
 
 
 def _gap(gaps: Data) -> str:

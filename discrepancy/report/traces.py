@@ -79,8 +79,8 @@ def traces_of(
     edges = _edges(log.t, window)
     middle = (log.t[edges[:-1]] + log.t[edges[1:]]) / 2
     place = np.stack([np.interp(middle, log.t, state[:, axis]) for axis in (0, 1)], axis=-1)
-    missed = model.missed(geometry, state) - (0.0 if expected is None else expected)
-    slip = np.add.reduceat(missed, edges[:-1], axis=0)
+    residual = model.missed(geometry, state) - (0.0 if expected is None else expected)
+    slip = np.add.reduceat(residual, edges[:-1], axis=0)
     return Traces(t, path, times, reference, at - reference, _names(robot, model.rows), middle, place, slip)
 
 
