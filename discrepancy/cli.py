@@ -144,14 +144,16 @@ def find(
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
     if isinstance(description, TrainDescription):
         check_logs({str(path): log for path, log in read.items()})
-        found = diagnose_train(description, *([read[path] for path in some] for some in (paths, kept_back, good)))
+        found = diagnose_train(description, *([read[path] for path in chosen] for chosen in (paths, kept_back, good)))
         names = [str(path) for path in paths]
         data = train_report.as_data(found, names)
         if out is not None:
             write_diagnosis(out, data, found.found, html_of(data))
         _tell(data, train_report.as_lines(found, names), out, as_json)
         return
-    examined = examine(description, *({str(path): read[path] for path in some} for some in (paths, kept_back, good)))
+    examined = examine(
+        description, *({str(path): read[path] for path in chosen} for chosen in (paths, kept_back, good))
+    )
     data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
@@ -260,7 +262,7 @@ def _vehicle_beside(logs: list[Path]) -> Vehicle:
     for log in logs:
         if not log.exists():
             raise InputError(f"{log}: cannot be read (No such file or directory)")
-        file = next((own for name in (ROBOT_FILE, TRAIN_FILE) if (own := log.parent / name).exists()), None)
+        file = next((candidate for name in (ROBOT_FILE, TRAIN_FILE) if (candidate := log.parent / name).exists()), None)
         if file is None:
             raise InputError(f"{log}: has no {ROBOT_FILE} beside it; name the robot with --robot")
         if file not in vehicles:

@@ -47,7 +47,7 @@ class Examination:
         after = None
         if diagnosis.after is not None:
             after = _traces(diagnosis.explained, log, diagnosis.after)
-        named = [one.chosen[0].candidate.what for one in diagnosis.findings]
+        named = [finding.chosen[0].candidate.what for finding in diagnosis.findings]
         shown = [
             pictures.paths(before, after),
             pictures.errors(before, after),
@@ -70,14 +70,15 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     for given in (logs, held_out, clean):
         check_logs(given)
     checked, kept, before = (
-        preflight(robot, list(some.values()), list(some)) if some else Preflight(()) for some in (logs, held_out, clean)
+        preflight(robot, list(log_set.values()), list(log_set)) if log_set else Preflight(())
+        for log_set in (logs, held_out, clean)
     )
-    for one in (checked, kept, before):
-        if one.fatal:
-            raise InputError("; ".join(mistake.what for mistake in one.mistakes))
+    for result in (checked, kept, before):
+        if result.fatal:
+            raise InputError("; ".join(mistake.what for mistake in result.mistakes))
     (mended, wiring), (once, good_wiring) = _mended(robot, checked), _mended(robot, before)
     straight, kept_back = (
-        {name: _unwired(robot, wiring, log) for name, log in some.items()} for some in (logs, held_out)
+        {name: _unwired(robot, wiring, log) for name, log in log_set.items()} for log_set in (logs, held_out)
     )
     good = [_unwired(robot, good_wiring, log) for log in clean.values()]
     diagnosis = diagnose(mended, list(straight.values()), list(kept_back.values()), good, once)
@@ -90,7 +91,7 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
         "effects": [] if found is None else found.to_dict()["effects"][len(robot.effects) :],
     }
     _add_mistakes(data, checked.mistakes)
-    unsure = next((one for one in data["findings"] if one["verdict"] == "ambiguous"), None)
+    unsure = next((finding for finding in data["findings"] if finding["verdict"] == "ambiguous"), None)
     data["cannot_be_told_apart"] = [] if unsure is None else unsure["cannot_be_told_apart"]
     data["separating_motion"] = None if unsure is None else unsure["separating_motion"]
     data["where"], data["replay"] = _where(straight, diagnosis), None
@@ -123,7 +124,7 @@ def _add_mistakes(data: Data, mistakes: Sequence[Mistake]) -> None:
     if not mistakes:
         return
     told = [mistake_data(mistake) for mistake in mistakes]
-    verdicts = [one["verdict"] for one in told] + [data["verdict"]] * bool(data["findings"])
+    verdicts = [finding["verdict"] for finding in told] + [data["verdict"]] * bool(data["findings"])
     data["reason"] = "; ".join([mistake.what for mistake in mistakes] + [data["reason"]] * bool(data["findings"]))
     data["findings"] = [*told, *data["findings"]]
     data["verdict"] = min(verdicts, key=WEAKEST_FIRST.index)
@@ -155,7 +156,7 @@ def _where(logs: Logs, diagnosis: Diagnosis) -> Data:
     for k, (name, log) in enumerate(logs.items()):
         traces = traces_of(diagnosis.nominal, log, diagnosis.before.state.states[k])
         worst.append({"log": name, **traces.worst()})
-    return max(worst, key=lambda one: one["most_slip_m"])
+    return max(worst, key=lambda entry: entry["most_slip_m"])
 
 
 def _traces(robot: RobotDescription, log: Log, left: Left) -> Any:
@@ -189,8 +190,8 @@ def _replay_data(
         return None
     noise, data = diagnosis.before.noise, {}
     for before, after, pair in (("before", "after", replays), ("held_out_before", "held_out_after", held_out)):
-        for key, one in zip((before, after), pair or (None, None), strict=True):
-            data[key] = None if one is None else one.summary()
+        for key, replayed in zip((before, after), pair or (None, None), strict=True):
+            data[key] = None if replayed is None else replayed.summary()
     if diagnosis.before.position is not None:
         data["before"]["expected"] = replays[0].expected(noise.position, noise.heading)
     return data
