@@ -7,7 +7,7 @@ from estimators.calibration.protocol import Recording
 
 
 class Uncalibrated:
-    """Returns the robot as it is described: the yardstick."""
+    """Returns the robot as it is described: the baseline."""
 
     def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
         """Return the robot unchanged."""

@@ -1,6 +1,6 @@
 """Truncated least squares over inlier sets: which axles' odometry to believe, all axles weighed together.
 
-This project's own rival of GRPEC; no paper. Relative poses always count. An axle's OD pose counts by its squared
+This project's own alternative to GRPEC; no paper. Relative poses always count. An axle's OD pose counts by its squared
 residuals, as in Method 2 (`train_least_squares`), or, if the axle is an outlier, as the constant `OUTLIER_COST`. Of
 all 2^N - 1 sets of inliers that of the smallest cost wins: a fit that ignores axles that slipped.
 
