@@ -336,7 +336,10 @@ def test_check_names_the_robot_and_who_was_declined(castor_bench):
     code, out, _ = castor_bench("check", "choosy.py")
     assert code == 1
     assert out.splitlines()[0].endswith("(it declines every preset)")
-    assert "WRONG  serves the robot: reset declines robot 'ASOC prototype, one-third scale': needs six legs; check with" in out
+    assert (
+        "WRONG  serves the robot: reset declines robot 'ASOC prototype, one-third scale': needs six legs; check with"
+        in out
+    )
 
 
 @pytest.mark.parametrize(

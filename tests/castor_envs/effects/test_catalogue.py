@@ -621,4 +621,4 @@ def test_the_page_is_up_to_date():
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert module.with_tables(page) == page, "run python scripts/make_effects_table.py"
     for name in (*EFFECTS, *TRAIN_EFFECTS):
-        assert page.count(f"| `{name}` |") == 1
+        assert page.count(f"\n| `{name}` |") == 1

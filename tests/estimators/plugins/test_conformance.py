@@ -358,7 +358,10 @@ def test_a_refusal_declines_the_robot():
     assert refusal(entry(ForDifferential), preset("differential")) is None
     assert failed(ForDifferential) == {}
     message = failed(ForDifferential, preset("asoc-prototype"))["serves the robot"]
-    assert message == "reset declines robot 'asoc-prototype': needs one castor; check with one that it serves"
+    assert (
+        message
+        == "reset declines robot 'ASOC prototype, one-third scale': needs one castor; check with one that it serves"
+    )
 
 
 @pytest.mark.parametrize("kind", [Choosy, RaisingInReset, Misshapes])

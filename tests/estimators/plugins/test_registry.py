@@ -231,11 +231,11 @@ def test_edited_builtin_has_another_hash(tmp_path):
 
     cast, ipec = hashes()
     assert [cast, ipec] == hashes()
-    with (package / "ipec.py").open("a") as file:
+    with (package / "robots" / "ipec.py").open("a") as file:
         file.write("# edited\n")
     assert hashes()[0] == cast
     assert hashes()[1] != ipec
-    with (package / "castor_odometry.py").open("a") as file:
+    with (package / "robots" / "castor_odometry.py").open("a") as file:
         file.write("# edited\n")
     assert hashes()[0] != cast
 
