@@ -118,6 +118,8 @@ def test_no_folder_is_crowded():
 def test_the_picture_of_the_architecture_is_up_to_date():
     path = ROOT / "scripts" / "make_architecture.py"
     spec = importlib.util.spec_from_file_location("make_architecture", path)
+    assert spec is not None
+    assert spec.loader is not None
     drawn = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(drawn)
     page = drawn.PAGE.read_text(encoding="utf-8")

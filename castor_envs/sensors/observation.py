@@ -66,11 +66,13 @@ class Observations:
     @classmethod
     def stack(cls, members: Sequence["Observations"]) -> "Observations":
         """Return the observations of runs of equal length and layout along one new leading axis."""
-        stacked: dict[str, Numbers | None] = {}
-        for name in cls.__dataclass_fields__:
+
+        def stacked(name: str) -> Numbers | None:
             parts = [getattr(member, name) for member in members]
-            stacked[name] = None if any(part is None for part in parts) else np.stack(parts)
-        return cls(**stacked)
+            return None if any(part is None for part in parts) else np.stack(parts)
+
+        wheel, time = (np.stack([getattr(member, name) for member in members]) for name in ("wheel", "time"))
+        return cls(wheel, time, stacked("pivot"), stacked("gyro"), stacked("rps"), stacked("rps_age"))
 
     def __len__(self) -> int:
         return self.time.shape[-1]

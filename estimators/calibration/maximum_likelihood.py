@@ -238,7 +238,7 @@ def _stepped(
         geometry = geometry_with(described, parameters, state.found)
         logs = zip(each, state.states, state.clocks, strict=True)
         prior = np.sum((state.mount / placed) ** 2)
-        return sum(reduced.squares(geometry, *log, state.mount) for reduced, *log in logs) + prior
+        return sum(reduced.squares(geometry, path, clock, state.mount) for reduced, path, clock in logs) + prior
 
     def part_of(part: float, moved: Callable[[Array, Array], Array]) -> State:
         return State(

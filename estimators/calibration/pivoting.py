@@ -333,7 +333,8 @@ class PivotingMethod:
                 before, after = old.wheels[k], new.wheels[k]
                 numbers.append((f"{side} radius", "m", before.radius, after.radius, errors.radius[i, k]))
                 numbers.append((f"{side} lateral", "m", before.lateral, after.lateral, errors.half_track[i, k]))
-            results += [Result(f"castor {i + 1} {what}", *rest, float(error)) for what, *rest, error in numbers]
+            for what, unit, before, after, error in numbers:
+                results.append(Result(f"castor {i + 1} {what}", unit, before, after, float(error)))
         return Report(tuple(results), calibrated)
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> PivotingCalibration:

@@ -58,7 +58,7 @@ def test_what_is_read_is_driven_on(way, value):
     for _ in range(3):
         observation, reward, *_ = env.step(np.zeros(3))
         assert np.all(np.isfinite(observation["wheel"]))
-        assert np.isfinite(reward)
+        assert np.isfinite(float(reward))
 
 
 def test_effects_that_make_a_floor_too_steep_are_refused_in_one_line():

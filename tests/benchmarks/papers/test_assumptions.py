@@ -8,7 +8,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.papers.assumptions import Assumptions, option_name
 from castor_envs import command_line
-from castor_envs.effects import PivotBias
+from castor_envs.effects.dimensions import PivotBias
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset
 

@@ -232,4 +232,6 @@ def test_a_copy_under_another_name_is_refused(folder, fake_tasks):
 def test_a_message_that_no_file_can_hold_is_kept_as_far_as_it_can_be(folder):
     store = ResultsStore(folder)
     store.save(Row("arcs", 1, "mine", "a" * 16, 3, "e" * 16, "d" * 16, failure="lost \ud800 here"))
-    assert store.load("arcs", 1, "mine", "a" * 16, 3).failure == "lost ? here"
+    row = store.load("arcs", 1, "mine", "a" * 16, 3)
+    assert row is not None
+    assert row.failure == "lost ? here"

@@ -8,9 +8,21 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from castor_envs import effects
-from castor_envs.effects.catalogue import catalogue, readings
-from castor_envs.effects.dimensions import LoadRadius
+from castor_envs.effects.catalogue import catalogue, readings, reference
+from castor_envs.effects.clocks import AllLatency, EncoderLatency, SampleJitter
+from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
+from castor_envs.effects.dimensions import (
+    AllWheelRadius,
+    LoadRadius,
+    PivotBias,
+    PivotOffset,
+    PivotPositionX,
+    PivotPositionY,
+    Track,
+    WheelRadius,
+)
+from castor_envs.effects.encoders import TickLossBursts
+from castor_envs.effects.floor import Bump, FloorSlope
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.motion.trajectories import Leg, Trajectory, wander
@@ -138,12 +150,12 @@ def test_turns_follow_the_twist_asked_for(clean: Run):
 @pytest.mark.parametrize(
     "effect",
     [
-        effects.WheelRadius(castor=1, wheel=2, value=0.02),
-        effects.AllWheelRadius(value=0.02),
-        effects.Track(castor=2, value=0.05),
-        effects.PivotOffset(castor=3, value=0.005),
-        effects.PivotPositionX(castor=1, value=0.01),
-        effects.PivotPositionY(castor=2, value=-0.01),
+        WheelRadius(castor=1, wheel=2, value=0.02),
+        AllWheelRadius(value=0.02),
+        Track(castor=2, value=0.05),
+        PivotOffset(castor=3, value=0.005),
+        PivotPositionX(castor=1, value=0.01),
+        PivotPositionY(castor=2, value=-0.01),
     ],
     ids=lambda effect: effect.name,
 )
@@ -196,7 +208,7 @@ def test_contacts_hold_a_robot_on_a_slope():
 
 
 def test_effects_of_the_floor_are_in_it():
-    slope, cable = effects.FloorSlope(direction="x", value=0.03), effects.Bump(x=0.1, y=0.0, direction=1.5, value=0.003)
+    slope, cable = FloorSlope(direction="x", value=0.03), Bump(x=0.1, y=0.0, direction=1.5, value=0.003)
     floor = Floor(
         slope=(0.03, 0.0), cables=(Cable(center=(0.1, 0.0), direction=1.5, length=cable.length, diameter=0.003),)
     )
@@ -207,7 +219,7 @@ def test_effects_of_the_floor_are_in_it():
 def test_contact_creep_is_as_fast_as_the_force_asks():
     value, slope = 2e-5, 0.05
     robot = dataclasses.replace(DIFFERENTIAL, max_wheel_torque=1e3)  # a stiff servo: wheels stand
-    creeping = robot.with_effects(effects.ContactCreep(value=value))
+    creeping = robot.with_effects(ContactCreep(value=value))
     floor = Floor(slope=(slope, 0.0))
     runs = [simulate(one, REST, 0, duration=2.0, floor=floor) for one in (robot, creeping)]
     rest = [slips(run, robot)[0][:, 20:].sum(axis=1).mean() for run in runs]
@@ -217,7 +229,7 @@ def test_contact_creep_is_as_fast_as_the_force_asks():
 
 def test_tyres_slip_as_their_stiffness_and_the_force_ask():
     """Driving up a slope at a steady speed: slip in parts of the way is force over load and stiffness."""
-    slope, softer = Floor(slope=(0.05, 0.0)), effects.SlipStiffness(value=-0.5)
+    slope, softer = Floor(slope=(0.05, 0.0)), SlipStiffness(value=-0.5)
     robot, motion = DIFFERENTIAL, along(1.0, 0.0, 0.0, length=1.0)
     runs = [simulate(one, motion, 0, duration=2.0, floor=slope) for one in (robot, robot.with_effects(softer))]
     slip = [slips(run, robot)[0][:, 20:40].sum() / slips(run, robot)[2][:, 20:40].sum() for run in runs]
@@ -229,7 +241,7 @@ def test_tyres_slip_as_their_stiffness_and_the_force_ask():
 
 def test_side_slip_is_as_large_as_stiffness_and_force_ask():
     """Driving across a slope: contacts drift down by side force over load and stiffness, in parts of the way."""
-    slope, softer = Floor(slope=(0.0, 0.05)), effects.SlipStiffnessLateral(value=-0.5)
+    slope, softer = Floor(slope=(0.0, 0.05)), SlipStiffnessLateral(value=-0.5)
     robot, motion = DIFFERENTIAL, along(1.0, 0.0, 0.0, length=1.0)
     runs = [simulate(one, motion, 0, duration=2.0, floor=slope) for one in (robot, robot.with_effects(softer))]
     slip = [slips(run, robot)[1][:, 20:40].sum() / slips(run, robot)[2][:, 20:40].sum() for run in runs]
@@ -275,11 +287,10 @@ def counts(robot: RobotDescription, wheel: np.ndarray, castor: np.ndarray, phase
 
 
 BURSTS = [
-    effects.TickLossBursts(castor=2, wheel=1, value=0.3, period=0.4, width=0.15, start=0.2, seed=seed)
-    for seed in (None, 5)
+    TickLossBursts(castor=2, wheel=1, value=0.3, period=0.4, width=0.15, start=0.2, seed=seed) for seed in (None, 5)
 ]
 SENSED = [one for one in catalogue(ASOC) if one.name not in ("sample_jitter",)] + BURSTS
-EARLY = [effects.EncoderLatency(castor=1, value=-0.013), effects.AllLatency(value=-0.02)]
+EARLY = [EncoderLatency(castor=1, value=-0.013), AllLatency(value=-0.02)]
 
 
 @pytest.mark.parametrize("effect", SENSED + EARLY, ids=repr)
@@ -294,7 +305,7 @@ def test_effects_mean_what_the_catalogue_says(effect: Effect):
     assert np.abs(log.wheel - expected[:, :6]).max() < (5.0 if effect in BURSTS else 1e-6)
     apart = np.mod(log.pivot - expected[:, 6:] + turn / 2, turn) - turn / 2
     assert np.abs(apart).max() < 1e-6
-    shown = effects.reference(robot, t, run.pose[:: run.every])
+    shown = reference(robot, t, run.pose[:: run.every])
     seen = ~np.isnan(log.reference[:, 0]) if log.reference is not None else np.zeros(0, dtype=bool)
     assert log.reference is not None
     assert log.reference[seen] == pytest.approx(shown[seen], abs=1e-9)
@@ -303,7 +314,7 @@ def test_effects_mean_what_the_catalogue_says(effect: Effect):
 def test_latency_shifts_a_ramp_by_rate_times_latency():
     run, rate, latency = smooth_run(ASOC), 3.0, 0.0123
     run = dataclasses.replace(run, angle=np.outer(run.t, np.full(9, rate)))
-    late = read(run, ASOC.with_effects(effects.EncoderLatency(castor=2, wheel=1, value=latency)), rounded=False)
+    late = read(run, ASOC.with_effects(EncoderLatency(castor=2, wheel=1, value=latency)), rounded=False)
     behind = read(run, ASOC, rounded=False).wheel - late.wheel
     assert behind[5:, 2] == pytest.approx(rate * latency * 1200 / (2 * math.pi))
     assert np.delete(behind, 2, axis=1) == pytest.approx(0.0)
@@ -312,7 +323,7 @@ def test_latency_shifts_a_ramp_by_rate_times_latency():
 def test_jitter_moves_readings_by_rate_times_a_time_of_its_spread():
     run, rate, spread = smooth_run(ASOC), 3.0, 0.002
     run = dataclasses.replace(run, angle=np.outer(run.t, np.full(9, rate)))
-    log = read(run, ASOC.with_effects(effects.SampleJitter(value=spread, seed=4)), rounded=False)
+    log = read(run, ASOC.with_effects(SampleJitter(value=spread, seed=4)), rounded=False)
     moved = (log.wheel - read(run, ASOC, rounded=False).wheel) * 2 * math.pi / 1200 / rate
     assert moved[:, 1:] == pytest.approx(np.repeat(moved[:, :1], 5, axis=1), abs=1e-9)  # all together
     assert moved[1:, 0] == pytest.approx(spread * np.random.default_rng(4).standard_normal(len(log))[1:], abs=1e-9)
@@ -327,7 +338,7 @@ def test_counts_are_whole_and_pivots_within_a_turn(clean: Run):
 
 
 def test_one_run_can_be_read_with_and_without_an_effect(clean: Run):
-    bias = read(clean, ASOC.with_effects(effects.PivotBias(castor=2, value=0.01)), rounded=False)
+    bias = read(clean, ASOC.with_effects(PivotBias(castor=2, value=0.01)), rounded=False)
     plain = read(clean, ASOC, rounded=False)
     shift = np.mod(bias.pivot - plain.pivot + 2571.5, 5143) - 2571.5
     assert shift[:, 1] == pytest.approx(0.01 * 5143 / (2 * math.pi))
@@ -338,7 +349,7 @@ def test_one_run_can_be_read_with_and_without_an_effect(clean: Run):
 def test_logs_repeat_and_differ_only_by_what_is_hidden():
     motion = wander(np.random.default_rng(1), duration=3.0)
     logs = [drive(ASOC, motion, seed, duration=3.0) for seed in (7, 7, 8)]
-    hidden = drive(ASOC.with_effects(effects.PivotBias(castor=1, value=0.02)), motion, 7, duration=3.0)
+    hidden = drive(ASOC.with_effects(PivotBias(castor=1, value=0.02)), motion, 7, duration=3.0)
     for part in ("t", "wheel", "pivot", "command", "reference"):
         assert np.array_equal(getattr(logs[0], part), getattr(logs[1], part), equal_nan=True)
     assert not np.array_equal(logs[0].wheel, logs[2].wheel)
@@ -352,7 +363,7 @@ def test_logs_repeat_and_differ_only_by_what_is_hidden():
 def test_a_biased_pivot_misleads_the_controller():
     """The robot steers by what it reads: with all pivots off by one angle, it goes off by that angle."""
     off = 0.1
-    biases = [effects.PivotBias(castor=i, value=off) for i in (1, 2, 3)]
+    biases = [PivotBias(castor=i, value=off) for i in (1, 2, 3)]
     run = simulate(ASOC.with_effects(*biases), AHEAD, 1, duration=4.0)
     assert math.atan2(run.pose[-1, 1], run.pose[-1, 0]) == pytest.approx(-off, abs=0.02)
 
@@ -458,9 +469,9 @@ def test_what_cannot_be_built_is_refused():
     with pytest.raises(InputError, match="omni"):
         simulate(preset("omni3"), AHEAD, 0, duration=1.0)
     with pytest.raises(InputError, match="no castor 4"):
-        simulate(ASOC.with_effects(effects.PivotBias(castor=4, value=0.1)), AHEAD, 0, duration=1.0)
+        simulate(ASOC.with_effects(PivotBias(castor=4, value=0.1)), AHEAD, 0, duration=1.0)
     blind = dataclasses.replace(ASOC.castors[0], pivot_counts_per_rev=None)
     with pytest.raises(InputError, match="no pivot encoder"):
         simulate(dataclasses.replace(ASOC, castors=(blind, *ASOC.castors[1:])), AHEAD, 0, duration=1.0)
     with pytest.raises(InputError, match="hold better than described"):
-        simulate(ASOC.with_effects(effects.SlipStiffness(value=0.1)), AHEAD, 0, duration=1.0)
+        simulate(ASOC.with_effects(SlipStiffness(value=0.1)), AHEAD, 0, duration=1.0)

@@ -97,6 +97,7 @@ def test_a_tracked_point_off_the_origin_is_found_where_the_reference_shows_it():
     described, true = differential(4)
     random, mount = np.random.default_rng(4), np.array([0.2, -0.1, 0.3])
     log = driven(true, wander(random, duration=25.0, holonomic=False), random)
+    assert log.reference is not None
     noise = random.normal(size=log.reference.shape) * [1e-3, 1e-3, 2e-3]
     found = calibrate(described, [dataclasses.replace(log, reference=compose(log.reference, mount) + noise)])
     assert found.mount_seen.all()
