@@ -1,7 +1,6 @@
 """Tasks on a robot of the user's: the official ones' squares, on boards of their own that never mix with these."""
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
@@ -92,7 +91,3 @@ def cannot_roll_as_described(robot: RobotDescription) -> str | None:
         names = ", ".join(effect.name for effect in robot.effects)
         return f"robot {robot.name!r} has effects ({names}), and perfect rolling knows none; leave them out"
     return cannot_roll_square(robot)
-
-
-Twins = Callable[[OtherRobot], tuple[Any, ...]]
-"""What a module of tasks offers as ``on_robot``, if its tasks can be run on other robots."""

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.discovery import offers
 from castor_envs.errors import Declined, message_of
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
@@ -157,15 +156,14 @@ def builtin_names(vehicle: Vehicle) -> list[str]:
     Where a class can be made with several numbers, those that it names itself in `variants`, in its order.
     """
     package = TRAINS if isinstance(vehicle, TrainDescription) else ROBOTS
-    named = sorted((name, kind) for names in offers(package, "ESTIMATORS") for name, kind in names.items())
     specs = [
         name if number is None else f"{name}-{number}"
-        for name, kind in named
+        for name, kind in built_in_of(package).items()
         for number in (kind.variants(vehicle) if hasattr(kind, "variants") else (None,))
     ]
     return [spec for spec in specs if load_estimator(spec).applicable(vehicle) is None]
 
 
-def estimator_names(package: str) -> list[str]:
-    """Return the names of the estimators of a package: `ROBOTS` or `TRAINS`."""
-    return sorted(name for names in offers(package, "ESTIMATORS") for name in names)
+def built_in_of(package: str) -> dict[str, type]:
+    """Return the built-in estimators of a package, `ROBOTS` or `TRAINS`, by their names in alphabetical order."""
+    return {name: kind for name, kind in ESTIMATOR.built_in.items() if kind.__module__.startswith(f"{package}.")}

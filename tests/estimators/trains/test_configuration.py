@@ -9,11 +9,11 @@ import pytest
 from castor_envs.errors import InputError
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import cfmmr, preset
-from estimators.plugins.registry import TRAINS, builtin_names, estimator_names, load_estimator
+from estimators.plugins.registry import TRAINS, built_in_of, builtin_names, load_estimator
 from estimators.trains.configuration import MAX_AGE
 from estimators.trains.relative_poses import RelativePoseWarning
 
-TRAIN_ESTIMATORS = estimator_names(TRAINS)
+TRAIN_ESTIMATORS = list(built_in_of(TRAINS))
 CORRECTING = [name for name in TRAIN_ESTIMATORS if name != "train-odometry"]
 BENT = np.array([[0.33, 0.09, 0.5], [0.34, -0.06, -0.4]])
 STRAIGHT = np.array([[0.7, 0.0, 0.0], [0.35, 0.0, 0.0], [0.0, 0.0, 0.0]])
