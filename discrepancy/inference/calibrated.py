@@ -1,0 +1,28 @@
+"""Every number of the inference, with its reason and the command that checks it; there are no others.
+
+Checked by `castor-diagnose trial` (rates, reliability diagram, expected calibration error) over presets, generators and
+seeds that none of them was set on, and by `pytest tests/discrepancy/inference`, which draws data from the model itself.
+"""
+
+CREDIBLE = 0.95
+"""Probability that a credible set holds at least, and with its odds (19, a log-likelihood ratio of ln 19) what held-out
+logs must say for a name. The field's convention; nothing was fitted to it."""
+
+NOTHING = 0.8
+"""Probability that one single effect of the sum is none, before logs are seen. Of five, one is expected to be there:
+people ask about robots that have something. Twice the odds change a log-likelihood ratio by 0.7."""
+
+MOST = 5
+"""Single effects in the sum. Diagnoses of robots with three effects do not change with more; each costs time."""
+
+FAULT = 10.0
+"""A fault, as a multiple of what robots in good order show (an effect's tolerance), is as often larger as smaller; its
+size is Cauchy distributed. A tenth or ten times of it changes a log-likelihood ratio by at most 2.3."""
+
+FREEDOM = 4.0
+"""Robots whose scatter an effect's stated tolerance stands for, as degrees of freedom: two clean logs count half as
+much as what the catalogue states."""
+
+SIGNATURE = 0.02
+"""Part by which a linearised signature is wrong, in any direction that other effects span: standard deviation. What is
+left beside a refitted effect of z standard deviations, over z, in logs of other simulators."""

@@ -1,0 +1,85 @@
+"""Random effects from log to log: against the joint Gaussian they stand for, and clean logs drawn from it."""
+
+import numpy as np
+import pytest
+
+from discrepancy.inference.random_effects import Statistics, good_order, together
+
+
+def drawn(random, design, sizes):
+    """Return the statistics of a log in which sizes show through a design (n, m), with unit noise."""
+    values = design @ sizes + random.normal(size=len(design))
+    return Statistics(design.T @ design, design.T @ values)
+
+
+def test_scatter_blurs_a_log_as_the_joint_normal_distribution_of_its_values_says():
+    random = np.random.default_rng(0)
+    design, scatter = random.normal(size=(50, 4)), np.diag([0.5, 0.1, 2.0, 0.0])
+    values = random.normal(size=50)
+    covariance = np.linalg.inv(np.eye(50) + design @ scatter @ design.T)
+    seen = Statistics(design.T @ design, design.T @ values).scattered(scatter)
+    assert seen.information == pytest.approx(design.T @ covariance @ design, rel=1e-9, abs=1e-9)
+    assert seen.score == pytest.approx(design.T @ covariance @ values, rel=1e-9, abs=1e-9)
+
+
+def test_sizes_that_are_known_are_taken_off():
+    random = np.random.default_rng(1)
+    design, known = random.normal(size=(30, 3)), np.array([1.0, -2.0, 0.5])
+    log = drawn(np.random.default_rng(2), design, known)
+    left = drawn(np.random.default_rng(2), design, np.zeros(3))
+    assert log.at(known).score == pytest.approx(left.score, abs=1e-9)
+
+
+def test_doubt_in_signatures_counts_more_the_larger_the_signal():
+    log = Statistics(np.eye(2), np.ones(2))
+    assert log.doubted(0.0).score == pytest.approx(log.score)
+    kept = [log.doubted(z**2).information[0, 0] for z in (1, 10, 100, 1000)]
+    assert np.all(np.diff(kept) < 0)
+    assert kept[-1] * 1000**2 == pytest.approx(kept[-2] * 100**2, rel=0.5)  # no more is left than a part of the signal
+
+
+def test_without_clean_logs_the_tolerances_stand():
+    told = good_order(np.array([0.1, 0.2]), np.eye(1))
+    assert told.scatter == pytest.approx(np.diag([0.01, 0.04]))
+    assert told.doubt == pytest.approx(np.diag([0.01, 0.04]))
+    assert not told.background.any()
+
+
+def test_clean_logs_tell_background_and_scatter():
+    random = np.random.default_rng(3)
+    truth, spread = np.array([3.0, 0.0, -1.0]), np.array([0.5, 0.05, 0.05])
+    clean = [
+        drawn(random, 30 * random.normal(size=(100, 3)), truth + spread * random.normal(size=3)) for _ in range(60)
+    ]
+    told = good_order(np.full(3, 0.05), np.eye(1), clean)
+    assert told.background == pytest.approx(truth, abs=0.25)
+    assert np.sqrt(np.diag(told.scatter)) == pytest.approx(spread, rel=0.35)
+
+
+def test_two_sizes_of_an_effect_scatter_as_their_pattern_says():
+    pattern = np.array([[1.0, 0.75], [0.75, 0.8]])
+    told = good_order(np.array([0.1, 2.0]), pattern)
+    assert told.scatter[np.ix_([1, 3], [1, 3])] == pytest.approx(4 * pattern)
+    assert told.scatter[np.ix_([0, 2], [0, 2])] == pytest.approx(0.01 * pattern)
+    assert told.scatter[0, 3] == told.scatter[0, 1] == 0
+
+
+@pytest.mark.parametrize("logs", [1, 4])
+def test_a_robot_in_good_order_is_beyond_nothing_as_often_as_chance_says(logs):
+    random = np.random.default_rng(4)
+    tolerance = np.array([0.3, 0.1, 0.2])
+    squares = []
+    for _ in range(300):
+        background = tolerance * random.normal(size=3)
+        designs = [10 * random.normal(size=(20, 3)) for _ in range(logs)]
+        every = [drawn(random, design, background + tolerance * random.normal(size=3)) for design in designs]
+        beyond = good_order(tolerance, np.eye(1)).beyond(every)
+        squares.append(beyond.score @ np.linalg.solve(beyond.information, beyond.score))
+    assert np.mean(squares) == pytest.approx(3.0, abs=4 * np.sqrt(6 / 300))
+
+
+def test_logs_together_are_their_sum():
+    one, other = Statistics(np.eye(2), np.ones(2)), Statistics(2 * np.eye(2), 3 * np.ones(2))
+    both = together([one, other])
+    assert both.information == pytest.approx(3 * np.eye(2))
+    assert both.score == pytest.approx(np.full(2, 4.0))

@@ -1,0 +1,117 @@
+"""The posterior of a sum of single effects, against quadrature, symmetry, and data drawn from the model itself."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import cauchy
+
+from discrepancy.inference.calibrated import NOTHING
+from discrepancy.inference.single_effects import Hypothesis, SingleEffects
+
+
+def hypotheses(m, scale=1.0, **bounds):
+    return [Hypothesis(f"effect {k}", np.eye(m)[:, [k]], scale, 1.0, **bounds) for k in range(m)]
+
+
+@pytest.mark.parametrize("size", [0.5, 3.0, 40.0])
+@pytest.mark.parametrize(("least", "most"), [(-np.inf, np.inf), (0.0, np.inf), (-1.0, 20.0), (2.0, 5.0)])
+def test_one_hypothesis_against_nothing_is_what_quadrature_says(size, least, most):
+    information, score = np.array([[4.0]]), np.array([4.0 * size])
+    one = SingleEffects(hypotheses(1, 2.0, least=least, most=most), information)
+    found = one.posterior(score, 1)
+
+    ends = max(least, -200.0), min(most, 200.0)
+    inside = cauchy(scale=2.0).cdf(most) - cauchy(scale=2.0).cdf(least)
+    top = min(max(size, ends[0]), ends[1])
+
+    def likely(b):
+        return np.exp(-2 * (b - size) ** 2 + 2 * (top - size) ** 2) * cauchy(scale=2.0).pdf(b) / inside
+
+    def integrated(values):
+        spans = np.unique(np.clip(top + np.array([-9, -1, -0.1, 0, 0.1, 1, 9]), *ends))
+        return sum(quad(values, a, b, limit=200)[0] for a, b in pairwise(spans))
+
+    factor = integrated(likely)
+    mean = integrated(lambda b: b * likely(b)) / factor
+    variance = integrated(lambda b: (b - mean) ** 2 * likely(b)) / factor
+
+    log_factor = np.log(factor) + 2 * size**2 - 2 * (top - size) ** 2
+    (first,) = found.components
+    log_evidence = np.logaddexp(np.log(NOTHING), np.log(1 - NOTHING) + log_factor)
+    assert first.log_evidence == pytest.approx(log_evidence, abs=0.02)
+    sizes, covariance = one.sizes(found, score, 0, 0)
+    assert sizes[0] == pytest.approx(mean, rel=0.01, abs=0.02)
+    assert covariance[0, 0] == pytest.approx(variance, rel=0.05)
+
+
+def test_twins_share_their_probability_and_a_name_with_two_places_adds_it_up():
+    direction = np.eye(2)[:, [0]]
+    names = ["radius", "gain", "radius"]
+    found = SingleEffects([Hypothesis(name, direction, 1.0, 1.0) for name in names], np.eye(2) * 100)
+    posterior = found.posterior(np.array([1000.0, 0.0]))
+    assert posterior.probabilities(posterior.components[0]) == pytest.approx({"radius": 2 / 3, "gain": 1 / 3}, rel=1e-6)
+    assert posterior.credible_set(posterior.components[0]) == ("radius", "gain")
+
+
+def test_pure_noise_is_nothing():
+    random = np.random.default_rng(0)
+    design = random.normal(size=(200, 40))
+    information = design.T @ design
+    single = SingleEffects(hypotheses(40, 0.5), information)
+    found = [single.posterior(design.T @ random.normal(size=200)) for _ in range(40)]
+    assert sum(bool(one.credible_set(component)) for one in found for component in one.components) <= 2
+
+
+def test_an_effect_of_two_sizes_is_found_in_any_mixture_of_them():
+    information = np.diag([50.0, 50.0, 50.0, 50.0])
+    every = [Hypothesis("phase", np.eye(4)[:, :2], 1.0, 1.0), Hypothesis("other", np.eye(4)[:, 2:], 1.0, 1.0)]
+    for angle in np.linspace(0, 6, 7):
+        score = information @ [3 * np.cos(angle), 3 * np.sin(angle), 0, 0]
+        single = SingleEffects(every, information)
+        found = single.posterior(score)
+        assert found.components[0].probability[0] > 0.99
+        sizes, covariance = single.sizes(found, score, 0, 0)
+        assert sizes == pytest.approx(3 * np.array([np.cos(angle), np.sin(angle)]), rel=0.05, abs=0.05)
+        assert np.sqrt(np.diag(covariance)) == pytest.approx(np.full(2, 50**-0.5), rel=0.1)
+
+
+def test_two_effects_that_look_like_a_third_together_are_found():
+    both = np.array([[1.0, 0.0, 0.7, 0.0], [0.0, 1.0, 0.7, 0.0], [0.0, 0.0, 0.14, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    information = 900 * both.T @ both
+    posterior = SingleEffects(hypotheses(4, 0.1), information).posterior(information @ [1.0, 1.0, 0.0, 0.0])
+    surely = {name for name, probability in posterior.inclusion().items() if probability > 0.9}
+    assert surely == {"effect 0", "effect 1"}
+
+
+def test_probabilities_are_calibrated_where_the_model_is_true():
+    random = np.random.default_rng(1)
+    told, right = [], []
+    mixing = np.linalg.cholesky(0.6 * np.ones((30, 30)) + 0.4 * np.eye(30))
+    for _ in range(100):
+        design = random.normal(size=(300, 30)) @ mixing.T
+        information = design.T @ design
+        truth = np.zeros(30)
+        there = random.random(5) > NOTHING
+        for k in random.integers(30, size=5)[there]:
+            truth[k] += 0.3 * random.standard_cauchy()
+        score = information @ truth + design.T @ random.normal(size=300)
+        posterior = SingleEffects(hypotheses(30, 0.3), information).posterior(score)
+        for name, probability in posterior.inclusion().items():
+            told.append(probability)
+            right.append(truth[int(name.split()[1])] != 0)
+    told, right = np.array(told), np.array(right, dtype=float)
+    error = 0.0
+    for low, high in ((0, 0.05), (0.05, 0.3), (0.3, 0.7), (0.7, 0.95), (0.95, 1.01)):
+        inside = (told >= low) & (told < high)
+        if inside.any():
+            off = abs(told[inside].mean() - right[inside].mean())
+            error += off * inside.mean()
+            assert off < 3.5 * np.sqrt(0.25 / inside.sum()), (low, high)
+    assert error < 0.03
+
+
+def test_the_bound_is_the_evidence_where_there_is_but_one_component():
+    found = SingleEffects(hypotheses(3, 1.0), np.diag([25.0, 4.0, 9.0])).posterior(np.array([60.0, 5.0, -4.0]), 1)
+    assert found.bound == pytest.approx(found.components[0].log_evidence, rel=1e-9)
