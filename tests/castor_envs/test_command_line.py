@@ -156,6 +156,7 @@ def test_ctrl_c_ends_a_run_and_all_its_processes(tmp_path, moment, whole):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which a shell's background jobs ignore
     )
     try:
         wait_until(lambda: moment(process, tmp_path), process)
