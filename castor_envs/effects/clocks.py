@@ -74,6 +74,8 @@ class EncoderLatency(Effect[RobotDescription]):
     title = "latency of one encoder"
     unit = "s"
     step = 1e-3
+    tolerance = 3e-4  # s: a bus or a timer of a few kHz
+    least = 0.0  # no buffer foretells
     check = "Check this encoder's filter, bus and the order in which the encoders are read."
 
     @classmethod
@@ -96,6 +98,8 @@ class AllLatency(Effect[RobotDescription]):
     title = "latency of all encoders"
     unit = "s"
     step = 1e-3
+    tolerance = 3e-4  # s: as one encoder's
+    least = 0.0  # no buffer foretells
     timing = True
     check = "Check what the log's time stamps mean, and the buffers between encoders and log."
     indistinguishable_from = ("all_latency", "clock_offset")
@@ -123,6 +127,7 @@ class SampleJitter(Effect[RobotDescription]):
     title = "jitter of sampling"
     unit = "s"
     step = 1e-3
+    tolerance = 3e-4  # s: a timer of an operating system
     timing = True
     check = "Look at the differences of time stamps; give the sampling task a fixed period and priority."
 
@@ -151,6 +156,7 @@ class ClockSkew(Effect[RobotDescription]):
     title = "skew of the reference's clock"
     unit = "s/s"
     step = 1e-4
+    tolerance = 3e-5  # crystals are good to 20 to 50 parts in a million
     timing = True
     check = "Let both clocks stamp one event at the start and one at the end of a long run; check the sample period."
 
@@ -173,6 +179,7 @@ class ClockOffset(Effect[RobotDescription]):
     title = "offset of the reference's clock"
     unit = "s"
     step = 1e-3
+    tolerance = 3e-4  # s: as the latency of all encoders
     timing = True
     check = "Let both clocks stamp one event, as a tap on the robot; check when the reference system stamps its poses."
     indistinguishable_from = ("all_latency", "clock_offset")

@@ -23,6 +23,7 @@ class SlipStiffness(Effect[RobotDescription]):
     title = "slip stiffness of the tyres"
     unit = "1"
     step = 0.1
+    tolerance = 0.1  # tyres are measured no better
     creep = "compliance"
     check = "Compare wheel counts on a distance driven softly with those driven with hard starts and stops."
 
@@ -50,6 +51,7 @@ class SlipStiffnessLateral(Effect[RobotDescription]):
     title = "side slip with load"
     unit = "1"
     step = 0.1
+    tolerance = 0.1  # tyres are measured no better
     creep = "compliance"
     check = "Drive bends fast and slowly and compare where the robot ends; look at the tyres' pressure and hardness."
 
@@ -80,6 +82,7 @@ class ContactCreep(Effect[RobotDescription]):
     title = "contacts that creep at standstill"
     unit = "m/s/N"
     step = 1e-5
+    tolerance = 1e-6  # m/s/N: 10 N move a wheel by less than 1 mm in a minute
     creep = "compliance"
     check = "Leave the robot on a slope, wheels braked, and see whether it moves; look for soft or wet tyres or carpet."
 

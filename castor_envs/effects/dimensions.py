@@ -34,6 +34,7 @@ class WheelRadius(Effect[RobotDescription]):
     title = "wheel radius"
     unit = "1"
     step = 1e-3
+    tolerance = 2e-4  # of itself: 10 um on 50 mm, as calibrated on one floor and driven on another
     check = "Measure the wheel's diameter under load; look for wear and dirt on the tread."
     indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
@@ -56,6 +57,7 @@ class AllWheelRadius(Effect[RobotDescription]):
     title = "radius of all wheels"
     unit = "1"
     step = 1e-3
+    tolerance = 2e-4  # of itself: as one wheel's
     check = "Measure the diameters under load; compare a straight drive with a tape measure."
 
     @classmethod
@@ -81,6 +83,7 @@ class CountsPerRev(Effect[RobotDescription]):
     title = "wheel counts a turn"
     unit = "1"
     step = 1e-3
+    tolerance = 2e-4  # of itself: as the radius that it looks like
     check = "Turn the wheel ten times by hand and read the counts; check gear ratio and encoder settings."
     indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
@@ -105,6 +108,7 @@ class Track(Effect[RobotDescription]):
     title = "track (distance between the wheels)"
     unit = "1"
     step = 1e-3
+    tolerance = 5e-4  # of itself: 0.1 mm on 0.2 m
     check = "Measure the distance between the wheels' contact lines; look for play along the axle."
 
     @classmethod
@@ -127,6 +131,7 @@ class PivotOffset(Effect[RobotDescription]):
     title = "offset of axle behind pivot"
     unit = "m"
     step = 1e-4
+    tolerance = 1e-4  # m: as good as parts are machined and measured
     check = "Measure from the pivot's axis to the wheels' axle; look for play of the pivot's bearing and a bent fork."
 
     @classmethod
@@ -151,6 +156,7 @@ class PivotPositionX(Effect[RobotDescription]):
     title = "pivot position, forward"
     unit = "m"
     step = 1e-4
+    tolerance = 1e-4  # m: as good as parts are machined and measured
     check = "Measure the pivots' distances from each other and from the point that the reference tracks."
 
     @classmethod
@@ -174,6 +180,7 @@ class PivotPositionY(Effect[RobotDescription]):
     title = "pivot position, to the left"
     unit = "m"
     step = 1e-4
+    tolerance = 1e-4  # m: as good as parts are machined and measured
     check = "Measure the pivots' distances from each other and from the point that the reference tracks."
 
     @classmethod
@@ -197,6 +204,7 @@ class PivotBias(Effect[RobotDescription]):
     title = "pivot bias"
     unit = "rad"
     step = 1e-3
+    tolerance = 3e-4  # rad: a straight edge of 0.3 m, 0.1 mm off
     check = "Align the castor with the body by a straight edge and read its pivot; check the encoder's clamp."
 
     @classmethod
@@ -223,6 +231,7 @@ class LoadRadius(Effect[RobotDescription]):
     title = "tyres that give way under load"
     unit = "m/N"
     step = 1e-6
+    tolerance = 1e-7  # m/N: 1 um under 10 N
     check = "Measure the height of the axles above the floor, with and without a known weight on the robot."
 
     @classmethod

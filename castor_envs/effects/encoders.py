@@ -52,6 +52,7 @@ class PivotGain(Effect[RobotDescription]):
     title = "gain of a pivot encoder"
     unit = "1"
     step = 1e-3
+    tolerance = 1e-4  # of itself: gears and discs have whole numbers
     check = "Turn the castor by ten full turns and read its pivot; check the gear or belt between pivot and encoder."
 
     @classmethod
@@ -76,6 +77,7 @@ class PivotEccentricity(Effect[RobotDescription]):
     title = "eccentric pivot encoder"
     unit = "rad"
     step = 1e-3
+    tolerance = 5e-4  # rad: 5 um off centre at a radius of 10 mm
     check = "Turn the castor by quarter turns against a protractor; check the encoder disc's or magnet's centring."
 
     @classmethod
@@ -104,6 +106,7 @@ class WheelEccentricity(Effect[RobotDescription]):
     title = "eccentric wheel"
     unit = "rad"
     step = 1e-3
+    tolerance = 5e-4  # rad: 5 um off centre at a radius of 10 mm
     check = "Spin the wheel against a dial gauge; check its hub and its encoder's centring."
 
     @classmethod
@@ -131,6 +134,7 @@ class PivotBacklash(Effect[RobotDescription]):
     title = "backlash of a pivot encoder"
     unit = "rad"
     step = 1e-3
+    tolerance = 5e-4  # rad: encoders mostly sit on the shaft itself
     check = "Rock the castor by hand and watch its pivot's counts; check the encoder's gear, belt and coupling."
 
     @classmethod
@@ -166,6 +170,7 @@ class TickLoss(Effect[RobotDescription]):
     title = "counts lost at speed"
     unit = "1"
     step = 1e-2
+    tolerance = 1e-4  # counts are lost or they are not
     check = (
         "Spin the wheel fast and slowly by the same turns, both ways; check the encoder's cable, supply and input rate."
     )
@@ -217,6 +222,7 @@ class TickLossBursts(Effect[RobotDescription]):
     title = "counts lost in bursts"
     unit = "1"
     step = 0.1
+    tolerance = 1e-2  # counts are lost or they are not
     check = "Look for a loose plug or cable; watch the counts while shaking it and while other devices switch on."
 
     @classmethod
@@ -263,6 +269,7 @@ class LostRemainders(Effect[RobotDescription]):
     title = "remainders lost between samples"
     unit = "1"
     step = 1.0
+    tolerance = 0.1  # what is left over looks a little random
     discrete = True
     binary = True
     check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."

@@ -33,6 +33,7 @@ class FloorSlope(Effect[RobotDescription]):
     title = "slope of the floor"
     unit = "m/m"
     step = 0.01
+    tolerance = 1e-3  # m/m: floors of laboratories are even to 2 mm in 2 m
     creep = "forces"
     check = "Lay a spirit level on the floor along both axes; compare wheel counts uphill with those downhill."
 
@@ -68,6 +69,7 @@ class Bump(Effect[RobotDescription]):
     title = "cable or threshold on the floor"
     unit = "m"
     step = 1e-3
+    tolerance = 1e-4  # m: joints of floors
     check = "Look on the floor at this place for a cable, a joint or a threshold."
 
     @classmethod
@@ -139,6 +141,7 @@ class FrictionPatch(Effect[RobotDescription]):
     title = "slippery place on the floor"
     unit = "1"
     step = 0.5
+    tolerance = 0.1  # floors are that uneven
     check = "Look on the floor at this place for dust, water or another covering."
 
     @classmethod

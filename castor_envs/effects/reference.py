@@ -28,6 +28,7 @@ class ReferenceYaw(Effect[RobotDescription]):
     title = "reference's axes turned against the body"
     unit = "rad"
     step = 1e-3
+    tolerance = 3e-4  # rad: a straight edge of 0.3 m, 0.1 mm off
     check = "Push the robot straight along a ruler and compare the reference's heading with its path."
 
     @classmethod
@@ -52,6 +53,7 @@ class ReferenceLeverX(Effect[RobotDescription]):
     title = "lever arm of the reference, forward"
     unit = "m"
     step = 1e-3
+    tolerance = 1e-4  # m: as good as parts are measured
     check = "Measure from the robot's origin to the tracked point; turn on the spot and fit a circle to the reference."
 
     @classmethod
@@ -76,6 +78,7 @@ class ReferenceLeverY(Effect[RobotDescription]):
     title = "lever arm of the reference, to the left"
     unit = "m"
     step = 1e-3
+    tolerance = 1e-4  # m: as good as parts are measured
     check = "Measure from the robot's origin to the tracked point; turn on the spot and fit a circle to the reference."
 
     @classmethod

@@ -27,6 +27,7 @@ class GaugeNoise(Effect[TrainDescription]):
     title = "noise of the gauges"
     unit = "1/m"
     step = 0.01
+    tolerance = 1e-3  # 1/m: beside what gauges are described to have
     check = "Log the standing train; look for loose wires and for motors near the gauges' cables."
 
     @classmethod
@@ -51,6 +52,7 @@ class GaugeGain(Effect[TrainDescription]):
     title = "gain of gauges"
     unit = "1"
     step = 1e-3
+    tolerance = 1e-3  # of itself: amplifiers and glue
     check = "Bend the frame along a template of known radius and read the gauges; check amplifier settings and glue."
 
     @classmethod
@@ -81,6 +83,7 @@ class GaugeDrift(Effect[TrainDescription]):
     title = "zero drift of the gauges"
     unit = "1/m/s"
     step = 1e-4
+    tolerance = 1e-5  # 1/m/s
     check = "Log the standing train for some minutes after switching it on; look for what warms the frame on one side."
 
     @classmethod
@@ -105,6 +108,7 @@ class DeadGauge(Effect[TrainDescription]):
     title = "dead gauge"
     unit = "1"
     step = 1.0
+    tolerance = 0.1  # dead or not
     binary = True
     check = "Bend the frame by hand and look at this gauge's reading; check its wires, bridge and amplifier."
 
@@ -136,6 +140,7 @@ class ForeshorteningLeftOut(Effect[TrainDescription]):
     title = "foreshortening left out"
     unit = "1"
     step = 1e-3
+    tolerance = 1e-3  # of itself
     check = "Look how the sensor's program gets x from curvature: the integral of cos, or just the frame's length?"
 
     @classmethod
@@ -159,6 +164,7 @@ class SensorStops(Effect[TrainDescription]):
     title = "posture sensor stops"
     unit = "s"
     step = 1.0
+    tolerance = 1.0  # s: stopped or not
     check = "Look at the sensor's supply and its connection at that time."
 
     @classmethod
@@ -182,6 +188,7 @@ class AxleSlip(Effect[TrainDescription]):
     title = "slip under one axle"
     unit = "1"
     step = 0.1
+    tolerance = 0.1  # tyres are measured no better
     check = "Look for dirt or wear on this axle's treads, for low load on it, and for what lies on the floor there."
 
     @classmethod

@@ -7,6 +7,7 @@ themselves are in `castor_envs.effects`; vehicles come before them, as an effect
 import dataclasses
 import functools
 import json
+import math
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, Self, TypeVar, Union, get_args
 
@@ -79,9 +80,11 @@ class Effect(Generic[V]):
     """One thing that a real robot or train (`V`) does and its description leaves out. Each subclass is one such thing.
 
     name: in files. value: the amplitude, in `unit`; at 0 the effect does nothing. scope: what it is an effect of, as
-    its `V` says. title: what people read. step: a small typical amplitude, to take derivatives with. check: what to
-    look at on the vehicle. indistinguishable_from: the names, this one's own among them, that no log tells apart, the
-    one to report first; empty where the effect stands alone. binary: whether it is there or not: its value is always 1.
+    its `V` says. title: what people read. step: a small typical amplitude, to take derivatives with. tolerance: the
+    amplitude's standard deviation among vehicles in good order, and from log to log of one. least: no vehicle has an
+    amplitude below, though files may hold one. check: what to look at on the vehicle.
+    indistinguishable_from: the names, this one's own among them, that no log tells apart, the one to report first;
+    empty where the effect stands alone. binary: whether it is there or not: its value is always 1.
     wiring: whether encoders are connected wrongly; twice it is undone. timing: whether all encoders together, or the
     reference, are read at other times. discrete: whether it acts by whole counts, so that it hangs on parts of a count.
     creep: what it changes of how contacts creep: their compliance, or the forces on them.
@@ -93,6 +96,8 @@ class Effect(Generic[V]):
     title: ClassVar[str]
     unit: ClassVar[str]
     step: ClassVar[float]
+    tolerance: ClassVar[float]
+    least: ClassVar[float] = -math.inf
     check: ClassVar[str]
     indistinguishable_from: ClassVar[tuple[str, ...]] = ()
     binary: ClassVar[bool] = False

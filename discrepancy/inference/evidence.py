@@ -180,7 +180,10 @@ def evidence_of(
     """
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
-    at, sizes, shared, slips = settled(robot, models, logs, noise, start, usual)
+    begin = None if start is None else (start.state, start.noise)
+    at, sizes, shared, slips = settled(
+        robot, models, logs, noise, begin, None if usual is None else np.array(usual.parts)
+    )
     beyond = tuple(
         slips_of(robot, model, log, state, one.certain + one.known @ shared.parts)
         for model, log, state, one in zip(models, logs, at.states, slips, strict=True)

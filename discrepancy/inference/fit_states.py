@@ -5,7 +5,7 @@ How far contacts creep is predicted (`slipping`); what part of the prediction is
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from discrepancy.inference.creep_prediction import CREEPS, FORCED, Slipping
 from discrepancy.inference.design_matrix import Shared, together, without
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
-
-if TYPE_CHECKING:
-    from discrepancy.inference.evidence import Evidence
 
 DOUBT = 0.5
 """Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
@@ -50,18 +47,19 @@ def settled(
     models: list[LogLikelihood],
     logs: Sequence[Log],
     noise: Noise | None,
-    start: "Evidence | None",
-    usual: "Evidence | None",
+    start: tuple[State, Noise] | None,
+    usual: Array | None,
 ) -> tuple[State, Noise, Shared, list[Slips]]:
     """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
 
-    what truly happened tells how wheels disagree, and how they creep for that tells what truly happened.
+    what truly happened tells how wheels disagree, and how they creep for that tells what truly happened. start: state
+    and noise to begin with. usual: parts of the creep predicted that clean logs show.
     """
     geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
         at, sizes, _ = fitted(models, geometry, (), none, noise)
     else:
-        at, sizes = start.state, noise or start.noise
+        at, sizes = start[0], noise or start[1]
     if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
         channels = Channels(robot)
         for model, log, state in zip(models, logs, at.states, strict=True):
@@ -96,7 +94,7 @@ def _limits(e: int) -> tuple[Array, Array]:
     return np.where(np.arange(e) < CREEPS, 0.0, -1.0), most
 
 
-def _foreseen(e: int, usual: "Evidence | None", rigid: bool) -> tuple[Array, Array]:
+def _foreseen(e: int, usual: Array | None, rigid: bool) -> tuple[Array, Array]:
     """Return the parts (e,) of creep that there are, and of effects that wheels hide, before any log speaks; and their
     standard deviations. rigid: whether contacts hardly creep at all under forces."""
     expected, doubt = np.zeros(e), np.full(e, DOUBT)
@@ -104,7 +102,7 @@ def _foreseen(e: int, usual: "Evidence | None", rigid: bool) -> tuple[Array, Arr
         expected[:CREEPS], doubt[FORCED] = 1.0, AS_DESCRIBED
         expected[FORCED] = 0.0 if rigid else 1.0
     else:
-        expected[:CREEPS], doubt[:CREEPS] = usual.parts[:CREEPS], AS_USUAL
+        expected[:CREEPS], doubt[:CREEPS] = usual[:CREEPS], AS_USUAL
     return expected, doubt
 
 
@@ -115,7 +113,7 @@ def _shared(
     noise: Noise,
     known: Sequence[Array],
     parts: Array,
-    usual: "Evidence | None",
+    usual: Array | None,
 ) -> Shared:
     """Return what parts (e,) of the creep predicted there are, and what more wheels hide of each of the robot's
     effects, as far as the logs tell."""

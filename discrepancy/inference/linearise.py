@@ -1,0 +1,132 @@
+"""What each log says of every candidate, all that nobody wants to know integrated out, around what truly happened.
+
+The most likely state of all logs is found first, with the robot's effects in place (`fit_states`); around it every
+candidate acts linearly (`design_matrix`). Wheels that are driven against each other creep until they come to terms, and
+so hide a part of what is wrong: each column stands twice, as it is and as wheels hide it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.cables import with_cables
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.hypotheses.wheel_tracks import slips_of
+from discrepancy.inference.design_matrix import Columns, Shared, columns_of
+from discrepancy.inference.fit_states import settled
+from discrepancy.inference.random_effects import Statistics
+from estimators.calibration.log_likelihood import LogLikelihood, Noise
+from estimators.calibration.maximum_likelihood import MOUNT, State
+
+CREEP = 7e-5
+"""Standard deviation of what each wheel rolls too much and each castor goes to its side, as a part of its way, in any
+log: contact is not as rigid as rolling."""
+
+COUNTS, SLIP = 0.5, 1e-4
+"""What a robot in good order shows of anything without a name: so many counts in mean, or such a part of the way that
+wheels slip."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Candidates, the columns of each among C; and of each log information and score of 2C sizes, the amplitudes beyond
+    the robot's effects and then what wheels hide of each.
+
+    usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. parts: of the creep that is
+    predicted, and of what wheels hide of each of the robot's effects. slips (K - 1, w) of each log: of wheels beyond what
+    is expected, m.
+    """
+
+    candidates: tuple[Candidate, ...]
+    columns: tuple[NDArray[np.intp], ...]
+    logs: tuple[Statistics, ...]
+    usual: Array
+    state: State
+    noise: Noise
+    parts: Array
+    slips: tuple[Array, ...]
+
+
+def linearise(
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    *,
+    start: Linearised | None = None,
+    creep: Array | None = None,
+    among: Sequence[Candidate] | None = None,
+    places: Sequence[Candidate] = (),
+) -> Linearised:
+    """Return what logs say of candidates around their most likely state.
+
+    start: of the same logs, to begin with what it found. creep: parts of predicted creep in clean logs of the robot.
+    among: candidates to look at; None: all, and what has no name. places: more candidates, of the floor.
+    Raises InputError for logs that the robot cannot have made.
+    """
+    geometry = Geometry.of(robot.as_built())
+    models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
+    begin = None if start is None else (start.state, start.noise)
+    at, noise, shared, slips = settled(robot, models, logs, None, begin, creep)
+    beyond = tuple(
+        slips_of(robot, model, log, state, slip.certain + slip.known @ shared.parts)
+        for model, log, state, slip in zip(models, logs, at.states, slips, strict=True)
+    )
+    if among is None:
+        places = with_cables(places, robot, logs, at, beyond)
+    names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
+    designs = [
+        Columns.of(robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name)
+        for model, log, state, clock, slip, name in zip(models, logs, at.states, at.clocks, slips, names, strict=True)
+    ]
+    candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
+    columns = columns_of(candidates)
+    place = dict(zip(candidates, columns, strict=True))
+    count = sum(candidate.columns for candidate in candidates)
+    said, usual = [], np.full(count, np.nan)
+    for model, design, state in zip(models, designs, at.states, strict=True):
+        each = [place[candidate] for candidate in design.candidates]
+        there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
+        said.append(_spread(_of_sizes(design, shared, noise), there, count))
+        unnamed = np.repeat([not one.kinds for one in design.candidates], [one.columns for one in design.candidates])
+        usual[there[unnamed]] = _usual(model, geometry, design, state)[unnamed]
+    return Linearised(candidates, columns, tuple(said), usual, at, noise, shared.parts, beyond)
+
+
+def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:
+    """Return what a log says of its candidates' sizes, all else integrated out: creep and the tracked point."""
+    reduced = design.reduce(shared.mount, noise)
+    information, score = reduced.information.copy(), -reduced.gradient[:, 0]
+    n = 2 * sum(candidate.columns for candidate in design.candidates)
+    parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
+    creep = np.arange(n + len(shared.parts), len(score) - len(shared.mount))
+    information[parts, parts] += np.diag(shared.doubt**-2.0)
+    score[parts] -= (shared.parts - shared.expected) / shared.doubt**2
+    information[creep, creep] += CREEP**-2
+    information[mount, mount] += np.eye(len(shared.mount)) / MOUNT**2
+    score[mount] -= shared.mount / MOUNT**2
+    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
+    told = information[:n, :n] - information[:n, n:] @ both[:, :n]
+    return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n])
+
+
+def _spread(said: Statistics, there: NDArray[np.intp], count: int) -> Statistics:
+    """Return what a log says, of all sizes: nothing of those that it does not have."""
+    at = np.concatenate([there, there + count])
+    information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+    information[np.ix_(at, at)], score[at] = said
+    return Statistics(information, score)
+
+
+def _usual(model: LogLikelihood, geometry: Geometry, design: Columns, state: Array) -> Array:
+    """Return sizes (columns,) at which candidates read `COUNTS` too much, or slip by `SLIP`, in mean."""
+    built = len(design.steps)
+    rolled = np.sqrt(np.mean(model.rolled(geometry, state) ** 2))
+    read = np.sqrt(np.mean(np.max(design.readings**2, axis=1), axis=0)) / COUNTS
+    slipped = np.sqrt(np.mean(np.max(design.slips**2, axis=1), axis=0)) / (SLIP * rolled + 1e-12)
+    shown = np.maximum(read, slipped)
+    return np.concatenate([np.full(built, np.nan), 1 / np.maximum(shown, 1e-30)])
