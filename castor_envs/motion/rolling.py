@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import solve_ivp
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
@@ -35,6 +34,8 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
     (offset 0) point along their pivot's path, or against it if that is nearer; between two legs they turn at once.
     Raises InputError for castors that nothing turns, and motions in which fixed wheels would slip sideways.
     """
+    from scipy.integrate import solve_ivp  # takes longer to import than all of this package
+
     geometry = Geometry.of(robot)
     n, steered = geometry.n_castors, geometry.driven & ~geometry.trailing
     lost = np.isnan(castor_rates(geometry, np.zeros(n), np.zeros(3))) & ~steered
