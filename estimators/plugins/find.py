@@ -45,7 +45,11 @@ class PlugInKind:
 
     def names(self) -> list[str]:
         """Return the names of what is built in and of what other installed packages declare, sorted."""
-        return sorted({*self.built_in, *importlib.metadata.entry_points(group=self.group).names})
+        return self.names_with(importlib.metadata.entry_points(group=self.group))
+
+    def names_with(self, declared: importlib.metadata.EntryPoints) -> list[str]:
+        """Return the names of what is built in and of what is declared, sorted."""
+        return sorted({*self.built_in, *declared.names})
 
 
 class PlugIn(NamedTuple):
@@ -69,7 +73,7 @@ def find(spec: str, role: PlugInKind) -> PlugIn:
 
 def _by_name(spec: str, role: PlugInKind) -> PlugIn:
     points = importlib.metadata.entry_points(group=role.group)
-    names = role.names()
+    names = role.names_with(points)
     if spec not in names and spec and os.path.isfile(f"{spec}.py"):
         raise InputError(f"unknown {role.what} {spec!r}; did you mean the file {spec + '.py'!r}?")
     name, argument = spec, None
