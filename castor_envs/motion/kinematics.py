@@ -93,6 +93,11 @@ class Geometry:
         return (self.offset > 0) & held
 
     @cached_property
+    def trail(self) -> Array:
+        """The offsets (..., n) of castors that the floor turns, m; NaN of others."""
+        return np.where(self.trailing, self.offset, np.nan)
+
+    @cached_property
     def left_of_pivot(self) -> Array:
         """The pivots (..., n, 2) turned by +90 degrees about B's origin, m: their velocities at 1 rad/s."""
         return left_of(self.pivot)
@@ -170,9 +175,8 @@ def castor_rates(geometry: Geometry, castor_angle: ArrayLike, twist: ArrayLike) 
     """
     castor_angle, twist = np.asarray(castor_angle, dtype=float), np.asarray(twist, dtype=float)
     u = pivot_velocity(geometry, twist)
-    sideways = np.sum(u * left_of(unit(castor_angle)), axis=-1)
-    trailing = geometry.trailing
-    turning = np.where(trailing, sideways / np.where(trailing, geometry.offset, 1.0), np.nan) - twist[..., 2:]
+    sideways = (u * left_of(unit(castor_angle))).sum(axis=-1)
+    turning = sideways / geometry.trail - twist[..., 2:]
     return np.where(geometry.fixed, 0.0, turning)
 
 
@@ -194,8 +198,8 @@ def inverse(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike,
     e = unit(castor_angle)
     turning = twist[..., 2:] + castor_rate
     of_wheel = geometry.wheel_castor
-    along = np.sum(u * e, axis=-1)[..., of_wheel] - turning[..., of_wheel] * geometry.lateral
-    across = (np.sum(u * left_of(e), axis=-1) - turning * geometry.offset)[..., of_wheel]
+    along = (u * e).sum(axis=-1)[..., of_wheel] - turning[..., of_wheel] * geometry.lateral
+    across = ((u * left_of(e)).sum(axis=-1) - turning * geometry.offset)[..., of_wheel]
     return WheelMotion((along + across * geometry.roller) / geometry.radius, across)
 
 

@@ -51,7 +51,7 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
         castor_angle = trailing_angles(geometry, trajectory.runs[0].legs[0].motion)
 
     def rates(t: float, state: Array) -> Array:
-        twist = trajectory.at(t)[1]
+        twist = trajectory.twist_at(t)
         turning = np.where(steered, 0.0, castor_rates(geometry, state[:n], twist))
         return np.concatenate([turning, inverse(geometry, state[:n], turning, twist).rate])
 
@@ -70,11 +70,12 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
     breaks = trajectory.breakpoints()
     for start, end in pairwise(breaks):
         here = np.flatnonzero((t > start) & (t <= end))
-        state = pointed(state, trajectory.at((start + end) / 2)[1])
+        state = pointed(state, trajectory.twist_at((start + end) / 2))
+        first, last = float(np.nextafter(start, end)), float(np.nextafter(end, start))
         # The motion is smooth between breakpoints only: stay strictly inside, or a step would see the next
         # leg's motion.
         solution = solve_ivp(
-            lambda u, s, a=start, b=end: rates(np.clip(u, np.nextafter(a, b), np.nextafter(b, a)), s),
+            lambda u, s, first=first, last=last: rates(min(max(u, first), last), s),
             (start, end),
             state,
             method="DOP853",

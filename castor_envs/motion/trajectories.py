@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array, vectors
@@ -126,13 +126,25 @@ class Trajectory:
             pose[here], twist[here] = self._in_run(i, t[here])
         return pose, twist
 
+    def twist_at(self, t: float) -> Array:
+        """Return the twist (3,) in B at one time, s: that of `at`, in half the time."""
+        which = min(max(int(np.searchsorted(self._run_starts, t, side="right")) - 1, 0), len(self.runs) - 1)
+        leg, _, speed = self._on_leg(which, np.array([t], dtype=float))
+        return (self._legs[which][2][leg] * speed[..., None])[0]
+
     def _in_run(self, i: int, t: Array) -> tuple[Array, Array]:
         """Return poses (k, 3) and twists (k, 3) at times t (k,) in run i."""
-        run, (lengths, poses, motions) = self.runs[i], self._legs[i]
-        covered, speed = run.progress(t - self._run_starts[i])
-        leg = np.minimum(np.maximum(np.searchsorted(lengths, covered, side="right") - 1, 0), len(run.legs) - 1)
+        lengths, poses, motions = self._legs[i]
+        leg, covered, speed = self._on_leg(i, t)
         motion = motions[leg]
         return moved(poses[leg], motion * (covered - lengths[leg])[..., None]), motion * speed[..., None]
+
+    def _on_leg(self, i: int, t: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return which leg of run i it is at times t (k,), the length covered, and the speed."""
+        run, lengths = self.runs[i], self._legs[i][0]
+        covered, speed = run.progress(t - self._run_starts[i])
+        leg = np.minimum(np.maximum(np.searchsorted(lengths, covered, side="right") - 1, 0), len(run.legs) - 1)
+        return leg, covered, speed
 
 
 def _time_at(run: Run, length: float) -> float:
