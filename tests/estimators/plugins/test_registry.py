@@ -219,25 +219,27 @@ def test_edited_builtin_has_another_hash(tmp_path):
     """Its own file or one it builds on; not one it does not use."""
     package = tmp_path / "estimators"
     shutil.copytree(Path(estimators.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    command = "import estimators.plugins.source_hash as s, estimators as e; assert e.__file__.startswith(%r);"
-    command = command % str(tmp_path) + "print(s.source_hash(e.CAST), s.source_hash(e.IPEC))"
+    # The project's folder comes from the parent's path, so that this works with and without an installation.
+    code = (
+        f"import sys; sys.path[:] = {[str(tmp_path), *sys.path]!r}\n"
+        "import estimators.plugins.source_hash as s, estimators as e\n"
+        f"assert e.__file__.startswith({str(tmp_path)!r})\n"
+        "for edited in [None, *sys.argv[1:]]:\n"
+        "    if edited:\n"
+        "        with open(edited, 'a') as file: file.write('# edited\\n')\n"
+        "    print(s.source_hash(e.CAST), s.source_hash(e.IPEC))\n"
+    )
 
-    def hashes():
-        # The project's folder comes from the parent's path, so that this works with and without an installation.
-        path = [str(tmp_path), *sys.path]
-        code = f"import sys; sys.path[:] = {path!r}; {command}"
-        result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-        return result.stdout.split()
+    def hashes(*edits):
+        command = [sys.executable, "-c", code, *(str(package / "robots" / file) for file in edits)]
+        lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        return [line.split() for line in lines]
 
-    cast, ipec = hashes()
-    assert [cast, ipec] == hashes()
-    with (package / "robots" / "ipec.py").open("a") as file:
-        file.write("# edited\n")
-    assert hashes()[0] == cast
-    assert hashes()[1] != ipec
-    with (package / "robots" / "castor_odometry.py").open("a") as file:
-        file.write("# edited\n")
-    assert hashes()[0] != cast
+    (cast, ipec), after_ipec, after_both = hashes("ipec.py", "castor_odometry.py")
+    assert after_ipec[0] == cast
+    assert after_ipec[1] != ipec
+    assert after_both[0] != cast
+    assert hashes() == [after_both]
 
 
 def test_plugin_that_builds_on_a_builtin_shares_its_edits():
