@@ -14,7 +14,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
-from discrepancy.inference.creep_prediction import CREEPS, FORCED, Slipping
+from discrepancy.inference.creep_prediction import CREEPS, FORCED, QUICK, Slipping
 from discrepancy.inference.design_matrix import Shared, together, without
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
@@ -99,7 +99,7 @@ def _foreseen(e: int, usual: Array | None, rigid: bool) -> tuple[Array, Array]:
     standard deviations. rigid: whether contacts hardly creep at all under forces."""
     expected, doubt = np.zeros(e), np.full(e, DOUBT)
     if usual is None:
-        expected[:CREEPS], doubt[FORCED] = 1.0, AS_DESCRIBED
+        expected[:CREEPS], doubt[FORCED], expected[QUICK] = 1.0, AS_DESCRIBED, 0.5
         expected[FORCED] = 0.0 if rigid else 1.0
     else:
         expected[:CREEPS], doubt[:CREEPS] = usual[:CREEPS], AS_USUAL
@@ -123,7 +123,7 @@ def _shared(
         more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
         told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
     _, information, gradient, _ = together(told)
-    freely = Shared(parts, np.where(np.arange(e) < CREEPS, 1.0, 0.0), np.full(e, DOUBT), at.mount)
+    freely = Shared(parts, _foreseen(e, None, False)[0], np.full(e, DOUBT), at.mount)
     rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
     shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
     return replace(shared, parts=np.clip(_best(information, gradient, shared), *_limits(e)))

@@ -28,7 +28,10 @@ CREEP = 7e-5
 """Standard deviation of what each wheel rolls too much and each castor goes to its side, as a part of its way, in any
 log: contact is not as rigid as rolling."""
 
-COUNTS, SLIP = 0.5, 1e-4
+UNEVEN = 0.3
+"""Standard deviation, as a part of it, of what each contact creeps otherwise than predicted where wheels disagree."""
+
+COUNTS, SLIP = 0.2, 3e-5
 """What a robot in good order shows of anything without a name: so many counts in mean, or such a part of the way that
 wheels slip."""
 
@@ -80,7 +83,9 @@ def linearise(
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        Columns.of(robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name)
+        Columns.of(
+            robot, model, log, state, clock, slip.slipping, _row_by_row(slip.known), shared.parts, among, places, name
+        )
         for model, log, state, clock, slip, name in zip(models, logs, at.states, at.clocks, slips, names, strict=True)
     ]
     candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
@@ -103,15 +108,23 @@ def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
     parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
-    creep = np.arange(n + len(shared.parts), len(score) - len(shared.mount))
+    rows = design.own.shape[1]
+    uneven = np.arange(rows) + n + len(shared.parts)
+    creep = uneven + rows
     information[parts, parts] += np.diag(shared.doubt**-2.0)
     score[parts] -= (shared.parts - shared.expected) / shared.doubt**2
+    information[uneven, uneven] += UNEVEN**-2
     information[creep, creep] += CREEP**-2
     information[mount, mount] += np.eye(len(shared.mount)) / MOUNT**2
     score[mount] -= shared.mount / MOUNT**2
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
     told = information[:n, :n] - information[:n, n:] @ both[:, :n]
     return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n])
+
+
+def _row_by_row(known: Array) -> Array:
+    """Return slips that are known in part (K - 1, rows, e), and after them what each row alone creeps of the first."""
+    return np.concatenate([known, known[..., :1] * np.eye(known.shape[1])], axis=-1)
 
 
 def _spread(said: Statistics, there: NDArray[np.intp], count: int) -> Statistics:

@@ -70,10 +70,11 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     effect has in b, which are the first C of m = p C, then the second ones, and so on, where the effect's is 1.
 
     By expectation and maximisation: the background of each effect is normal about 0 and its scatter normal about the
-    background, both of a variance that has an inverse gamma distribution about the tolerance's square.
+    background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
     """
-    scatter, between = tolerance**2, tolerance**2
-    first = np.arange(len(tolerance))
+    usual = tolerance**2
+    scatter, between = usual / 2, usual / 2
+    first = np.arange(len(usual))
     background, doubt = np.zeros(len(pattern) * len(first)), _spread(pattern, between)
     for _ in range(ROUNDS if clean else 0):
         blurred = _spread(pattern, scatter)
@@ -85,8 +86,8 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
             unsure = unsure + follows @ doubt @ follows.T
             squares += away[first] ** 2 + unsure[first, first]
         last = np.concatenate([scatter, between])
-        scatter = (FREEDOM * tolerance**2 + squares) / (FREEDOM + len(clean))
-        between = (FREEDOM * tolerance**2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
+        scatter = (FREEDOM * usual / 2 + squares) / (FREEDOM + len(clean))
+        between = (FREEDOM * usual / 2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
         if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < SETTLED):
             break
     return GoodOrder(background, doubt, _spread(pattern, scatter))
