@@ -269,7 +269,7 @@ class LostRemainders(Effect[RobotDescription]):
     title = "remainders lost between samples"
     unit = "1"
     step = 1.0
-    tolerance = 0.1  # what is left over looks a little random
+    tolerance = 3e-3  # there or not
     discrete = True
     binary = True
     check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."

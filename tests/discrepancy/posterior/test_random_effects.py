@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from discrepancy.inference.random_effects import Statistics, good_order, together
+from discrepancy.posterior.calibrated import REFITTED, SIGNATURE
+from discrepancy.posterior.random_effects import Statistics, good_order, together
 
 
 def drawn(random, design, sizes):
@@ -30,12 +31,13 @@ def test_sizes_that_are_known_are_taken_off():
     assert log.at(known).score == pytest.approx(left.score, abs=1e-9)
 
 
-def test_doubt_in_signatures_counts_more_the_larger_the_signal():
-    log = Statistics(np.eye(2), np.ones(2))
-    assert log.doubted(0.0).score == pytest.approx(log.score)
-    kept = [log.doubted(z**2).information[0, 0] for z in (1, 10, 100, 1000)]
-    assert np.all(np.diff(kept) < 0)
-    assert kept[-1] * 1000**2 == pytest.approx(kept[-2] * 100**2, rel=0.5)  # no more is left than a part of the signal
+def test_doubt_in_signatures_leaves_no_more_than_a_part_of_what_is_explained():
+    log, none = Statistics(np.eye(2), np.ones(2)), np.zeros(2)
+    assert log.doubted(none, none).score == pytest.approx(log.score)
+    for part, place in ((SIGNATURE, 0), (REFITTED, 1)):
+        sizes = [none, none]
+        sizes[place] = np.array([1e4, 0.0])
+        assert 1e4**2 * log.doubted(*sizes).information[0, 0] == pytest.approx(part**-2, rel=0.01)
 
 
 def test_without_clean_logs_the_tolerances_stand():

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from discrepancy.inference.calibrated import FREEDOM, SIGNATURE
+from discrepancy.posterior.calibrated import FREEDOM, REFITTED, SIGNATURE
 
 ROUNDS, SETTLED = 60, 0.01
 """Most steps of expectation and maximisation, and the part of a variance by which none changes in the end."""
@@ -31,16 +31,16 @@ class Statistics(NamedTuple):
     def scattered(self, scatter: Array) -> "Statistics":
         """Return what is said of the mean of sizes that scatter about it by a covariance (m, m)."""
         blurred = np.eye(len(self.score)) + self.information @ scatter
-        both = np.linalg.solve(blurred, np.column_stack([self.information, self.score]))
+        both: Array = np.linalg.solve(blurred, np.column_stack([self.information, self.score])).astype(np.float64)
         return Statistics((both[:, :-1] + both[:, :-1].T) / 2, both[:, -1])
 
-    def doubted(self, signal: float) -> "Statistics":
-        """Return what is said where signatures are wrong by a part `SIGNATURE` of an explained `signal`.
+    def doubted(self, far: Array, modelled: Array) -> "Statistics":
+        """Return what is said where signatures are wrong by a part of what effects explain.
 
-        signal: b . information b of the effects that are explained, z squared.
+        far, modelled (m,): sizes that are believed but not in the model, and those that are.
         """
-        part = 1 / (1 + SIGNATURE**2 * signal)
-        return Statistics(part * self.information, part * self.score)
+        wrong = SIGNATURE**2 * (far @ self.information @ far) + REFITTED**2 * (modelled @ self.information @ modelled)
+        return Statistics(self.information / (1 + wrong), self.score / (1 + wrong))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,8 @@ class GoodOrder:
 
 def together(logs: Sequence[Statistics]) -> Statistics:
     """Return what independent logs say together."""
-    return Statistics(np.sum([log.information for log in logs], axis=0), np.sum([log.score for log in logs], axis=0))
+    information, score = (np.sum([log[k] for log in logs], axis=0) for k in (0, 1))
+    return Statistics(information, score)
 
 
 def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:

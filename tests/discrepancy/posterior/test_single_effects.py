@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import cauchy
 
-from discrepancy.inference.calibrated import NOTHING
-from discrepancy.inference.single_effects import Hypothesis, SingleEffects
+from discrepancy.posterior.calibrated import NOTHING
+from discrepancy.posterior.single_effects import Hypothesis, SingleEffects
 
 
 def hypotheses(m, scale=1.0, **bounds):

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from castor_envs.geometry.arrays import Array
-from discrepancy.inference.calibrated import CREDIBLE, MOST, NOTHING
+from discrepancy.posterior.calibrated import CREDIBLE, MOST, NOTHING
 
 SCALES = 2.0 ** np.arange(-1, 11)
 LOG_WEIGHTS: Array = -np.log(SCALES) - SCALES**-2 / 2
