@@ -80,6 +80,8 @@ class Candidate:
     def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
         """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
         kind, size = self.kinds[0], float(amplitudes[0])
+        if self.kinds[0].binary:
+            return kind
         if self.columns == 1:
             return dataclasses.replace(kind, value=size)
         phase = math.atan2(float(amplitudes[1]), size)

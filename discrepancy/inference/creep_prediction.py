@@ -58,8 +58,8 @@ class Slipping:
         return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:
-        """Return slips (K - 1, rows, CREEPS + e): as predicted, each kind; by which wheels would hide each of the robot's
-        effects."""
+        """Return slips (K - 1, rows, CREEPS + e): as predicted, each kind; by which wheels would hide each of the
+        robot's effects."""
         slow, forced = self._creep, self._predicted(consistent=True)
         quick, none = self._predicted(self._over, quick=True) - slow, np.zeros_like
         kinds = slow - forced, forced, Slip(quick.rolling, none(quick.side)), Slip(none(quick.rolling), quick.side)

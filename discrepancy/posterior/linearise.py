@@ -105,7 +105,7 @@ def linearise(
         each = [place[candidate] for candidate in design.candidates]
         there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
         said.append(_spread(_of_sizes(design, shared, noise), there, count))
-        unnamed = np.repeat([not one.kinds for one in design.candidates], [one.columns for one in design.candidates])
+        unnamed = np.array([not one.kinds for one in design.candidates for _ in range(one.columns)], dtype=bool)
         usual[there[unnamed]] = _usual(model, geometry, design, state)[unnamed]
         cost = np.zeros((2, count))
         cost[:, there] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])

@@ -43,8 +43,8 @@ def cost_of(robot: RobotDescription, effect: Effect, logs: Sequence[Log]) -> flo
 def cost_of_sizes(error: Array, pose: Array) -> Array:
     """Return what errors of odometry's steps come to (2, C), rms: m after `WAY`, and rad after a turn.
 
-    error (K - 1, 3, C): of each step, in B, m and rad, by C causes. pose (K, 3). Shorter drives are scaled up; 0 where a
-    drive is shorter than a tenth of the way, or does not turn by half a turn.
+    error (K - 1, 3, C): of each step, in B, m and rad, by C causes. pose (K, 3). Shorter drives are scaled up; 0 where
+    a drive is shorter than a tenth of the way, or does not turn by half a turn.
     """
     heading, place = pose[:-1, 2] + np.diff(pose[:, 2]) / 2, (pose[1:, :2] + pose[:-1, :2]) / 2
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
