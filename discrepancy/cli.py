@@ -13,15 +13,17 @@ from rich.table import Table
 from typer.core import TyperCommand, TyperGroup
 
 from castor_envs import command_line
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import train_names
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.diagnose import examine
+from discrepancy.diagnose import examine, posterior_of
 from discrepancy.inspect import inspect_logs
+from discrepancy.posterior import told
+from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight import check_logs
 from discrepancy.report.page import html_of
 from discrepancy.report.text import as_lines, write_diagnosis
@@ -66,6 +68,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+FINDERS = ("selection", "posterior")
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
 NO_TRAINS = "is a train; castor-diagnose inspect serves single robots"
@@ -130,7 +134,20 @@ def find(
             help="Write report.html, diagnosis.json and robot.json with the effects named to this new folder."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/1).")] = False,
+    finder: Annotated[
+        str,
+        typer.Option(
+            help="selection (takes effects in by thresholds) or posterior (a probability of every name; of single "
+            "robots, text and JSON only, not finished)."
+        ),
+    ] = "selection",
+    material: Annotated[
+        float, typer.Option(help="With the finder posterior: mm after 10 m, and mrad after a turn, that matter.", min=0)
+    ] = 1.0,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print JSON (castor-diagnosis/1; of the finder posterior castor-diagnosis/2)."),
+    ] = False,
 ) -> None:
     """Name the effects that the robot file lacks; the word `find` may be left out.
 
@@ -139,9 +156,15 @@ def find(
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
+    if finder not in FINDERS:
+        raise InputError(f"--finder {finder}{did_you_mean(finder, FINDERS)}")
+    if finder == "posterior" and out is not None:
+        raise InputError("--out is not written by --finder posterior yet; leave one of them out")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
+    if isinstance(description, TrainDescription) and finder == "posterior":
+        raise InputError(f"train {description.name!r}: --finder posterior serves single robots; leave it out")
     if isinstance(description, TrainDescription):
         check_logs({str(path): log for path, log in read.items()})
         found = diagnose_train(description, *([read[path] for path in chosen] for chosen in (paths, kept_back, good)))
@@ -151,9 +174,13 @@ def find(
             write_diagnosis(out, data, found.found, html_of(data))
         _tell(data, train_report.as_lines(found, names), out, as_json)
         return
-    examined = examine(
-        description, *({str(path): read[path] for path in chosen} for chosen in (paths, kept_back, good))
-    )
+    named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
+    if finder == "posterior":
+        mistakes, found = posterior_of(description, named, held_out, before, Material(1e-3 * material, 1e-3 * material))
+        data = told.as_data(found, [mistake.what for mistake in mistakes])
+        _tell(data, told.as_lines(data), None, as_json)
+        return
+    examined = examine(description, named, held_out, before)
     data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())

@@ -1,5 +1,6 @@
 """What a posterior answers: for each effect in the sum names with probabilities, sizes, and what they cost."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -68,8 +69,9 @@ class Answer:
 def answers_of(
     seen: Linearised, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
 ) -> list[Answer]:
-    """Return an answer for every component of a posterior that is not likely to be nothing."""
-    answers = []
+    """Return an answer for every component of a posterior that is not likely to be nothing; for all of one candidate,
+    which wheels hide in several parts, one."""
+    answers: dict[Candidate, Answer] = {}
     for j, component in enumerate(posterior.components):
         credible = posterior.credible_set(component)
         if not credible:
@@ -82,20 +84,29 @@ def answers_of(
         mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same])
         told = {name: part for name, part in posterior.probabilities(component).items() if part > SHOWN}
         columns = seen.columns[places[best].candidate]
-        answers.append(
-            Answer(
-                probabilities=told | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
-                credible=credible,
-                unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
-                candidate=seen.candidates[places[best].candidate],
-                amplitudes=mean,
-                covariance=covariance,
-                hidden=float(weight @ [places[k].hidden for k in same]),
-                explained=component.square,
-                cost=np.max(seen.cost[:, columns], axis=1),
-            )
+        answer = Answer(
+            probabilities=told | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
+            credible=credible,
+            unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
+            candidate=seen.candidates[places[best].candidate],
+            amplitudes=mean,
+            covariance=covariance,
+            hidden=float(weight @ [places[k].hidden for k in same]),
+            explained=component.square,
+            cost=np.max(seen.cost[:, columns], axis=1),
         )
-    return answers
+        before = answers.get(answer.candidate)
+        answers[answer.candidate] = answer if before is None else _added(before, answer)
+    return list(answers.values())
+
+
+def _added(first: Answer, second: Answer) -> Answer:
+    return dataclasses.replace(
+        first,
+        amplitudes=first.amplitudes + second.amplitudes,
+        covariance=first.covariance + second.covariance,
+        explained=first.explained + second.explained,
+    )
 
 
 def _mixed(weight: Array, sizes: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -15,11 +15,12 @@ from castor_envs.effects.clocks import SampleJitter
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer, answers_of
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
+from discrepancy.posterior.priors import Place, hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized, possible, refitted, robot_with
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
@@ -27,6 +28,9 @@ from discrepancy.posterior.verdicts import MATERIAL, Material, Verdict, judged, 
 
 LOOKS = 6
 """Times that all candidates are looked at, at most, beside what has been named by then."""
+
+BESIDE = 2
+"""Effects beside which the size of noise is found."""
 
 SECOND = 0.2
 """Part of what the largest new effect explains that another must, to be put into the model in the same round."""
@@ -105,14 +109,25 @@ def _answers(
     robot: RobotDescription, seen: Linearised, good: Linearised | None, named: Sequence[Sized]
 ) -> tuple[Posterior, list[Answer]]:
     """Return the posterior of all that may be there, and the answers that it gives, the most certain first."""
-    candidates = [seen.candidates.index(one.candidate) for one in named]
-    there = sizes_of(candidates, [one.amplitudes for one in named], seen.parts[CREEPS:].tolist(), seen)
     hypotheses, places = hypotheses_of(robot, seen)
     order = order_of(seen, good)
+    candidates = [seen.candidates.index(one.candidate) for one in named]
+    there = sizes_of(candidates, [one.amplitudes for one in named], seen.parts[CREEPS:].tolist(), seen)
     single, posterior, score = _posterior(hypotheses, order, seen, there, there)
+    quiet = seen.quieter(_likeliest(seen, posterior, places))
+    if quiet.noise != seen.noise:
+        seen = quiet
+        single, posterior, score = _posterior(hypotheses, order, seen, there, there)
     believed = np.sum([component.mean for component in posterior.components], axis=0)
     single, posterior, score = _posterior(hypotheses, order, seen, there, believed)
     return posterior, answers_of(seen, single, posterior, score, places)
+
+
+def _likeliest(seen: Linearised, posterior: Posterior, places: Sequence[Place]) -> list[Candidate]:
+    """Return the candidate of the catalogue that is likeliest in each of the most certain components."""
+    named = np.array([bool(seen.candidates[place.candidate].kinds) for place in places])
+    best = (int(np.argmax(component.probability * named)) for component in posterior.components[:BESIDE])
+    return list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
 
 
 def _taken_in(robot: RobotDescription, answers: Sequence[Answer], named: Sequence[Sized]) -> tuple[Sized, ...]:

@@ -6,7 +6,7 @@ so hide a part of what is wrong: each column stands twice, as it is and as wheel
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.inference.design_matrix import Columns, Shared, columns_of
+from discrepancy.inference.design_matrix import Columns, Shared, columns_of, quieter
 from discrepancy.inference.evidence import gap_of
 from discrepancy.inference.fit_states import settled
 from discrepancy.posterior.random_effects import Statistics
@@ -62,6 +62,17 @@ class Linearised:
     parts: Array
     slips: tuple[Array, ...]
     gap: tuple[float, float] | None
+    designs: tuple[Columns, ...]
+    shared: Shared
+
+    def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
+        """Return the same at the noise that is left beside effects, each as large as logs want.
+
+        Where encoders do not contradict each other, an effect that is not in the model passes for slip.
+        """
+        found = quieter(self.designs, effects, self.shared, self.noise)
+        noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
+        return replace(self, noise=noise, logs=_said(self.designs, self.shared, noise, self.candidates, self.columns))
 
 
 def linearise(
@@ -100,11 +111,10 @@ def linearise(
     columns = columns_of(candidates)
     place = dict(zip(candidates, columns, strict=True))
     count = sum(candidate.columns for candidate in candidates)
-    said, usual, costs = [], np.full(count, np.nan), []
+    usual, costs = np.full(count, np.nan), []
     for model, design, state in zip(models, designs, at.states, strict=True):
         each = [place[candidate] for candidate in design.candidates]
         there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
-        said.append(_spread(_of_sizes(design, shared, noise), there, count))
         unnamed = np.array([not one.kinds for one in design.candidates for _ in range(one.columns)], dtype=bool)
         usual[there[unnamed]] = _usual(model, geometry, design, state)[unnamed]
         cost = np.zeros((2, count))
@@ -113,7 +123,7 @@ def linearise(
     return Linearised(
         candidates=candidates,
         columns=columns,
-        logs=tuple(said),
+        logs=_said(designs, shared, noise, candidates, columns),
         usual=usual,
         cost=np.sqrt(np.mean(np.square(costs), axis=0)),
         state=at,
@@ -121,7 +131,26 @@ def linearise(
         parts=shared.parts,
         slips=beyond,
         gap=gap_of(models, geometry, at),
+        designs=tuple(designs),
+        shared=shared,
     )
+
+
+def _said(
+    designs: Sequence[Columns],
+    shared: Shared,
+    noise: Noise,
+    candidates: Sequence[Candidate],
+    columns: Sequence[NDArray[np.intp]],
+) -> tuple[Statistics, ...]:
+    """Return what each log says of all candidates, at sizes of noise."""
+    place, said = dict(zip(candidates, columns, strict=True)), []
+    count = sum(candidate.columns for candidate in candidates)
+    for design in designs:
+        each = [place[candidate] for candidate in design.candidates]
+        there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
+        said.append(_spread(_of_sizes(design, shared, noise), there, count))
+    return tuple(said)
 
 
 def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:

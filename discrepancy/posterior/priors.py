@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order
@@ -44,13 +45,10 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     families that change nothing that a log could show."""
     (path,) = DRIVES["a random path of 60 s"](robot)
     log = log_of(robot, path, "all")
-    seen = linearise(robot, [log])
+    among = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
+    seen = linearise(robot, [log], among=among)
     information = seen.logs[0].information
-    single = [
-        (candidate, int(columns[0]))
-        for candidate, columns in zip(seen.candidates, seen.columns, strict=True)
-        if candidate.kinds and len(columns) == 1
-    ]
+    single = [(candidate, int(columns[0])) for candidate, columns in zip(seen.candidates, seen.columns, strict=True)]
     shown = [(one, k) for one, k in single if information[k, k] * one.kinds[0].tolerance ** 2 > UNSEEN]
     unseen = {one.family for one, _ in single} - {one.family for one, _ in shown}
     stands: dict[str, str] = {}
