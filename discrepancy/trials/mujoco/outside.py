@@ -12,11 +12,12 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from discrepancy.trials.mujoco.build import Build
+from discrepancy.trials.foreign.build import Build
+from discrepancy.trials.foreign.run import Counters
 from discrepancy.trials.mujoco.model import THINNESS, Parts, Rig, text
 
 
-class Outside:
+class Outside(Counters):
     """One such effect. acts: whether `act` is to be called before each physics step."""
 
     acts: ClassVar[bool] = False
@@ -26,10 +27,6 @@ class Outside:
 
     def act(self, rig: Rig, t: float) -> None:
         """Change the model while it runs, t s since the start."""
-
-    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
-        """Return wheel counts (K, driven wheels) at times t (K,) as they come into the log."""
-        return wheel
 
 
 @dataclass(frozen=True)

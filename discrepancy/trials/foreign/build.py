@@ -1,7 +1,7 @@
-"""The numbers of a robot file as the MuJoCo model takes them, and how effects on dimensions change them.
+"""The numbers of a robot file as foreign simulators take them, and how effects on dimensions change them.
 
-Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: this simulator
-shares no geometry code with the project's own.
+Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: foreign
+simulators share no geometry code with the project's own.
 """
 
 import dataclasses
@@ -188,6 +188,16 @@ class Controller:
         rate = np.zeros(len(theta))
         rate[self._build.steered] = np.where(moves, away / self._period, 0.0)[self._build.steered]
         return rate
+
+
+def check_drivable(robot: RobotDescription, simulator: str) -> None:
+    """Raise InputError for a robot that no foreign simulator can drive; simulator: its name, for the message."""
+    if any(wheel.grip != "standard" for wheel in robot.wheels):
+        raise InputError(f"robot {robot.name!r} has omni wheels; the {simulator} generator has none")
+    blind = [castor for castor in robot.castors if castor.steering != "fixed" and castor.pivot_counts_per_rev is None]
+    if blind or not robot.driven_wheels:
+        missing = f"the castor at {blind[0].pivot} has no pivot encoder" if blind else "no wheel has a motor"
+        raise InputError(f"robot {robot.name!r} cannot be driven: {missing}; give it counts per turn")
 
 
 def _softer(stiffness: float, stiffer: float) -> float:
