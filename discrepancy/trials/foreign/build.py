@@ -141,6 +141,13 @@ class Build:
             raise InputError(f"castor {castor} has no wheel {wheel}; give one of 1 to {len(castor_wheels)}")
         return int(castor_wheels[wheel - 1])
 
+    def counter(self, castor: int, wheel: int) -> int:
+        """Return which column of wheel counts is a wheel's, castor and wheel numbered from 1."""
+        found = np.flatnonzero(self.driven == self.wheel(castor, wheel))
+        if not len(found):
+            raise InputError(f"wheel {wheel} of castor {castor} has no encoder; give one that has")
+        return int(found[0])
+
     def pivot_speed(self, twist: Array) -> Array:
         """Return the velocity (n, 2) in B of the pivots of a body that moves with a twist (3,)."""
         return np.column_stack([twist[0] - twist[2] * self.pivot[:, 1], twist[1] + twist[2] * self.pivot[:, 0]])

@@ -39,7 +39,7 @@ class Counters:
     """What happens to counts on their way into the log; here nothing."""
 
     def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
-        """Return wheel counts (K, driven wheels) at times t (K,) as they come into the log."""
+        """Return wheel counts (K, driven wheels), not rounded yet, at times t (K,) as they come into the log."""
         return wheel
 
 
@@ -67,7 +67,7 @@ def read(
     seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
     t = run.t[::every]
     sampled = _at(reading_times(robot, t), run.t, seen)
-    wheel = sensors.wheels(sampled, run.phase, rounded=rounded)
+    wheel = sensors.wheels(sampled, run.phase, rounded=False)
     if outside is not None:
         wheel = outside.count(sensors.build, t, wheel, np.random.default_rng([run.seed, 4]))
     taken = reference_times(robot, t)
@@ -75,7 +75,7 @@ def read(
     pose = np.column_stack([np.interp(taken, run.t, column, right=np.nan) for column in true.T])
     return Log(
         t,
-        wheel,
+        np.round(wheel) if rounded else wheel,
         sensors.pivots(sampled, rounded=rounded),
         run.command,
         run.steering if run.steering.shape[1] else None,

@@ -154,7 +154,7 @@ class CountGlitches(Outside):
 
     def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Add the jumps."""
-        channel = int(np.flatnonzero(build.driven == build.wheel(self.castor, self.wheel))[0])
+        channel = build.counter(self.castor, self.wheel)
         hit = random.uniform(size=len(t)) < self.rate * np.diff(t, prepend=t[0])
         jump = np.where(hit, np.ceil(self.counts * random.uniform(size=len(t))) * random.choice([-1, 1], len(t)), 0)
         wheel = wheel.copy()
