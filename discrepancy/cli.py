@@ -205,7 +205,7 @@ def trial(
         typer.Option(help="How many cases; of every twenty, three have no effect (of trains, four).", min=1, max=9999),
     ] = 20,
     generator: Annotated[
-        str, typer.Option(help="The simulator that makes the logs: pymunk (the project's own) or mujoco.")
+        str, typer.Option(help="The simulator that makes the logs: pymunk (the project's own), mujoco or bullet.")
     ] = "pymunk",
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
     robot: Annotated[str, typer.Option(help="A preset's name, of a robot or a train.")] = ROBOT,

@@ -2,7 +2,7 @@
 
     trial.json                      the settings: cases, seed, generator, robot, duration
     cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): all that is diagnosed
-    clean/1.csv ...                 logs of the robot without any effect, given as clean logs with MuJoCo only
+    clean/1.csv ...                 logs without any effect, given as clean logs where the generator is foreign
     labels/case-0001.json, .npz     the hidden effect and its strength; the held-out log with and without it, exact
     outcomes/case-0001.json         the diagnosis
     left/case-0001.json             the part of the effect's change to the held-out log that remains when the

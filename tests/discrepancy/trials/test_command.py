@@ -1,12 +1,15 @@
 """A small trial with each generator, from cases to scores."""
 
 import json
+import sys
 
 import pytest
 
 from castor_envs import command_line
+from castor_envs.errors import InputError
 from discrepancy import cli
 from discrepancy.trials import run, scores
+from discrepancy.trials.generators import generator
 
 
 def test_the_command_makes_judges_and_scores(capsys):
@@ -38,3 +41,9 @@ def test_an_unknown_generator_is_told(capsys):
         command_line.run(cli.app, ["trial", "--generator", "gazebo"])
     assert ended.value.code == 2
     assert "pymunk" in capsys.readouterr().err
+
+
+def test_a_generator_that_is_not_installed_says_how_it_is(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(InputError, match=r"install castor-envs\[bullet\]"):
+        generator("bullet")
