@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.priors import Place
 from discrepancy.posterior.single_effects import Posterior, SingleEffects
-from discrepancy.posterior.verdicts import Verdict
+
+Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
 
 SHOWN = 1e-3
 """Probability from which on a name is told."""

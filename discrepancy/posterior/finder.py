@@ -18,13 +18,13 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
-from discrepancy.posterior.answers import Answer, answers_of
+from discrepancy.posterior.answers import Answer, Verdict, answers_of
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import Place, hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized, possible, refitted, robot_with
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
-from discrepancy.posterior.verdicts import MATERIAL, Material, Verdict, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 
 LOOKS = 6
 """Times that all candidates are looked at, at most, beside what has been named by then."""

@@ -1,10 +1,12 @@
 """A diagnosis by posterior as plain data, and in a few lines for people."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
+from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.linearise import Linearised
@@ -69,8 +71,8 @@ def _answer(answer: Answer) -> Data:
     }
 
 
-def _fields(effect: Any) -> Data:
-    return {name: getattr(effect, name) for name in effect.__dataclass_fields__ if name != "name"}
+def _fields(effect: Effect) -> Data:
+    return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
 
 
 def _gaps(seen: tuple[Linearised, Linearised] | None) -> list[list[float]] | None:

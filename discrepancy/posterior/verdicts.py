@@ -2,19 +2,15 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from discrepancy.posterior.answers import Answer, Verdict
 from discrepancy.posterior.calibrated import CREDIBLE
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized
-
-if TYPE_CHECKING:
-    from discrepancy.posterior.answers import Answer
-
-Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
 
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
 
@@ -33,12 +29,12 @@ MATERIAL = Material()
 
 
 def judged(
-    answer: "Answer",
+    answer: Answer,
     named: Sequence[Sized],
     held_out: Sequence[Linearised] | None,
     order: GoodOrder | None,
     material: Material,
-) -> "Answer":
+) -> Answer:
     """Return the answer with its verdict.
 
     named: all effects that are in the model. held_out: what held-out logs say without and with these, of these alone;
@@ -48,7 +44,7 @@ def judged(
     return dataclasses.replace(answer, verdict=verdict, reason=reason)
 
 
-def verdict_of(answers: Sequence["Answer"]) -> Verdict:
+def verdict_of(answers: Sequence[Answer]) -> Verdict:
     """Return the verdict of all answers: the weakest of what matters."""
     verdicts = [answer.verdict for answer in answers if answer.verdict != "negligible"]
     if verdicts:
@@ -57,7 +53,7 @@ def verdict_of(answers: Sequence["Answer"]) -> Verdict:
 
 
 def _judgement(
-    answer: "Answer",
+    answer: Answer,
     named: Sequence[Sized],
     held_out: Sequence[Linearised] | None,
     order: GoodOrder | None,
@@ -82,7 +78,7 @@ def _judgement(
     return "named", what
 
 
-def _log_odds(answer: "Answer", named: Sequence[Sized], held_out: Linearised, order: GoodOrder) -> float:
+def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Linearised, order: GoodOrder) -> float:
     """Return by how much (natural logarithm) an effect, as large as found, makes held-out logs more likely."""
     if answer.candidate not in held_out.candidates:
         return 0.0
