@@ -11,7 +11,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.scatter import umbmark_scatter
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
 from castor_envs.logs.csv import read_log
@@ -132,6 +131,8 @@ def _drawn(
     robot: RobotDescription, calibrated: RobotDescription, recordings: Sequence[Recording], side: float
 ) -> bytes:
     """Return a picture (PNG) of where odometry says that squares end, before and after."""
+    from benchmarks.scatter import umbmark_scatter  # Matplotlib is slow to import, and only the picture needs it
+
     logs, ways = [recording.log for recording in recordings], directions_of(recordings)
     before, after = (return_errors(each, logs, ways, side) for each in (robot, calibrated))
     picture = io.BytesIO()

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationE
 from castor_envs.errors import InputError, shortened
 from castor_envs.files import read_json, write_json
 
-CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
+CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
 
 #: The smallest length of a part, m: a micrometre, finer than anything on wheels is made.
 FINEST = 1e-6

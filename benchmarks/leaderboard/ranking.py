@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
 
 from castor_envs.geometry.arrays import Array
 
@@ -48,6 +47,8 @@ def interval(scores: ArrayLike, within: tuple[float, float] = (-math.inf, math.i
 
     is symmetric up to terms of 1 / n, so its limits are +-t / sqrt(n), and each has one T.
     """
+    from scipy.special import stdtrit  # slow to import
+
     values, scale = _scaled(np.asarray(scores, dtype=float))
     mean = float(np.mean(values))
     if len(values) < FEWEST_CASES:

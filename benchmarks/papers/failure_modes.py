@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from benchmarks.papers.comparison import Appendix
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
@@ -211,6 +210,8 @@ def _tie_data(tie: Tie) -> dict[str, Any]:
 
 def _roots(function: Callable[..., Array]) -> list[float]:
     """Return where a function of the ratio changes sign: brackets first, then Brent's method."""
+    from scipy.optimize import brentq  # slow to import
+
     edges = np.linspace(*RATIOS, 64)
     values = function(edges)
     roots: list[float] = []

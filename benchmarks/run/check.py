@@ -26,7 +26,7 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
     """
     worker = _Worker(timeout)
     try:
-        worker.call(conformance.candidates, limited=False)  # imports this project: not the plug-in's time
+        worker.call(_ready, limited=False)  # to import this project and what checks need is not the plug-in's time
         try:
             name = worker.call(_name, spec)
         except _LostError as lost:
@@ -122,6 +122,10 @@ def _header(name: str, robot: str, declined: dict[str, list[str]]) -> str:
 
 
 # What follows runs in the worker process. A wrong spec is returned: what is raised comes back as text.
+
+
+def _ready() -> None:
+    import scipy.integrate  # noqa: F401
 
 
 def _name(spec: str, load: Load = load_estimator) -> str | InputError:

@@ -13,8 +13,10 @@ from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.task import Task, odometry_of
 from castor_envs.errors import InputError
+from estimators.plugins.find import runs_others_code
 from estimators.plugins.registry import (
     CALIBRATION,
+    ESTIMATOR,
     CalibrationEntry,
     EstimatorEntry,
     builtin_names,
@@ -118,11 +120,13 @@ def entries_named(
 def entries_named(specs: Sequence[str], timeout: float, load: Load) -> tuple[Competitor, ...]:
     """Return what specs name, each once; raises InputError for two that share a name.
 
-    Each is loaded in a process of its own first: a plug-in that hangs or ends its process on import is refused.
+    Each plug-in is loaded in a process of its own first: one that hangs or ends its process on import is refused.
     """
+    role = ESTIMATOR if load is load_estimator else CALIBRATION
     entries: dict[str, Competitor] = {}
     for spec in specs:
-        load_apart(spec, timeout, load)
+        if runs_others_code(spec, role):
+            load_apart(spec, timeout, load)
         entry = load(spec)
         other = entries.setdefault(entry.name, entry)
         if other.source_hash != entry.source_hash:

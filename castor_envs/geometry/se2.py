@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Array, vectors
 
 
 def compose(pose: ArrayLike, seen: ArrayLike) -> Array:
@@ -14,7 +14,7 @@ def compose(pose: ArrayLike, seen: ArrayLike) -> Array:
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x = pose[..., 0] + c * seen[..., 0] - s * seen[..., 1]
     y = pose[..., 1] + s * seen[..., 0] + c * seen[..., 1]
-    return np.stack([x, y, pose[..., 2] + seen[..., 2]], axis=-1)
+    return vectors(x, y, pose[..., 2] + seen[..., 2])
 
 
 def relative_pose(start: ArrayLike, end: ArrayLike) -> Array:
@@ -22,7 +22,7 @@ def relative_pose(start: ArrayLike, end: ArrayLike) -> Array:
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     c, s = np.cos(start[..., 2]), np.sin(start[..., 2])
     x, y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
-    return np.stack([c * x + s * y, c * y - s * x, end[..., 2] - start[..., 2]], axis=-1)
+    return vectors(c * x + s * y, c * y - s * x, end[..., 2] - start[..., 2])
 
 
 def inverse(seen: ArrayLike) -> Array:

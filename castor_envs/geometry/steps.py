@@ -160,7 +160,8 @@ def integrated(rows: Array, body: Array, even: NDArray[np.bool_]) -> Array:
     integral = (rows @ body[..., None])[..., 0]
     bend = _where_even(even, rows[..., 2:, :, :] - 2 * rows[..., 1:-1, :, :] + rows[..., :-2, :, :], 2) / 24
     slope = _where_even(even, rows[..., 2:, :, :] - rows[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
-    integral[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + slope.sum(axis=-1)
+    by_slope = slope[..., 0] + (slope[..., 1] + slope[..., 2])  # faster than a sum along three
+    integral[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + by_slope
     return integral
 
 

@@ -43,7 +43,7 @@ class KinematicController:
     def __init__(self, robot: RobotDescription) -> None:
         self._geometry = Geometry.of(robot)
         self._period = robot.sample_period
-        self._steering_limit = robot.max_steering_speed
+        self._limit = np.where(self._geometry.driven, robot.max_steering_speed, np.inf)
         self._driven_wheels = np.array(robot.driven_wheels, dtype=np.intp)
         self._driven_castors = np.array(robot.driven_castors, dtype=np.intp)
 
@@ -60,8 +60,7 @@ class KinematicController:
     def _rates(self, theta: Array, twist: Array, steered: Array) -> Array:
         """Return castor rates (n,): of rolling where the castor trails, else `steered`; within the motors' limit."""
         rate = np.where(self._geometry.trailing, castor_rates(self._geometry, theta, twist), steered)
-        limit = np.where(self._geometry.driven, self._steering_limit, np.inf)
-        return np.clip(rate, -limit, limit)
+        return np.minimum(np.maximum(rate, -self._limit), self._limit)
 
     def _steering_rates(self, theta: Array, twist: Array) -> Array:
         """Return the rates (n,) that turn driven castors to their pivots' direction of travel in a period; else 0."""

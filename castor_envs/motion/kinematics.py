@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import Declined
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Array, vectors
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 
@@ -92,6 +92,16 @@ class Geometry:
         held = np.bincount(self.wheel_castor, weights=self.standard, minlength=self.n_castors) > 0
         return (self.offset > 0) & held
 
+    @cached_property
+    def trail(self) -> Array:
+        """The offsets (..., n) of castors that the floor turns, m; NaN of others."""
+        return np.where(self.trailing, self.offset, np.nan)
+
+    @cached_property
+    def left_of_pivot(self) -> Array:
+        """The pivots (..., n, 2) turned by +90 degrees about B's origin, m: their velocities at 1 rad/s."""
+        return left_of(self.pivot)
+
     def side_slip_of_fixed(self, twist: ArrayLike) -> Array:
         """Return how fast (m/s) each fixed castor (..., n) slips sideways at a twist (..., 3); 0 where it may."""
         slip = inverse(self, self.angle, np.zeros_like(self.angle), twist).side_slip
@@ -144,18 +154,23 @@ def _of_one(robot: RobotDescription) -> Geometry:
 def unit(angle: ArrayLike) -> Array:
     """Return (cos, sin) of an angle along a new last axis."""
     angle = np.asarray(angle, dtype=float)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return vectors(np.cos(angle), np.sin(angle))
 
 
 def left_of(vector: Array) -> Array:
     """Return plane vectors (..., 2) turned by +90 degrees."""
-    return np.stack([-vector[..., 1], vector[..., 0]], axis=-1)
+    return vectors(-vector[..., 1], vector[..., 0])
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products (...) of plane vectors (..., 2); `np.sum` along two numbers takes much longer."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
 def pivot_velocity(geometry: Geometry, twist: ArrayLike) -> Array:
     """Return the pivots' velocities in B, (..., n, 2), for body twists (..., 3) = (v_x, v_y, omega) in B."""
     twist = np.asarray(twist, dtype=float)
-    return twist[..., None, :2] + twist[..., None, 2:] * left_of(geometry.pivot)
+    return twist[..., None, :2] + twist[..., None, 2:] * geometry.left_of_pivot
 
 
 def castor_rates(geometry: Geometry, castor_angle: ArrayLike, twist: ArrayLike) -> Array:
@@ -165,9 +180,8 @@ def castor_rates(geometry: Geometry, castor_angle: ArrayLike, twist: ArrayLike) 
     """
     castor_angle, twist = np.asarray(castor_angle, dtype=float), np.asarray(twist, dtype=float)
     u = pivot_velocity(geometry, twist)
-    sideways = np.sum(u * left_of(unit(castor_angle)), axis=-1)
-    trailing = geometry.trailing
-    turning = np.where(trailing, sideways / np.where(trailing, geometry.offset, 1.0), np.nan) - twist[..., 2:]
+    sideways = _dot(u, left_of(unit(castor_angle)))
+    turning = sideways / geometry.trail - twist[..., 2:]
     return np.where(geometry.fixed, 0.0, turning)
 
 
@@ -189,8 +203,8 @@ def inverse(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike,
     e = unit(castor_angle)
     turning = twist[..., 2:] + castor_rate
     of_wheel = geometry.wheel_castor
-    along = np.sum(u * e, axis=-1)[..., of_wheel] - turning[..., of_wheel] * geometry.lateral
-    across = (np.sum(u * left_of(e), axis=-1) - turning * geometry.offset)[..., of_wheel]
+    along = _dot(u, e)[..., of_wheel] - turning[..., of_wheel] * geometry.lateral
+    across = (_dot(u, left_of(e)) - turning * geometry.offset)[..., of_wheel]
     return WheelMotion((along + across * geometry.roller) / geometry.radius, across)
 
 

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import solve_ivp
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
@@ -35,6 +34,8 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
     (offset 0) point along their pivot's path, or against it if that is nearer; between two legs they turn at once.
     Raises InputError for castors that nothing turns, and motions in which fixed wheels would slip sideways.
     """
+    from scipy.integrate import solve_ivp  # takes longer to import than all of this package
+
     geometry = Geometry.of(robot)
     n, steered = geometry.n_castors, geometry.driven & ~geometry.trailing
     lost = np.isnan(castor_rates(geometry, np.zeros(n), np.zeros(3))) & ~steered
@@ -50,7 +51,7 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
         castor_angle = trailing_angles(geometry, trajectory.runs[0].legs[0].motion)
 
     def rates(t: float, state: Array) -> Array:
-        twist = trajectory.at(t)[1]
+        twist = trajectory.twist_at(t)
         turning = np.where(steered, 0.0, castor_rates(geometry, state[:n], twist))
         return np.concatenate([turning, inverse(geometry, state[:n], turning, twist).rate])
 
@@ -69,11 +70,12 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
     breaks = trajectory.breakpoints()
     for start, end in pairwise(breaks):
         here = np.flatnonzero((t > start) & (t <= end))
-        state = pointed(state, trajectory.at((start + end) / 2)[1])
+        state = pointed(state, trajectory.twist_at((start + end) / 2))
+        first, last = float(np.nextafter(start, end)), float(np.nextafter(end, start))
         # The motion is smooth between breakpoints only: stay strictly inside, or a step would see the next
         # leg's motion.
         solution = solve_ivp(
-            lambda u, s, a=start, b=end: rates(np.clip(u, np.nextafter(a, b), np.nextafter(b, a)), s),
+            lambda u, s, first=first, last=last: rates(min(max(u, first), last), s),
             (start, end),
             state,
             method="DOP853",

@@ -11,10 +11,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Array, vectors
 
 Direction = Literal["ccw", "cw"]
 Corners = Literal["turn", "fixed", "rounded"]
@@ -57,7 +57,7 @@ class Run:
     def progress(self, t: Array) -> tuple[Array, Array]:
         """Return the length covered and the speed at times t since the run's start."""
         ramp = self.peak / self.acceleration
-        t = np.clip(t, 0.0, self.duration)
+        t = np.minimum(np.maximum(t, 0.0), self.duration)
         left = self.duration - t
         speed = np.minimum(self.peak, self.acceleration * np.minimum(t, left))
         rising = 0.5 * self.acceleration * t**2
@@ -89,15 +89,16 @@ class Trajectory:
         return np.concatenate([[0.0], np.cumsum([run.duration for run in self.runs])])
 
     @cached_property
-    def _leg_starts(self) -> list[tuple[Array, Array]]:
-        """For each run, the lengths (l + 1,) and poses (l + 1, 3) at which its legs begin and the last ends."""
+    def _legs(self) -> list[tuple[Array, Array, Array]]:
+        """For each run: lengths (l + 1,) and poses (l + 1, 3) at its legs' begins and its end; their motions (l, 3)."""
         pose, starts = np.array(self.start, dtype=float), []
         for run in self.runs:
             poses = [pose]
             for leg in run.legs:
                 pose = moved(pose, np.array(leg.motion) * leg.length)
                 poses.append(pose)
-            starts.append((np.cumsum([0.0, *(leg.length for leg in run.legs)]), np.array(poses)))
+            lengths = np.cumsum([0.0, *(leg.length for leg in run.legs)])
+            starts.append((lengths, np.array(poses), np.array([leg.motion for leg in run.legs])))
         return starts
 
     def breakpoints(self) -> Array:
@@ -116,15 +117,34 @@ class Trajectory:
         """Return pose (..., 3) in N and twist (..., 3) in B at times t (...), s; at rest before and after."""
         t = np.asarray(t, dtype=float)
         which = np.clip(np.searchsorted(self._run_starts, t, side="right") - 1, 0, len(self.runs) - 1)
+        if t.ndim == 0:  # a controller asks for one time after another
+            pose, twist = self._in_run(int(which), t[None])
+            return pose[0], twist[0]
         pose, twist = np.empty((*t.shape, 3)), np.empty((*t.shape, 3))
         for i in np.unique(which):
-            run, (lengths, poses), here = self.runs[i], self._leg_starts[i], which == i
-            covered, speed = run.progress(t[here] - self._run_starts[i])
-            leg = np.clip(np.searchsorted(lengths, covered, side="right") - 1, 0, len(run.legs) - 1)
-            motion = np.array([leg.motion for leg in run.legs])[leg]
-            pose[here] = moved(poses[leg], motion * (covered - lengths[leg])[..., None])
-            twist[here] = motion * speed[..., None]
+            here = which == i
+            pose[here], twist[here] = self._in_run(i, t[here])
         return pose, twist
+
+    def twist_at(self, t: float) -> Array:
+        """Return the twist (3,) in B at one time, s: that of `at`, in half the time."""
+        which = min(max(int(np.searchsorted(self._run_starts, t, side="right")) - 1, 0), len(self.runs) - 1)
+        leg, _, speed = self._on_leg(which, np.array([t], dtype=float))
+        return (self._legs[which][2][leg] * speed[..., None])[0]
+
+    def _in_run(self, i: int, t: Array) -> tuple[Array, Array]:
+        """Return poses (k, 3) and twists (k, 3) at times t (k,) in run i."""
+        lengths, poses, motions = self._legs[i]
+        leg, covered, speed = self._on_leg(i, t)
+        motion = motions[leg]
+        return moved(poses[leg], motion * (covered - lengths[leg])[..., None]), motion * speed[..., None]
+
+    def _on_leg(self, i: int, t: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return which leg of run i it is at times t (k,), the length covered, and the speed."""
+        run, lengths = self.runs[i], self._legs[i][0]
+        covered, speed = run.progress(t - self._run_starts[i])
+        leg = np.minimum(np.maximum(np.searchsorted(lengths, covered, side="right") - 1, 0), len(run.legs) - 1)
+        return leg, covered, speed
 
 
 def _time_at(run: Run, length: float) -> float:
@@ -146,7 +166,7 @@ def moved(pose: ArrayLike, displacement: ArrayLike) -> Array:
     direction = pose[..., 2] + turn / 2
     x, y = displacement[..., 0] * chord, displacement[..., 1] * chord
     c, s = np.cos(direction), np.sin(direction)
-    return np.stack([pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y, pose[..., 2] + turn], axis=-1)
+    return vectors(pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y, pose[..., 2] + turn)
 
 
 def umbmark(

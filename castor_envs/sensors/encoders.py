@@ -19,6 +19,8 @@ class Encoders:
         self._driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
         self._sensed = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
         self._phase = np.asarray(phase, dtype=float)
+        self._steps = geometry.counts_per_rev[self._driven] / (2 * np.pi)
+        self._turn = geometry.pivot_counts_per_rev[self._sensed]
 
     @staticmethod
     def random_phase(geometry: Geometry, random: np.random.Generator, *axes: int) -> Array:
@@ -27,14 +29,12 @@ class Encoders:
 
     def wheel(self, wheel_angle: Array) -> Array:
         """Return cumulative counts (..., driven wheels) for wheel angles (..., w); no remainder is ever lost."""
-        steps = self._geometry.counts_per_rev[self._driven] / (2 * np.pi)
-        return np.round(wheel_angle[..., self._driven] * steps + self._phase)
+        return np.round(wheel_angle[..., self._driven] * self._steps + self._phase)
 
     def pivot(self, castor_angle: Array) -> Array:
         """Return absolute counts (..., pivot encoders) in [0, counts per turn) for castor angles (..., n)."""
-        turn = self._geometry.pivot_counts_per_rev[self._sensed]
         measured = (castor_angle + self._geometry.pivot_zero)[..., self._sensed]
-        return np.mod(np.round(measured * turn / (2 * np.pi)), turn)
+        return np.mod(np.round(measured * self._turn / (2 * np.pi)), self._turn)
 
 
 def castor_angles(geometry: Geometry, pivot_counts: ArrayLike) -> Array:

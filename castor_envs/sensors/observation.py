@@ -42,8 +42,8 @@ def observation(
         "pivot": pivot,
         "rps": rps,
         "rps_age": rps_age,
-        "time": np.expand_dims(time, -1),
-        "gyro": None if gyro is None else np.expand_dims(gyro, -1),
+        "time": np.asarray(time)[..., None],
+        "gyro": None if gyro is None else np.asarray(gyro)[..., None],
     }
     return {name: np.array(values, dtype=float) for name, values in parts.items() if values is not None}
 

@@ -6,10 +6,12 @@ twice along the frame (Merrell and Minor 2003, Vogt and Minor's reference 3):
     phi(s) = int_0^s kappa        x = int_0^L cos phi        y = int_0^L sin phi
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Array, vectors
 from castor_envs.vehicles.train import Frame, TrainDescription
 
 DEGREE = 2  # of the fitted polynomial: a shear force makes curvature linear, large bends add a little more
@@ -21,16 +23,21 @@ def posture(frame: Frame, curvature: ArrayLike) -> Array:
 
     The fit is by least squares, of degree 2 or what the number of gauges allows.
     """
-    curvature = np.asarray(curvature, dtype=float)
-    s = np.array(frame.gauge_positions) / frame.length
-    powers = np.arange(min(DEGREE, len(s) - 1) + 1)
-    coefficients = curvature @ np.linalg.pinv(s[:, None] ** powers).T
-    along = 0.5 * (1.0 + _NODES)
-    integrals = frame.length * np.append(along, 1.0)[:, None] ** (powers + 1) / (powers + 1)
-    heading = coefficients @ integrals.T
-    weights = 0.5 * frame.length * _WEIGHTS
+    fit, integrals, weights = _fit(frame.gauge_positions, frame.length)
+    heading = np.asarray(curvature, dtype=float) @ fit @ integrals
     x, y = np.cos(heading[..., :-1]) @ weights, np.sin(heading[..., :-1]) @ weights
-    return np.stack([x, y, heading[..., -1]], axis=-1)
+    return vectors(x, y, heading[..., -1])
+
+
+@lru_cache
+def _fit(gauge_positions: tuple[float, ...], length: float) -> tuple[Array, Array, Array]:
+    """Return what takes readings to coefficients, these to headings at the nodes and the end; the nodes' weights, m."""
+    s = np.array(gauge_positions) / length
+    powers = np.arange(min(DEGREE, len(s) - 1) + 1)
+    along = 0.5 * (1.0 + _NODES)
+    integrals = length * np.append(along, 1.0)[:, None] ** (powers + 1) / (powers + 1)
+    fit = np.linalg.pinv(s[:, None] ** powers).T.astype(float, copy=False)
+    return fit, integrals.T, 0.5 * length * _WEIGHTS
 
 
 def curvature_at_gauges(frame: Frame, joint_angles: ArrayLike) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
-from castor_envs.motion.rolling import roll
+from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.robot import RobotDescription
@@ -28,7 +28,12 @@ REFERENCE: dict[Poses, str] = {
 
 def log_of(robot: RobotDescription, trajectory: Trajectory, poses: Poses) -> Log:
     """Return what the robot would log if it rolled perfectly."""
-    rolled, geometry = roll(robot, trajectory), Geometry.of(robot)
+    return logged(robot, roll(robot, trajectory), poses)
+
+
+def logged(robot: RobotDescription, rolled: Rolled, poses: Poses) -> Log:
+    """Return what the robot logs that has rolled perfectly."""
+    geometry = Geometry.of(robot)
     encoders = Encoders(geometry, np.zeros(len(robot.driven_wheels)))
     reference = np.full((len(rolled.t), 3), np.nan)
     rows = {"none": [], "ends": [0, -1], "all": slice(None)}[poses]

@@ -1,15 +1,14 @@
 """What logs do not show of a robot's parameters, in words, and the drive that would show it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.trajectories import Trajectory
-from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.drives import DRIVES, REFERENCE, TYPICAL, Poses, log_of
+from castor_envs.motion.rolling import Rolled, roll
+from estimators.calibration.drives import DRIVES, REFERENCE, TYPICAL, Poses, logged
 from estimators.calibration.maximum_likelihood import Calibration, information_of
 from estimators.calibration.parameters import Parameter
 
@@ -135,15 +134,16 @@ class _Drives:
     def __init__(self, calibration: Calibration):
         self._calibration = calibration
         self._robot = calibration.calibrated
+        self._rolled: dict[str, list[Rolled]] = {}
         self._told: dict[str, Array | None] = {}
 
     def showing(self, changes: Array) -> str | None:
         """Return the first drive after which all of some changes (c, P) would be seen."""
         for poses, reference in REFERENCE.items():
-            for drive, make in DRIVES.items():
+            for drive in DRIVES:
                 name = f"{drive} {reference}"
                 if name not in self._told:
-                    self._told[name] = self._tell(make, poses)
+                    self._told[name] = self._tell(drive, poses)
                 told = self._told[name]
                 if told is None:
                     continue
@@ -152,10 +152,14 @@ class _Drives:
                     return name
         return None
 
-    def _tell(self, make: Callable[[RobotDescription], list[Trajectory]], poses: Poses) -> Array | None:
+    def _tell(self, drive: str, poses: Poses) -> Array | None:
         """Return the information (P, P) of a drive; None if the robot cannot drive it."""
-        try:
-            logs = [log_of(self._robot, trajectory, poses) for trajectory in make(self._robot)]
-        except InputError:
+        if drive not in self._rolled:  # the same whether poses are taken or not
+            try:
+                self._rolled[drive] = [roll(self._robot, trajectory) for trajectory in DRIVES[drive](self._robot)]
+            except InputError:
+                self._rolled[drive] = []
+        if not self._rolled[drive]:
             return None
+        logs = [logged(self._robot, rolled, poses) for rolled in self._rolled[drive]]
         return information_of(self._robot, self._calibration.parameters, logs, TYPICAL)

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded, get_lapack_funcs
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
@@ -293,6 +292,8 @@ class LogLikelihood:
         are drawn (standard normal, the same ones each time, other ones for each log) to learn what sums of squares to
         expect. more: of the other P - G parameters.
         """
+        from scipy.linalg import cholesky_banded, get_lapack_funcs  # slow to import
+
         more = more or More(np.zeros((*self._readings.shape, 0)), np.zeros((len(state) - 1, len(self._used), 0)))
         weights = self._weights(geometry, state, noise)
         kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, more)

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
@@ -59,6 +58,8 @@ def with_pivot_counts_unwrapped(robot: RobotDescription, observations: Observati
 
 
 def _drive(robot: RobotDescription, twist: Callable[[float], Array], seconds: float, turns: bool = True) -> Drive:
+    from scipy.integrate import solve_ivp  # slow to import, and only checks need it
+
     geometry, n = Geometry.of(robot), len(robot.castors)
     allowed = _allowed_twists(geometry, turns)
     if np.hypot(*(allowed @ twist(0.0))[:2]) < 0.01:

@@ -45,7 +45,11 @@ class PlugInKind:
 
     def names(self) -> list[str]:
         """Return the names of what is built in and of what other installed packages declare, sorted."""
-        return sorted({*self.built_in, *importlib.metadata.entry_points(group=self.group).names})
+        return self.names_with(importlib.metadata.entry_points(group=self.group))
+
+    def names_with(self, declared: importlib.metadata.EntryPoints) -> list[str]:
+        """Return the names of what is built in and of what is declared, sorted."""
+        return sorted({*self.built_in, *declared.names})
 
 
 class PlugIn(NamedTuple):
@@ -67,15 +71,26 @@ def find(spec: str, role: PlugInKind) -> PlugIn:
     return _by_name(spec, role)
 
 
+def runs_others_code(spec: str, role: PlugInKind) -> bool:
+    """Return whether `find` imports code that is not this project's: all but what is built in, or names nothing."""
+    if ":" in spec or spec.endswith(".py"):
+        return True
+    declared = importlib.metadata.entry_points(group=role.group).names
+    return spec in declared or _name_and_number(spec)[0] in declared
+
+
+def _name_and_number(spec: str) -> tuple[str, int | None]:
+    """Return NAME and N of the spec NAME-N; of any other the spec itself and None."""
+    numbered = re.fullmatch(r"(.+)-(\d+)", spec, re.ASCII)
+    return (numbered[1], int(numbered[2])) if numbered else (spec, None)
+
+
 def _by_name(spec: str, role: PlugInKind) -> PlugIn:
     points = importlib.metadata.entry_points(group=role.group)
-    names = role.names()
+    names = role.names_with(points)
     if spec not in names and spec and os.path.isfile(f"{spec}.py"):
         raise InputError(f"unknown {role.what} {spec!r}; did you mean the file {spec + '.py'!r}?")
-    name, argument = spec, None
-    numbered = re.fullmatch(r"(.+)-(\d+)", spec, re.ASCII) if role.numbered else None
-    if spec not in names and numbered:
-        name, argument = numbered[1], int(numbered[2])
+    name, argument = (spec, None) if spec in names or not role.numbered else _name_and_number(spec)
     if name not in names:
         known = names if argument is None else {f"{known}-{argument}" for known in names}
         raise InputError(f"unknown {role.what} {spec!r}{did_you_mean(spec, known)}")

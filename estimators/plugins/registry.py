@@ -17,6 +17,7 @@ in the modules of `estimators.robots`, `estimators.trains` and `estimators.calib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -72,12 +73,7 @@ class EstimatorEntry:
         Asks built-in estimators alone: a plug-in's code is never run here, lest it hangs. Its `reset` says so later,
         by raising `Declined`.
         """
-        if self.builtin:
-            try:
-                reset_at_origin(self.factory(), vehicle)
-            except Declined as error:
-                return str(error)
-        return None
+        return _unserved(self.factory, vehicle) if self.builtin else None
 
     def __reduce__(self) -> tuple[Callable[[str], "EstimatorEntry"], tuple[str]]:
         return load_estimator, (self.spec,)
@@ -156,12 +152,21 @@ def builtin_names(vehicle: Vehicle) -> list[str]:
     Where a class can be made with several numbers, those that it names itself in `variants`, in its order.
     """
     package = TRAINS if isinstance(vehicle, TrainDescription) else ROBOTS
-    specs = [
-        name if number is None else f"{name}-{number}"
+    variants = [
+        (name, partial(kind)) if number is None else (f"{name}-{number}", partial(kind, number))
         for name, kind in built_in_of(package).items()
         for number in (kind.variants(vehicle) if hasattr(kind, "variants") else (None,))
     ]
-    return [spec for spec in specs if load_estimator(spec).applicable(vehicle) is None]
+    return [spec for spec, factory in variants if _unserved(factory, vehicle) is None]
+
+
+def _unserved(factory: Callable[[], Estimator], vehicle: Vehicle) -> str | None:
+    """Return None if an estimator serves a robot or a train, else why it declines."""
+    try:
+        reset_at_origin(factory(), vehicle)
+    except Declined as error:
+        return str(error)
+    return None
 
 
 def built_in_of(package: str) -> dict[str, type]:

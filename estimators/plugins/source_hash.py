@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import site
 import sys
+from functools import lru_cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
@@ -45,12 +46,20 @@ def source_files(kind: type) -> dict[Path, str]:
 
 def _imports(file: Path, name: str) -> list[tuple[Path, str]]:
     """Return files and names of those modules imported in `file`, itself named `name`, that are to be followed."""
-    try:
-        tree = ast.parse(file.read_bytes())
-    except (SyntaxError, ValueError):  # not Python source: an extension module
-        return []
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    names = set()
+    top = file.parents[len(package.split("."))] if package else file.parent
+    located = ((_locate(imported, name, top), imported) for imported in _imported(file.read_bytes(), package))
+    return [(path, imported) for path, imported in located if path is not None]
+
+
+@lru_cache(maxsize=256)  # every built-in estimator follows much the same files
+def _imported(source: bytes, package: str) -> frozenset[str]:
+    """Return the full names of all that a module of a package may import, going by its source."""
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):  # not Python source: an extension module
+        return frozenset()
+    names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
@@ -59,9 +68,7 @@ def _imports(file: Path, name: str) -> list[tuple[Path, str]]:
             if node.level:
                 base = importlib.util.resolve_name("." * node.level + base, package)
             names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    top = file.parents[len(package.split("."))] if package else file.parent
-    located = ((_locate(imported, name, top), imported) for imported in names)
-    return [(path, imported) for path, imported in located if path is not None]
+    return frozenset(names)
 
 
 def _locate(imported: str, importer: str, folder: Path) -> Path | None:

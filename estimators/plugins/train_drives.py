@@ -7,7 +7,6 @@ v k(s_i), the path's curvature where it is. So wheels roll without slip, and a f
 from collections.abc import Callable
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
@@ -45,6 +44,8 @@ def with_silent_sensors(observations: Observations, samples: slice) -> Observati
 
 def _drive(train: TrainDescription, heading: Callable[[Array], Array], seconds: float) -> Drive:
     """Return the drive along a path of this heading (rad) at arc length s (m); axle 1 starts at s = 0."""
+    from scipy.integrate import solve_ivp  # slow to import, and only checks need it
+
     t = train.sample_period * np.arange(round(seconds / train.sample_period) + 1)
     behind = np.cumsum([0.0, *(frame.length for frame in train.frames)])
     at: Array = (SPEED * t[:, None] - behind).astype(float)

@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
@@ -77,6 +76,8 @@ def intersection(first: Array, second: Array) -> tuple[Array, Array]:
     first, second: their covariances (3, 3). Returns the gain (3, 3) that moves the first estimate towards the second,
     and the covariance: P^-1 = w A^-1 + (1 - w) B^-1, w in [0, 1] such that the determinant of P is smallest.
     """
+    from scipy.optimize import minimize_scalar
+
     a, b = np.linalg.inv(first), np.linalg.inv(second)
 
     def information(w: float) -> float:
@@ -96,6 +97,8 @@ class RMSPEC:
     """
 
     def __init__(self, interval: int = DEFAULT_INTERVAL) -> None:
+        import scipy.optimize  # noqa: F401  (slow to import: before the robot drives, and only where it is used)
+
         self.interval = checked_interval(interval)
 
     def reset(self, train: TrainDescription, poses: ArrayLike) -> None:

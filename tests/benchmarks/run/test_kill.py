@@ -52,7 +52,7 @@ def wait_until(condition, process=None):
     raise AssertionError("waited for a minute")
 
 
-def test_a_killed_run_is_continued(tmp_path, plugin, fake_tasks):
+def test_a_killed_run_is_continued(tmp_path, plugin, fake_tasks, in_this_process):
     """Kill -9 of all its processes, once while episodes are recorded, once while an estimator runs."""
     results, whole = tmp_path / "results", tmp_path / "whole"
     for pattern in ("episodes/*/[0-9]*.npz", "rows/*/*/[0-9]*.npz"):
@@ -66,8 +66,9 @@ def test_a_killed_run_is_continued(tmp_path, plugin, fake_tasks):
     assert len(survived) >= 4
 
     plan = [Assignment(task, tuple(range(24)), (entry,))]
-    run(plan, results, processes=2)
-    run(plan, whole, processes=2)
+    with in_this_process():
+        run(plan, results)
+        run(plan, whole)
     store = ResultsStore(results)
     continued = list(store.rows("arcs", 1))
     straight = {row.case: row for row in ResultsStore(whole).rows("arcs", 1)}

@@ -45,13 +45,14 @@ def rows_of(results, task):
 
 
 @pytest.fixture(scope="module")
-def all_sorts(tmp_path_factory, fake_tasks, plugin):
+def all_sorts(tmp_path_factory, fake_tasks, plugin, one_owner):
     """Return the rows of good and faulty estimators on two cases, and what was said during the run."""
     results, task, heard = tmp_path_factory.mktemp("results"), fake_tasks.Arcs(), Heard()
     names = ["followers:Follower", "followers:Single", "followers:Pretends", "fails_on_some:FailsOnSome"]
     names += [f"faulty:{kind}" for kind in FAULTY]
     estimators = tuple(load_estimator(plugin(name)) for name in names)
-    run([Assignment(task, (2, 3), estimators)], results, processes=2, timeout=3.0, progress=heard)
+    with one_owner():
+        run([Assignment(task, (2, 3), estimators)], results, processes=2, timeout=3.0, progress=heard)
     return results, task, rows_of(results, task), heard
 
 
@@ -180,7 +181,7 @@ def test_a_second_run_computes_nothing(all_sorts, plugin):
     assert {key: row.origin for key, row in after.items()} == {key: row.origin for key, row in rows.items()}
 
 
-def test_more_cases_add_to_those_there_are(tmp_path, fake_tasks, plugin):
+def test_more_cases_add_to_those_there_are(tmp_path, fake_tasks, plugin, jobs_here):
     task, entry = fake_tasks.Arcs(), load_estimator(plugin("followers:Follower"))
     run([Assignment(task, (0, 1), (entry,))], tmp_path)
     first = rows_of(tmp_path, task)
@@ -192,9 +193,10 @@ def test_more_cases_add_to_those_there_are(tmp_path, fake_tasks, plugin):
     assert all(after[key].origin == row.origin for key, row in first.items())
 
 
-def test_a_time_out_is_tried_again_with_more_time_only(tmp_path, fake_tasks, plugin, monkeypatch):
+def test_a_time_out_is_tried_again_with_more_time_only(tmp_path, fake_tasks, plugin, monkeypatch, prepared):
     monkeypatch.setattr(estimating, "MOST_TIMEOUTS", 1)
     plan = [Assignment(fake_tasks.Arcs(), (0, 1), (load_estimator(plugin("faulty:HangsInReset")),))]
+    prepared(tmp_path, fake_tasks.Arcs(), 0, 1)
     run(plan, tmp_path, timeout=0.4)
     reasons = sorted(str(row.failure) for row in ResultsStore(tmp_path).rows("arcs", 1))
     assert reasons == ["not tried after 1 episodes took over 0.4 s each", "took over 0.4 s"]
@@ -205,7 +207,7 @@ def test_a_time_out_is_tried_again_with_more_time_only(tmp_path, fake_tasks, plu
     assert heard.stages["running estimators"] == 2
 
 
-def test_damaged_files_are_named_and_computed_again(tmp_path, fake_tasks, plugin):
+def test_damaged_files_are_named_and_computed_again(tmp_path, fake_tasks, plugin, jobs_here):
     task, entry = fake_tasks.Arcs(), load_estimator(plugin("followers:Follower"))
     plan = [Assignment(task, (0, 1, 2), (entry,))]
     run(plan, tmp_path)
@@ -227,7 +229,7 @@ def test_damaged_files_are_named_and_computed_again(tmp_path, fake_tasks, plugin
         assert row.scores == before[key].scores
 
 
-def test_another_version_of_a_task_starts_anew(tmp_path, fake_tasks, plugin):
+def test_another_version_of_a_task_starts_anew(tmp_path, fake_tasks, plugin, jobs_here):
     task, entry = fake_tasks.Arcs(), load_estimator(plugin("followers:Follower"))
     newer = dataclasses.replace(task, version=2)
     run([Assignment(task, (0,), (entry,))], tmp_path)
@@ -237,7 +239,7 @@ def test_another_version_of_a_task_starts_anew(tmp_path, fake_tasks, plugin):
     assert ResultsStore(tmp_path).versions() == [("arcs", 1), ("arcs", 2)]
 
 
-def test_other_recordings_do_not_inherit_rows(tmp_path, fake_tasks, plugin):
+def test_other_recordings_do_not_inherit_rows(tmp_path, fake_tasks, plugin, jobs_here):
     """As when a folder of measured data is exchanged: the digest of the episode tells."""
     task, entry = fake_tasks.Arcs(), load_estimator(plugin("followers:Follower"))
     run([Assignment(task, (0,), (entry,))], tmp_path)
@@ -248,7 +250,7 @@ def test_other_recordings_do_not_inherit_rows(tmp_path, fake_tasks, plugin):
     assert rows_of(tmp_path, task)[entry.name, 0].episode == task.record(5).digest
 
 
-def test_an_edited_plug_in_gets_fresh_rows(tmp_path, fake_tasks):
+def test_an_edited_plug_in_gets_fresh_rows(tmp_path, fake_tasks, jobs_here):
     file, task, results = tmp_path / "mine.py", fake_tasks.Arcs(), tmp_path / "results"
     source = (
         "class Mine:\n def reset(self, robot, pose): self.pose = pose\n def update(self, seen): return self.pose{}\n"
@@ -271,7 +273,7 @@ def test_a_plug_in_edited_during_a_run_is_not_believed(tmp_path, fake_tasks, plu
     assert outcome == Failure("its source changed while the benchmark ran; run again")
 
 
-def test_a_task_without_its_data_is_left_out(tmp_path, fake_tasks, plugin):
+def test_a_task_without_its_data_is_left_out(tmp_path, fake_tasks, plugin, jobs_here):
     entry = load_estimator(plugin("followers:Follower"))
     absent = dataclasses.replace(fake_tasks.Arcs(), name="absent", missing="the data are on the moon")
     plan = [Assignment(task, (0, 1), (entry,)) for task in (absent, fake_tasks.BadInput(), fake_tasks.Arcs())]
@@ -280,7 +282,7 @@ def test_a_task_without_its_data_is_left_out(tmp_path, fake_tasks, plugin):
     assert ResultsStore(tmp_path).versions() == [("arcs", 1)]
 
 
-def test_a_task_with_a_bug_is_told_apart_from_bad_input(tmp_path, fake_tasks, plugin):
+def test_a_task_with_a_bug_is_told_apart_from_bad_input(tmp_path, fake_tasks, plugin, jobs_here):
     entry = load_estimator(plugin("followers:Follower"))
     with pytest.raises(RuntimeError, match=r"(?s)task broken, case 0.*ZeroDivisionError: a bug"):
         run([Assignment(fake_tasks.Broken(), (0,), (entry,))], tmp_path)
@@ -314,7 +316,7 @@ def test_stacks_are_of_alike_runs(fake_tasks, plugin):
             np.testing.assert_allclose(one, other, atol=1e-13)
 
 
-def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plugin, monkeypatch):
+def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plugin, monkeypatch, jobs_here):
     """Old episodes must not be mixed with edited physics: they are recorded anew, and only what differs is run."""
     plan = [Assignment(fake_tasks.Arcs(), (0, 1), (load_estimator(plugin("followers:Follower")),))]
     run(plan, tmp_path)
@@ -327,7 +329,7 @@ def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plug
     assert other.stages["running estimators"] == 0  # this world records the same
 
 
-def test_a_refusal_declines_the_robot_and_a_value_error_does_not(tmp_path, fake_tasks):
+def test_a_refusal_declines_the_robot_and_a_value_error_does_not(tmp_path, fake_tasks, jobs_here):
     """On a stack too; there other errors may be of broadcasting, and single runs are tried."""
     file, task = tmp_path / "mine.py", fake_tasks.Arcs()
     file.write_text(
@@ -367,12 +369,14 @@ def test_what_killed_runs_left_is_removed_and_what_is_being_written_stays(tmp_pa
             assert sorted(path.name for path in folder.iterdir()) == sorted(kept)
 
 
-def test_a_plug_in_cannot_change_the_scores_of_others(tmp_path, fake_tasks, plugin):
+def test_a_plug_in_cannot_change_the_scores_of_others(tmp_path, fake_tasks, plugin, prepared, in_this_process):
     """One worker process serves one plug-in only: what it does to its process ends with it."""
     task = fake_tasks.Arcs()
     honest = load_estimator("dead-reckoning")
     others = [load_estimator(plugin(f"saboteur:{kind}")) for kind in ("Saboteur", "Unspeakable", "Surrogate")]
-    run([Assignment(task, (0, 1), (honest,))], tmp_path / "alone")
+    with in_this_process():
+        run([Assignment(task, (0, 1), (honest,))], tmp_path / "alone")
+    prepared(tmp_path / "together", task, 0, 1)
     run([Assignment(task, (0, 1), (*others, honest))], tmp_path / "together", processes=1)
     alone, together = rows_of(tmp_path / "alone", task), rows_of(tmp_path / "together", task)
     for case in (0, 1):
@@ -383,7 +387,7 @@ def test_a_plug_in_cannot_change_the_scores_of_others(tmp_path, fake_tasks, plug
         assert together["saboteur:Surrogate", case].failure == "raised RuntimeError: ? ?[31m in reset"
 
 
-def test_a_copied_row_does_not_count_twice(tmp_path, fake_tasks):
+def test_a_copied_row_does_not_count_twice(tmp_path, fake_tasks, jobs_here):
     task = fake_tasks.Arcs()
     run([Assignment(task, (0, 1), (load_estimator("dead-reckoning"),))], tmp_path)
     (row,) = (tmp_path / "rows").rglob("0.npz")

@@ -43,7 +43,7 @@ FAULTY = {
     "OtherRobot": "returned a robot of another layout: wheels of its castors [2, 2, 2] instead of [2]",
     "OtherEncoders": "returned a robot of another layout: counts_per_rev of wheel 1 is 7.0 instead of 2000.0",
     "Impossible": "returned a robot that cannot be: ",
-    "Hangs": "took over 6 s",
+    "Hangs": "took over 3 s",
     "Dies": "ended its process (exit code 0)",
     "CannotBeMade": "raised RuntimeError: no when constructed",
 }
@@ -80,8 +80,8 @@ def test_official_calibration_tasks_name_their_odometry():
 
 
 @pytest.mark.parametrize("task", [t for t in calibration_tasks() if t.missing is None], ids=lambda task: task.name)
-def test_a_case_repeats_and_another_differs_in_recordings_too(task, tmp_path):
-    first, second = (task.record(case) for case in task.cases(2))
+def test_a_case_repeats_and_another_differs_in_recordings_too(task, tmp_path, recorded):
+    first, second = (recorded(task, case) for case in task.cases(2))
     assert task.record(0).digest == first.digest != second.digest
     for one, other in zip(first.calibration.recordings, second.calibration.recordings, strict=True):
         assert not np.array_equal(one.log.wheel, other.log.wheel)
@@ -95,18 +95,18 @@ def test_a_case_repeats_and_another_differs_in_recordings_too(task, tmp_path):
         np.testing.assert_array_equal(one.log.pivot, other.log.pivot)
 
 
-def test_no_recording_of_turns_has_a_reference_and_squares_have_their_ends_alone():
-    turns = TurnsCalibration().record(0).calibration
+def test_no_recording_of_turns_has_a_reference_and_squares_have_their_ends_alone(recorded):
+    turns = recorded(TurnsCalibration(), 0).calibration
     assert [one.held for one in turns.recordings] == [1, 1, 2, 2, 3, 3]
     assert all(one.log.reference is None for one in turns.recordings)
-    for one in SquaresCalibration().record(0).calibration.recordings:
+    for one in recorded(SquaresCalibration(), 0).calibration.recordings:
         assert one.side == 2.0
         np.testing.assert_array_equal(np.flatnonzero(np.isfinite(one.log.reference).all(axis=1)), [0, len(one.log) - 1])
 
 
-def test_the_squares_slip_as_much_as_stated():
+def test_the_squares_slip_as_much_as_stated(recorded):
     """Two recordings of one square differ by slip and phase alone: the variance grows with the rolled distance."""
-    recordings = SquaresCalibration().record(0).calibration.recordings
+    recordings = recorded(SquaresCalibration(), 0).calibration.recordings
     wheel = np.array([one.log.wheel[-1] for one in recordings[:5]]) * 2 * np.pi / 2000 * 0.075
     rolled = 8.0 + 2 * np.pi * 0.17
     assert np.std(wheel, axis=0, ddof=1).mean() == pytest.approx(SLIP * np.sqrt(rolled), rel=0.7)
@@ -139,11 +139,12 @@ def test_an_episode_for_another_odometry_source_is_recorded_again(by_arcs, tmp_p
 
 
 @pytest.fixture(scope="module")
-def turns(tmp_path_factory, plugin):
+def turns(tmp_path_factory, plugin, recorded, prepared):
     """Return the task of turns, its case 0, and the rows of the truth, the yardstick and pivoting."""
     task, folder = TurnsCalibration(), tmp_path_factory.mktemp("turns")
-    episode = task.record(0)
+    episode = recorded(task, 0)
     episode.calibration.true_robot.save(folder / "true.json")
+    prepared(folder / "results", task, 0)
     entries = tuple(map(load_calibration, (plugin("calibrators:Truth"), "uncalibrated", "pivoting")))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TRUE_ROBOT", str(folder / "true.json"))
@@ -204,12 +205,14 @@ def test_parameters_that_a_robot_has_not_are_no_score():
 
 
 @pytest.fixture(scope="module")
-def all_sorts(tmp_path_factory, by_arcs, plugin):
+def all_sorts(tmp_path_factory, by_arcs, plugin, prepared, one_owner):
     """Return the results folder and rows of good and faulty methods on two cases."""
     results = tmp_path_factory.mktemp("results")
     names = [plugin(f"calibrators:{kind}") for kind in ("Truth", "LooksForTruth", *FAULTY)]
     entries = tuple(load_calibration(name) for name in (*names, "uncalibrated"))
-    run([Assignment(by_arcs, (0, 1), entries)], results, processes=2, timeout=6.0)
+    prepared(results, by_arcs, 0, 1)
+    with one_owner():
+        run([Assignment(by_arcs, (0, 1), entries)], results, processes=2, timeout=3.0)
     return results, rows_of(results, by_arcs), entries
 
 
@@ -249,7 +252,7 @@ def test_scores_follow_from_the_stored_files_and_nothing_is_run_twice(all_sorts,
     again = {(found.row.estimator, found.row.case): found.row.scores for found in rescore(results, by_arcs.name, 1)}
     assert again == {key: row.scores for key, row in rows.items()}
     heard = Heard()
-    run([Assignment(by_arcs, (0, 1), entries)], results, timeout=6.0, progress=heard)
+    run([Assignment(by_arcs, (0, 1), entries)], results, timeout=3.0, progress=heard)
     assert heard.stages == {"recording episodes": 0, "running estimators": 0, "timing updates": 0}
 
 
@@ -290,13 +293,14 @@ def test_exported_recordings_are_what_methods_get(by_arcs, tmp_path):
     assert RobotDescription.load(tmp_path / "true-robot.json") == episode.calibration.true_robot
 
 
-def test_the_documented_method_beats_the_first_order_correction(tmp_path):
+def test_the_documented_method_beats_the_first_order_correction(tmp_path, prepared, jobs_here):
     text = (Path(__file__).parents[3] / "docs" / "benchmark.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(# headings\.py\n.*?)```", text, flags=re.S)
     (tmp_path / "headings.py").write_text(code)
     task = SquaresCalibration()
     entries = tuple(map(load_calibration, (str(tmp_path / "headings.py"), "umbmark-correction")))
-    run([Assignment(task, (0, 1), entries)], tmp_path / "results", processes=2)
+    prepared(tmp_path / "results", task, 0, 1)
+    run([Assignment(task, (0, 1), entries)], tmp_path / "results")
     rows = rows_of(tmp_path / "results", task)
     for case in (0, 1):
         mine, theirs = rows["headings:Headings", case].scores, rows["umbmark-correction", case].scores
@@ -315,7 +319,7 @@ def test_measured_squares_are_held_out():
 
 
 @pytest.fixture
-def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, by_arcs):
+def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, by_arcs, jobs_here):
     """Return a function that runs the command on one task of each kind, in an empty folder."""
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")

@@ -13,6 +13,7 @@ import pytest
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, tasks
+from benchmarks.tasks.task import odometry_of
 from castor_envs.vehicles.presets import preset
 from estimators.robots.cast import CAST
 from estimators.robots.ipec import IPEC
@@ -111,13 +112,13 @@ def rolled(request):
     return request.param, *roll_square(preset("asoc-prototype"), 1.0 if request.param == "ccw" else -1.0)
 
 
-def test_the_encoders_count_what_an_independent_roll_turns(rolled):
+def test_the_encoders_count_what_an_independent_roll_turns(rolled, recorded):
     direction, theta, wheel = rolled
     for case in (0, 1):
-        for recorded in CALIBRATED_TASK.record(case).runs:
-            if recorded.direction != direction:
+        for square in recorded(CALIBRATED_TASK, case).runs:
+            if square.direction != direction:
                 continue
-            log = recorded.log
+            log = square.log
             exact = wheel * 1200 / (2 * math.pi)
             phase = log.wheel - exact
             # One phase in [0, 1) explains every count of a channel: round(exact + phase).
@@ -130,11 +131,11 @@ def test_the_encoders_count_what_an_independent_roll_turns(rolled):
 
 @pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 @pytest.mark.parametrize("task", [UNCALIBRATED_TASK, CALIBRATED_TASK], ids=lambda task: task.name)
-def test_estimators_agree_with_an_independent_implementation(task):
+def test_estimators_agree_with_an_independent_implementation(task, recorded):
     for case in range(2):
-        episode = task.record(case)
-        for recorded in (episode.runs[0], episode.runs[-1]):
-            log, robot = recorded.log, episode.robot
+        episode = recorded(task, case)
+        for square in (episode.runs[0], episode.runs[-1]):
+            log, robot = square.log, episode.robot
             zeros = np.array([castor.pivot_zero for castor in robot.castors]) * 5143 / (2 * math.pi)
             pivots = log.pivot - zeros
             for ours, theirs in (
@@ -172,16 +173,28 @@ def test_official_tasks_are_named_apart_and_scored_by_a_known_metric():
         assert (task.missing is not None) == ("measured" in task.name)
 
 
-@pytest.mark.parametrize("task", [t for t in official_tasks(None) if t.missing is None], ids=lambda task: task.name)
-def test_an_episode_repeats_bit_for_bit(task):
+SLOW = {"umbmark-physics-cables", "umbmark-physics-slippery", "train-5-patch", "train-5-cables"}
+"""Tasks that take the longest to record, each of a kind with a quicker one."""
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        pytest.param(task, id=task.name, marks=[pytest.mark.slow] * (task.name in SLOW))
+        for task in official_tasks(None)
+        if task.missing is None and odometry_of(task) is None
+    ],
+)
+def test_an_episode_repeats_bit_for_bit(task, recorded):
+    """Those of calibration tasks: tests/benchmarks/tasks/test_calibration_tasks.py."""
     first, second = task.cases(2)
-    assert task.record(first).digest == task.record(first).digest != task.record(second).digest
+    assert task.record(first).digest == recorded(task, first).digest != recorded(task, second).digest
 
 
-def test_a_recorded_square_is_what_the_environment_gives_an_agent():
+def test_a_recorded_square_is_what_the_environment_gives_an_agent(recorded):
     """The benchmark's logs and a hand-written loop over the environment lead an estimator to the same estimate."""
     task = next(task for task in official_tasks(None) if task.name == "umbmark-physics-clean")
-    episode = task.record(0)
+    episode = recorded(task, 0)
     env = gym.make("castor/UMBmark-v0", direction="cw")
     seed = int(np.random.SeedSequence([0, 2, 0, 0]).generate_state(1)[0])
     observation, info = env.reset(seed=seed)

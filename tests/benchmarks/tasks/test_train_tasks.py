@@ -350,7 +350,7 @@ class OfRobots:
 
 
 @pytest.fixture
-def castor_bench(monkeypatch, capsys, tmp_path):
+def castor_bench(monkeypatch, capsys, tmp_path, jobs_here):
     """Return a function that runs the command in an empty folder; it returns code, out and err."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("CASTOR_DATA", raising=False)
@@ -465,7 +465,7 @@ def test_a_metric_of_which_more_is_better_ranks_nothing(tmp_path, fake_trains):
     assert unranked == ["share_within_5cm", "sound_axle_chosen"]
 
 
-def test_a_driving_train_passes_a_whole_run(tmp_path, fake_trains):
+def test_a_driving_train_passes_a_whole_run(tmp_path, fake_trains, jobs_here):
     (tmp_path / "mine.py").write_text("from estimators.trains.grpec import GRPECXY\nclass Mine(GRPECXY):\n    pass\n")
     run([Assignment(fake_trains.Ahead(), (0,), (load_estimator(str(tmp_path / "mine.py")),))], tmp_path / "results")
     (row,) = ResultsStore(tmp_path / "results").rows("ahead", 1)

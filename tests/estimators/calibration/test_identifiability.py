@@ -75,8 +75,13 @@ def with_pivots():
     return calibrate(described, [log], pivots=True, noise=SLIP)
 
 
-def test_four_changes_are_seen_by_no_encoder_and_have_names(with_pivots):
-    left = {one.what: one.shown_by for one in unseen_of(with_pivots)}
+@pytest.fixture(scope="module")
+def unseen_with_pivots(with_pivots):
+    return unseen_of(with_pivots)
+
+
+def test_four_changes_are_seen_by_no_encoder_and_have_names(with_pivots, unseen_with_pivots):
+    left = {one.what: one.shown_by for one in unseen_with_pivots}
     assert set(left) == {
         "the scale (all lengths together)",
         "the direction of the body's axes",
@@ -99,9 +104,9 @@ def test_words_say_what_would_help():
     assert "a drive would show it" in str(Unseen("x", "a drive", moves))
 
 
-def test_what_nobody_saw_is_in_no_interval_unsaid(with_pivots):
+def test_what_nobody_saw_is_in_no_interval_unsaid(with_pivots, unseen_with_pivots):
     """The file's scale is off: intervals that do not know of it miss; with what they are told to rest on, they hold."""
-    found, unseen = with_pivots, unseen_of(with_pivots)
+    found, unseen = with_pivots, unseen_with_pivots
     scale = np.array([p.scale for p in found.parameters])
     geometry = Geometry.of(built(n_castor(3), 1))
     off = np.abs(found.after - values_of(geometry, found.parameters))

@@ -151,7 +151,7 @@ def test_steady_turns_tell_what_equations_1_to_9_tell(n, robots, exact_motion):
 
 def test_castors_that_swing_in_tell_more_than_steady_ones(exact_motion):
     errors = {"likely": [], "closed": []}
-    for seed in range(6):
+    for seed in range(3):
         described = preset("asoc-prototype")
         true = wrong(described, seed)
         runs = turns(exact_motion, true, seed, theta=lambda random: random.uniform(-np.pi, np.pi, 3))
@@ -165,6 +165,7 @@ def test_castors_that_swing_in_tell_more_than_steady_ones(exact_motion):
     assert beta < beta_closed / 2
 
 
+@pytest.mark.slow
 def test_intervals_cover_and_noise_is_found(exact_motion):
     z, position, heading, along = [], [], [], []
     for seed in range(8):
@@ -343,8 +344,8 @@ def nuisance(motion, random, mount, clock, world, seconds):
 def tracked(exact_motion):
     """A base on three castors as built, its motion, and what a faultless reference tells."""
     true = wrong(n_castor(3), 4)
-    motion = wander_of(exact_motion, true, 30, seconds=62.0, speed=0.15)
-    plain = calibrate(n_castor(3), [nuisance(motion, np.random.default_rng(1), (0, 0, 0), (0, 0), 0.0, 60.0)])
+    motion = wander_of(exact_motion, true, 30, seconds=42.0, speed=0.15)
+    plain = calibrate(n_castor(3), [nuisance(motion, np.random.default_rng(1), (0, 0, 0), (0, 0), 0.0, 40.0)])
     return true, motion, plain
 
 
@@ -354,7 +355,7 @@ def test_tracked_point_axes_and_clock_of_the_reference_are_found(sign, inside, t
     """inside: no pose was taken before the log's first sample or after its last one, by the log's own clock."""
     true, motion, plain = tracked
     mount, clock = np.array([0.03, 0.01, np.radians(2.0)]), sign * np.array([0.12, 1e-3])
-    log = nuisance(motion, np.random.default_rng(1), mount, clock, 1.0, 60.0)
+    log = nuisance(motion, np.random.default_rng(1), mount, clock, 1.0, 40.0)
     if inside:
         log.reference[[*range(10), *range(-10, 0)]] = np.nan
     found = calibrate(n_castor(3), [log])
@@ -536,6 +537,7 @@ def sessions():
     return find_sessions(root)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["140120211508", "140120211525"])
 def test_measured_tricycle(name, sessions):
     session = read_session(sessions[name])
