@@ -32,7 +32,7 @@ from discrepancy.trains.diagnosis import diagnose_train
 from discrepancy.trains.trial import run as train_run
 from discrepancy.trains.trial import scores as train_scores
 from discrepancy.trials import run, scores
-from discrepancy.trials.run import DURATION, ROBOT
+from discrepancy.trials.run import DURATION
 
 
 class _FindUnlessTold(TyperGroup):
@@ -202,42 +202,42 @@ def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: boo
 def trial(
     cases: Annotated[
         int,
-        typer.Option(help="How many cases; of every twenty, three have no effect (of trains, four).", min=1, max=9999),
+        typer.Option(help="How many cases; of every twenty, four have no effect.", min=1, max=9999),
     ] = 20,
     generator: Annotated[
         str, typer.Option(help="The simulator that makes the logs: pymunk (the project's own), mujoco or bullet.")
     ] = "pymunk",
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
-    robot: Annotated[str, typer.Option(help="A preset's name, of a robot or a train.")] = ROBOT,
+    robot: Annotated[
+        str | None, typer.Option(help="A preset's name, of a robot or a train. Default: all robots that can be judged.")
+    ] = None,
+    finder: Annotated[str, typer.Option(help="Which finder of robots' effects to judge: old or posterior.")] = "old",
     duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
         Path | None,
         typer.Option(help="Keep logs, labels and outcomes in this folder; a trial that is there continues."),
     ] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes at a time; default: one per core.", min=1)] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/2).")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/3).")] = False,
 ) -> None:
     """Hide effects in simulated logs, diagnose the logs in separate processes, and score the diagnoses."""
+
+    def run_in(folder: Path) -> None:
+        if robot in train_names():
+            _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
+            return
+        run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
+        run.judge(folder, finder, jobs=jobs)
+        scored = scores.report(folder, finder)
+        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
+
     if out is not None:
         with command_line.keeping(f"what is done is kept in {out}: the same command continues"):
-            _trial(cases, generator, seed, robot, duration, out, jobs, as_json)
+            run_in(out)
         return
     scratch = Path(tempfile.mkdtemp())
     with command_line.ending_with(lambda: shutil.rmtree(scratch, ignore_errors=True)):
-        _trial(cases, generator, seed, robot, duration, scratch / "trial", jobs, as_json)
-
-
-def _trial(
-    cases: int, generator: str, seed: int, robot: str, duration: float, folder: Path, jobs: int | None, as_json: bool
-) -> None:
-    if robot in train_names():
-        _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
-        return
-    run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
-    run.judge(folder, jobs=jobs)
-    run.resimulate(folder, jobs=jobs)
-    scored = scores.report(folder)
-    print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
+        run_in(scratch / "trial")
 
 
 def _trial_of_train(
