@@ -211,7 +211,7 @@ def trial(
     robot: Annotated[
         str | None, typer.Option(help="A preset's name, of a robot or a train. Default: all robots that can be judged.")
     ] = None,
-    finder: Annotated[str, typer.Option(help="Which finder of robots' effects to judge: old or posterior.")] = "old",
+    finder: Annotated[str, typer.Option(help="Which finder to judge: selection or posterior.")] = "selection",
     duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
         Path | None,

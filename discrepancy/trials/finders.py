@@ -13,14 +13,14 @@ from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.diagnose import examine
+from discrepancy.diagnose import examine, posterior_of
 from discrepancy.hypotheses.candidates import family_of
 from discrepancy.inference.findings import Finding
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.finder import diagnose
+from discrepancy.preflight import Mistake
 from discrepancy.trials.strength.separation import class_of
 
-FinderName = Literal["old", "posterior"]
+FinderName = Literal["selection", "posterior"]
 
 NORMAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
@@ -79,7 +79,7 @@ Finder = Callable[[RobotDescription, Logs, Logs, Logs], Said]
 
 def finder(name: str) -> Finder:
     """Return a finder; raises InputError for an unknown one."""
-    known: dict[str, Finder] = {"old": _old, "posterior": _posterior}
+    known: dict[str, Finder] = {"selection": _selection, "posterior": _posterior}
     if name not in known:
         raise InputError(f"unknown finder {name!r}; there are {' and '.join(known)}")
     return known[name]
@@ -112,8 +112,18 @@ def _size(effect: Effect, error: float | None) -> Size:
 
 def _posterior(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
     """Ask the posterior of single effects."""
-    found = diagnose(robot, list(logs.values()), list(held_out.values()), list(clean.values()))
-    return said_of([_single(robot, one) for one in found.answers], "; ".join(one.reason for one in found.answers))
+    mistakes, found = posterior_of(robot, logs, held_out, clean)
+    singles = [*_of_mistakes(mistakes), *(_single(robot, answer) for answer in found.answers)]
+    return said_of(singles, "; ".join(answer.reason for answer in found.answers))
+
+
+def _of_mistakes(mistakes: Sequence[Mistake]) -> list[Single]:
+    """Return what gross mistakes are told to be."""
+    singles = []
+    for mistake in mistakes:
+        sure = "ambiguous" if mistake.alternatives else "named"
+        singles += [Single(sure, {class_of(effect): 1.0}, (class_of(effect),)) for effect in mistake.effects]
+    return singles
 
 
 def _single(robot: RobotDescription, answer: Answer) -> Single:
@@ -135,14 +145,10 @@ def _class_named(family: str, classes: Mapping[str, str]) -> str | None:
     return classes.get(family, name if name in EFFECTS else None)
 
 
-def _old(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
+def _selection(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
     """Ask the forward selection. It tells no probabilities: they are what its deviances say of the names it gives."""
     examined = examine(robot, logs, held_out, clean, replayed=False)
-    singles = []
-    for mistake in examined.mistakes:
-        names = tuple(map(class_of, mistake.effects))
-        sure = "ambiguous" if mistake.alternatives else "named"
-        singles += [Single(sure, {name: 1.0}, (name,)) for name in names]
+    singles = _of_mistakes(examined.mistakes)
     singles += [_of_finding(finding) for finding in examined.diagnosis.findings]
     said = said_of(singles, str(examined.data["reason"]))
     effects = () if examined.found is None else examined.found.effects[len(robot.effects) :]

@@ -4,7 +4,7 @@
     cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): what the finder is given
     clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which it is given besides in some cases
     labels/case-0001.json, .npz     what is hidden and how strong it is; the true path of the held-out log
-    outcomes/old/case-0001.json     what a finder said
+    outcomes/selection/case-0001.json     what a finder said
 
 Files that are there already are kept, so a trial that was interrupted continues, and several finders may be judged by
 the same cases. To judge a finder again, delete its outcomes.

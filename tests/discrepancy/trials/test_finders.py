@@ -30,7 +30,7 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
 
 
 def posterior_says(monkeypatch, *answers):
-    monkeypatch.setattr(finders, "diagnose", lambda *_: cast("Any", Answers(list(answers))))
+    monkeypatch.setattr(finders, "posterior_of", lambda *_: ((), cast("Any", Answers(list(answers)))))
     return finder("posterior")(ROBOT, {}, {}, {})
 
 
@@ -118,7 +118,7 @@ class Examined:
 def old_says(monkeypatch, verdict, findings=(), mistakes=(), found=None):
     examined = Examined({"verdict": verdict, "reason": "so"}, Diagnosed(findings), mistakes, found)
     monkeypatch.setattr(finders, "examine", lambda *_, **__: cast("Any", examined))
-    return finder("old")(ROBOT, {}, {}, {})
+    return finder("selection")(ROBOT, {}, {}, {})
 
 
 def rank(kind=None, gain=40.0):
