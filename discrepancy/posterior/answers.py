@@ -80,7 +80,7 @@ def answers_of(
             continue
         probability = component.probability
         members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
-        best = max((k for k in members if single.hypotheses[k].name == credible[0]), key=lambda k: probability[k])
+        best = max(members, key=lambda k: (_is_called(seen, places[k], credible[0]), probability[k]))
         same = [k for k in members if places[k].candidate == places[best].candidate]
         weight = probability[same] / probability[same].sum()
         mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same])
@@ -100,6 +100,11 @@ def answers_of(
         before = answers.get(answer.candidate)
         answers[answer.candidate] = answer if before is None else _added(before, answer)
     return list(answers.values())
+
+
+def _is_called(seen: Linearised, place: Place, name: str) -> bool:
+    """Whether a hypothesis is about the candidate that a name stands for, of those that are one and the same."""
+    return seen.candidates[place.candidate].family == name
 
 
 def _added(first: Answer, second: Answer) -> Answer:

@@ -20,7 +20,9 @@ RADIUS, BIAS = WheelRadius(castor=1, wheel=1, value=0.02), PivotBias(castor=2, v
 @cache
 def driven(robot, seed, *effects):
     described = preset(robot)
-    motion = wander(np.random.default_rng([seed, 1]), duration=25.0, holonomic=robot != "differential")
+    motion = wander(
+        np.random.default_rng([seed, 1]), duration=25.0, holonomic=robot not in ("differential", "tricycle")
+    )
     return drive(described.with_effects(*effects), motion, seed, duration=25.0)
 
 
@@ -47,6 +49,15 @@ def test_an_effect_is_named_within_its_interval_and_the_gap_shrinks(effect):
     assert after.gap[0] < before.gap[0]
     assert diagnosis.inclusion[answer.credible[0]] > 0.95
     assert diagnosis.found.effects == (answer.effect,)
+
+
+@pytest.mark.parametrize("robot", ["swerve", "powered-caster", "tricycle"])
+def test_a_wheel_of_any_robot_is_named_not_a_latency_that_looks_like_it(robot):
+    diagnosis = diagnose(preset(robot), [driven(robot, 1, RADIUS)])
+    (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
+    assert (answer.verdict, answer.credible) == ("named", ("wheel_radius 1 1",))
+    assert abs(answer.size - RADIUS.value) < 2 * answer.error
+    assert answer.error < 0.1 * RADIUS.value
 
 
 def test_two_effects_are_named_together():
