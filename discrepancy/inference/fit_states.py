@@ -61,11 +61,9 @@ def settled(
         at, sizes, _ = fitted(models, geometry, (), none, noise, least=least)
     else:
         at, sizes = start[0], noise or start[1]
-    if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
-        channels = Channels(robot)
-        for model, log, state in zip(models, logs, at.states, strict=True):
-            counts = state[:, 3:]
-            model.correct(channels.read(robot, log, counts) - counts)
+    off: list[Array | float] = [0.0] * len(models)  # what its sensors make of angles, which is taken off the counts
+    if robot.effects:
+        off = _corrected(robot, models, logs, at, off)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), least=least)
     parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
@@ -81,7 +79,25 @@ def settled(
         at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS, least=least)
         if not k:
             return at, sizes, replace(shared, mount=at.mount), slips
+        if robot.effects:
+            off = _corrected(robot, models, logs, at, off)
         k -= 1
+
+
+def _corrected(
+    robot: RobotDescription,
+    models: Sequence[LogLikelihood],
+    logs: Sequence[Log],
+    at: State,
+    off: Sequence[Array | float],
+) -> list[Array | float]:
+    """Take off the counts what a robot's sensors make of the angles of a state, for what was taken off before."""
+    channels, now = Channels(robot), []
+    for model, log, state, before in zip(models, logs, at.states, off, strict=True):
+        counts = state[:, 3:]
+        now.append(channels.read(robot, log, counts) - counts)
+        model.correct(now[-1] - before)
+    return now
 
 
 def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> None:

@@ -61,7 +61,7 @@ class GoodOrder:
 def together(logs: Sequence[Statistics]) -> Statistics:
     """Return what independent logs say together."""
     information, score = (np.sum([log[k] for log in logs], axis=0) for k in (0, 1))
-    return Statistics(information, score)
+    return Statistics(np.asarray(information), np.asarray(score))
 
 
 def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:

@@ -3,11 +3,10 @@
 import dataclasses
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
@@ -17,12 +16,12 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import together
 
-REFITS, SETTLED, HALVINGS = 5, 0.1, 5
+REFITS, SETTLED, HALVINGS = 6, 0.1, 4
 """Rounds at most; the part of its standard error by which no size changes in the end; and how often a change is halved
-that no robot can have."""
+that no robot can have, or with which logs are explained worse."""
 
-MOST_AHEAD = 0.6
-"""Part of a change that the next one is taken to be, at most, to go all their way at once."""
+WORSE = 2.0
+"""Times more noise, of slip along and across and of the reference together, with which logs are explained worse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,40 +62,48 @@ def refitted(
     robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], seen: Linearised, creep: Array | None
 ) -> tuple[tuple[Sized, ...], Linearised]:
     """Return effects as large as logs ask for, and what is seen beside them, of their own candidates only."""
-    now, before = tuple(named), None
-    for turn in range(REFITS):
-        now, seen = _beside(robot, logs, now, seen, creep)
+    none = tuple(one.moved(-one.amplitudes) for one in named)
+    now, seen = _nearer(robot, logs, none, tuple(named), seen, creep)
+    for _ in range(REFITS):
         now = tuple(one for one in now if np.any(one.amplitudes))
-        if not now or turn == REFITS - 1:
+        if not now:
             break
         said = together(seen.logs)
         columns = np.concatenate([seen.columns[seen.candidates.index(one.candidate)] for one in now])
         information = said.information[np.ix_(columns, columns)]
         changes = np.linalg.lstsq(information, said.score[columns], rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
-        scaled = changes / errors
-        if before is not None and len(before) == len(scaled) and before @ before > 0:
-            scaled = scaled / (1 - float(np.clip(scaled @ before / (before @ before), 0.0, MOST_AHEAD)))
-        before = changes / errors
-        if np.all(np.abs(before) < SETTLED):
+        if np.all(np.abs(changes) < SETTLED * errors):
             break
         ends = np.cumsum([one.candidate.columns for one in now])[:-1]
-        now = tuple(one.moved(by) for one, by in zip(now, np.split(scaled * errors, ends), strict=True))
+        wanted = tuple(one.moved(by) for one, by in zip(now, np.split(changes, ends), strict=True))
+        now, seen = _nearer(robot, logs, now, wanted, seen, creep)
     return now, seen
 
 
-def _beside(
+def _nearer(
     robot: RobotDescription,
     logs: Sequence[Log],
-    named: tuple[Sized, ...],
+    now: tuple[Sized, ...],
+    wanted: tuple[Sized, ...],
     seen: Linearised,
     creep: Array | None,
 ) -> tuple[tuple[Sized, ...], Linearised]:
-    """Return effects, smaller if no robot can have them or no motion explains logs with them, and what is seen."""
-    among = [one.candidate for one in named]
+    """Return effects as large as wanted, or half-way there and so on, until logs are not explained worse."""
+    among = [one.candidate for one in wanted]
     for _ in range(HALVINGS):
-        if possible(robot, named):
+        if possible(robot, wanted):
             with suppress(np.linalg.LinAlgError):
-                return named, linearise(robot_with(robot, named), logs, start=seen, creep=creep, among=among)
-        named = tuple(one.moved(-one.amplitudes / 2) for one in named)
-    raise InputError("no motion explains the logs with the effects that they ask for")
+                found = linearise(robot_with(robot, wanted), logs, start=seen, creep=creep, among=among)
+                if _noise(found) < np.log(WORSE) + _noise(seen):
+                    return wanted, found
+        halves = zip(now, wanted, strict=True)
+        wanted = tuple(one.moved((other.amplitudes - one.amplitudes) / 2) for one, other in halves)
+    now = tuple(one for one in now if np.any(one.amplitudes))
+    among = [one.candidate for one in now]
+    return now, linearise(robot_with(robot, now), logs, start=seen, creep=creep, among=among)
+
+
+def _noise(seen: Linearised) -> float:
+    """Return the logarithm of the product of all sizes of noise."""
+    return float(np.sum(np.log(astuple(seen.noise))))
