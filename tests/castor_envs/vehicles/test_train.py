@@ -41,7 +41,7 @@ def test_a_train_survives_its_file(name, tmp_path):
 
 
 def test_presets_are_trains_of_two_to_ten_axles():
-    assert [load_train(name).n_axles for name in train_names()] == list(range(2, 11))
+    assert [load_train(f"cfmmr-{n}").n_axles for n in range(2, 11)] == list(range(2, 11))
     for n in (2, 7, 10):
         train = cfmmr(n)
         assert train.n_axles == len(train.modules) == len(train.frames) + 1 == n
