@@ -364,6 +364,15 @@ def test_an_unknown_vehicle_is_refused_with_advice(spec, said):
             load(spec)
 
 
+def test_a_file_of_another_kind_is_told_from_a_preset(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("log.csv", "swerve"):
+        (tmp_path / name).write_text("t\n")
+    with pytest.raises(InputError, match=r"log\.csv: files of robots and trains end in \.json"):
+        load_vehicle("log.csv")
+    assert load_vehicle("swerve") == preset("swerve")
+
+
 def test_a_robot_is_no_train_and_a_train_no_robot(tmp_path):
     with pytest.raises(InputError, match="is a robot, not a train"):
         load_train("differential")
