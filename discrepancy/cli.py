@@ -17,7 +17,7 @@ from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
-from castor_envs.vehicles.presets import train_names
+from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.diagnose import examine, posterior_of
@@ -223,7 +223,7 @@ def trial(
     """Hide effects in simulated logs, diagnose the logs in separate processes, and score the diagnoses."""
 
     def run_in(folder: Path) -> None:
-        if robot in train_names():
+        if robot is not None and isinstance(any_preset(robot), TrainDescription):
             _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
             return
         run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)

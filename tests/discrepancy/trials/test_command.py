@@ -55,6 +55,7 @@ def test_what_is_unknown_is_told(capsys):
     for options, known in (
         (("--generator", "gazebo"), "pymunk"),
         (("--cases", "1", "--finder", "magic"), "posterior"),
+        (("--robot", "cfmmr-33"), "did you mean 'cfmmr-"),
     ):
         code, printed = trial(capsys, *options)
         assert code == 2
