@@ -76,7 +76,8 @@ def refitted(
         if np.all(np.abs(changes) < SETTLED * errors):
             break
         ends = np.cumsum([one.candidate.columns for one in now])[:-1]
-        wanted = tuple(one.moved(by) for one, by in zip(now, np.split(changes, ends), strict=True))
+        moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
+        wanted = tuple(one.moved(by) for one, by in zip(now, moves, strict=True))
         now, seen = _nearer(robot, logs, now, wanted, seen, creep)
     return now, seen
 

@@ -42,7 +42,7 @@ LOSS = TickLoss(castor=2, wheel=1, value=2e-3, above=5.0)
 def rolled(*effects: Effect, seed: int) -> Log:
     """A log of perfect rolling with effects."""
     robot = ROBOT.with_effects(*effects)
-    motion = roll(robot.as_built(), wander(np.random.default_rng([seed, 1]), duration=20.0), [0.3, 2.0, -1.5])
+    motion = roll(robot.as_built(), wander(np.random.default_rng([seed, 1]), duration=30.0), [0.3, 2.0, -1.5])
     encoders = Encoders(Geometry.of(robot.as_built()), np.full(6, 0.4))
     wheel, castor = readings(robot, motion.t, motion.wheel_angle, motion.castor_angle)
     reference = motion.pose + np.random.default_rng([seed, 3]).normal(size=motion.pose.shape) * 1e-3
@@ -250,8 +250,8 @@ def test_two_effects_that_do_better_together_take_the_place_of_what_was_found():
 def test_creep_in_the_model_and_creep_that_is_wanted_add_up():
     """Whatever part of it the model has, contacts must creep as much in all."""
     true = ContactCreep(value=2e-4)
-    motion = wander(np.random.default_rng([1, 1]), duration=20.0)
-    log = drive(ROBOT.with_effects(true), motion, 1, duration=20.0)
+    motion = wander(np.random.default_rng([1, 1]), duration=30.0)
+    log = drive(ROBOT.with_effects(true), motion, 1, duration=30.0)
     wanted = []
     for value in (5e-5, 1e-4, 2e-4):
         seen = evidence_of(ROBOT.with_effects(ContactCreep(value=value)), [log], among=[of(true)])

@@ -45,8 +45,11 @@ def test_an_effect_is_named_within_its_interval_and_the_gap_shrinks(effect):
     assert (answer.verdict, type(answer.effect)) == ("named", type(effect))
     assert abs(answer.size - effect.value) < 3 * answer.error
     assert answer.probability > 0.95
-    before, after = diagnosis.held_out
-    assert after.gap[0] < before.gap[0]
+    assert diagnosis.held_out is not None
+    before, after = (seen.gap for seen in diagnosis.held_out)
+    assert before is not None
+    assert after is not None
+    assert after[0] < before[0]
     assert diagnosis.inclusion[answer.credible[0]] > 0.95
     assert diagnosis.found.effects == (answer.effect,)
 
