@@ -5,26 +5,12 @@ import json
 
 import pytest
 
-from benchmarks import cli
 from benchmarks.papers.assumptions import Assumptions, option_name
-from castor_envs import command_line
 from castor_envs.effects.dimensions import PivotBias
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset
 
 NAMES = tuple(one.name for one in dataclasses.fields(Assumptions))
-
-
-@pytest.fixture
-def castor_bench(capsys):
-    """Return a function that runs the command; it returns code, out and err."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as leaving:
-            command_line.run(cli.app, [str(argument) for argument in arguments])
-        return (leaving.value.code, *capsys.readouterr())
-
-    return call
 
 
 def test_every_assumption_is_an_option_with_default_and_reason(castor_bench, monkeypatch):

@@ -8,11 +8,9 @@ import re
 import matplotlib.image
 import pytest
 
-from benchmarks import cli
 from benchmarks.papers import select_tables
 from benchmarks.papers.comparison import Comparison, Effort
 from benchmarks.tasks.static_tests import STATIC_TESTS
-from castor_envs import command_line
 
 METRICS = ("theta_xy", "theta_phi", "theta_dev")
 
@@ -85,18 +83,6 @@ def all_values(name):
     (source,) = select_tables([name])
     table = source.compute(Effort())
     return {(*(value for _, value in one.place), one.quantity): one for one in table.comparisons}
-
-
-@pytest.fixture
-def castor_bench(capsys):
-    """Return a function that runs the command; it returns code, out and err."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as leaving:
-            command_line.run(cli.app, [str(argument) for argument in arguments])
-        return (leaving.value.code, *capsys.readouterr())
-
-    return call
 
 
 def test_odometry_is_that_of_the_captions_front_first():

@@ -97,15 +97,21 @@ def test_the_same_seed_gives_the_same_episode_bit_for_bit(name):
     assert not np.array_equal(play(env, 8), first)
 
 
-@pytest.mark.parametrize("name", IDS)
-def test_the_same_seed_gives_the_same_episode_in_another_process(name):
+@pytest.fixture(scope="module")
+def played_elsewhere():
+    """What another process gets of a seeded episode in each environment, as bytes."""
     code = (
-        "import sys, gymnasium as gym, castor_envs; sys.path.insert(0, sys.argv[1]); import test_envs;"
-        "sys.stdout.write(test_envs.play(gym.make(sys.argv[2]), 11).tobytes().hex())"
+        "import sys, gymnasium as gym, castor_envs; sys.path.insert(0, sys.argv[1]); import test_envs\n"
+        "for name in sys.argv[2:]: print(test_envs.play(gym.make(name), 11).tobytes().hex())"
     )
-    command = [sys.executable, "-c", code, os.path.dirname(__file__), name]
-    other = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert bytes.fromhex(other) == play(gym.make(name), 11).tobytes()
+    command = [sys.executable, "-c", code, os.path.dirname(__file__), *IDS]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    return dict(zip(IDS, map(bytes.fromhex, lines), strict=True))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_same_seed_gives_the_same_episode_in_another_process(name, played_elsewhere):
+    assert played_elsewhere[name] == play(gym.make(name), 11).tobytes()
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -231,22 +237,30 @@ def test_the_recorder_writes_what_was_driven(tmp_path):
     np.testing.assert_allclose(log.t, 0.05 * np.arange(len(counts)), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", IDS)
-def test_a_video_is_recorded_without_a_display(name, tmp_path):
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory):
+    """The folder with a folder of videos of each environment, recorded by a process without a display."""
     if importlib.util.find_spec("moviepy") is None:
         pytest.skip("moviepy is not installed (extra 'video')")
     code = (
         "import sys, gymnasium as gym, castor_envs\n"
-        "env = gym.wrappers.RecordVideo(gym.make(sys.argv[1], render_mode='rgb_array'), sys.argv[2], video_length=5)\n"
-        "env.reset(seed=0)\n"
-        "for _ in range(8): env.step(env.action_space.sample())\n"
-        "env.close()\n"
+        "for name in sys.argv[2:]:\n"
+        "    env = gym.make(name, render_mode='rgb_array')\n"
+        "    env = gym.wrappers.RecordVideo(env, f'{sys.argv[1]}/{name}', video_length=5)\n"
+        "    env.reset(seed=0)\n"
+        "    for _ in range(8): env.step(env.action_space.sample())\n"
+        "    env.close()\n"
     )
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    subprocess.run([sys.executable, "-c", code, name, str(tmp_path)], check=True, env=environment, capture_output=True)
-    videos = list(tmp_path.glob("*.mp4"))
-    assert len(videos) == 1
-    assert videos[0].stat().st_size > 1000
+    folder = tmp_path_factory.mktemp("videos")
+    subprocess.run([sys.executable, "-c", code, str(folder), *IDS], check=True, env=environment, capture_output=True)
+    return folder
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_video_is_recorded_without_a_display(name, videos):
+    (video,) = (videos / name).glob("*.mp4")
+    assert video.stat().st_size > 1000
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -56,6 +56,7 @@ class Model:
         self.in_body = np.array([complex(*robot.center_of_mass), *pivots, *pivots[self.of]])
         self.in_castor = np.array([0.0, *-offsets, *(-offsets[self.of] + 1j * lateral)])
         self.castor = np.array([-1, *range(len(castors)), *self.of])
+        self.points_on = {column: np.flatnonzero(self.castor == i) for i, column in self.column.items()}
 
         self.radius = np.array([wheel.radius for wheel in robot.wheels])
         self.spin_inertia = np.array([wheel.inertia for wheel in robot.wheels])
@@ -75,8 +76,8 @@ class Model:
         body, arm = e * self.in_body, e * np.exp(1j * theta)[self.castor] * self.in_castor
         by_q = np.zeros((len(body), self.dofs), dtype=complex)
         by_q[:, 0], by_q[:, 1], by_q[:, 2] = 1, 1j, 1j * (body + arm)
-        for i, column in self.column.items():
-            by_q[:, column] = np.where(self.castor == i, 1j * arm, 0)
+        for column, on in self.points_on.items():
+            by_q[on, column] = 1j * arm[on]
         spin = rates[2] + np.append(turning, 0.0)[self.castor]
         return by_q, by_q @ rates, -(rates[2] ** 2) * body - spin**2 * arm, e * np.exp(1j * theta)
 
@@ -144,12 +145,12 @@ def wanted_twist(robot, t, speed):
     ("name", "friction", "speed"),
     [
         ("asoc-prototype", 0.8, 0.5),
-        ("asoc-prototype", 0.15, 0.4),  # slides most of the time
+        pytest.param("asoc-prototype", 0.15, 0.4, marks=pytest.mark.slow),  # slides most of the time
         ("differential", 0.15, 0.8),
         ("powered-caster", 0.8, 0.25),
     ],
 )
-def test_an_independent_integration_agrees_within_three_millimetres(name, friction, speed):
+def test_an_independent_integration_agrees_within_a_millimetre(name, friction, speed):
     robot = preset(name)
     robot = dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, friction=friction))
     floor = Floor(slope=(0.06, -0.04))
@@ -157,12 +158,12 @@ def test_an_independent_integration_agrees_within_three_millimetres(name, fricti
     even = weight / math.sqrt(1 + 0.06**2 + 0.04**2) / len(robot.wheels)
     model = Model(robot, floor, [even] * len(robot.wheels))
     world, controller, commands, path = RobotWorld(robot, floor), KinematicController(robot), [], []
-    for k in range(round(5.0 / robot.sample_period)):
+    for k in range(round(2.5 / robot.sample_period)):
         wanted = wanted_twist(robot, (k + 0.5) * robot.sample_period, speed)
         commands.append(controller.commands(world.castor_angles, wanted))
         world.advance(*commands[-1])
         path.append([*world.pose, *world.castor_angles[model.free]])
     path, expected = np.array(path), integrated(model, commands, np.zeros(model.dofs))
     assert np.ptp(path[:, :2]) > 0.2
-    assert np.max(np.hypot(*(path - expected)[:, :2].T)) < 3e-3
+    assert np.max(np.hypot(*(path - expected)[:, :2].T)) < 1e-3
     assert np.max(np.abs(path[:, 2:] - expected[:, 2:])) < 5e-3
