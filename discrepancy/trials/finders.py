@@ -114,7 +114,10 @@ def _posterior(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs)
     """Ask the posterior of single effects."""
     mistakes, found = posterior_of(robot, logs, held_out, clean)
     singles = [*_of_mistakes(mistakes), *(_single(robot, answer) for answer in found.answers)]
-    return said_of(singles, "; ".join(answer.reason for answer in found.answers))
+    reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in found.answers)]
+    undone = [effect for mistake in mistakes if not mistake.alternatives for effect in mistake.effects]
+    said = said_of(singles, "; ".join(reasons))
+    return dataclasses.replace(said, effects=(*said.effects, *undone))
 
 
 def _of_mistakes(mistakes: Sequence[Mistake]) -> list[Single]:

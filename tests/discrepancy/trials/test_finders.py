@@ -29,8 +29,8 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
     return Answer(probabilities, credible, kind is None, candidate, *sizes, 0.0, 9.0, np.zeros(2), verdict, "so")
 
 
-def posterior_says(monkeypatch, *answers):
-    monkeypatch.setattr(finders, "posterior_of", lambda *_: ((), cast("Any", Answers(list(answers)))))
+def posterior_says(monkeypatch, *answers, mistakes=()):
+    monkeypatch.setattr(finders, "posterior_of", lambda *_: (mistakes, cast("Any", Answers(list(answers)))))
     return finder("posterior")(ROBOT, {}, {}, {})
 
 
@@ -115,7 +115,7 @@ class Examined:
     found: object = None
 
 
-def old_says(monkeypatch, verdict, findings=(), mistakes=(), found=None):
+def selection_says(monkeypatch, verdict, findings=(), mistakes=(), found=None):
     examined = Examined({"verdict": verdict, "reason": "so"}, Diagnosed(findings), mistakes, found)
     monkeypatch.setattr(finders, "examine", lambda *_, **__: cast("Any", examined))
     return finder("selection")(ROBOT, {}, {}, {})
@@ -128,21 +128,29 @@ def rank(kind=None, gain=40.0):
 
 def test_what_the_forward_selection_says(monkeypatch):
     sure = Finding("named", "", (rank(TRACK),), (), TRACK, 1e-4)
-    said = old_says(monkeypatch, "named", (sure,), found=ROBOT.with_effects(TRACK))
+    said = selection_says(monkeypatch, "named", (sure,), found=ROBOT.with_effects(TRACK))
     assert (said.named, said.credible, said.effects) == ({"track 1": 1.0}, (("track 1",),), (TRACK,))
     unsure = Finding("ambiguous", "", (rank(RADIUS), rank(TRACK, 40.0 - 2 * np.log(3))), ())
-    said = old_says(monkeypatch, "ambiguous", (unsure,))
+    said = selection_says(monkeypatch, "ambiguous", (unsure,))
     assert said.named == {}
     assert said.probabilities == pytest.approx({"wheel_radius 1 2": 0.75, "track 1": 0.25})
-    assert old_says(monkeypatch, "ambiguous", (Finding("ambiguous", "", (rank(TRACK), rank()), ()),)).unnamed
-    said = old_says(monkeypatch, "unexplained", (Finding("unexplained", "", (rank(TRACK),), ()),))
+    assert selection_says(monkeypatch, "ambiguous", (Finding("ambiguous", "", (rank(TRACK), rank()), ()),)).unnamed
+    said = selection_says(monkeypatch, "unexplained", (Finding("unexplained", "", (rank(TRACK),), ()),))
     assert (said.unnamed, said.credible) == (True, ((),))
-    unconfirmed = old_says(monkeypatch, "unconfirmed", (Finding("unconfirmed", "", (rank(TRACK),), (), TRACK, 1e-4),))
+    unconfirmed = selection_says(
+        monkeypatch, "unconfirmed", (Finding("unconfirmed", "", (rank(TRACK),), (), TRACK, 1e-4),)
+    )
     assert (unconfirmed.named, unconfirmed.credible) == ({}, (("track 1",),))
 
 
 def test_wiring_is_named_unless_it_may_be_something_else(monkeypatch):
     swapped = EncodersSwapped(castor=1)
-    said = old_says(monkeypatch, "named", mistakes=(Mistake("so", (swapped,)),), found=ROBOT.with_effects(swapped))
-    assert (said.named, said.sizes) == ({"encoders_swapped 1": 1.0}, ())
-    assert old_says(monkeypatch, "ambiguous", mistakes=(Mistake("so", (swapped,), ("or not",)),)).named == {}
+    surely, maybe = (Mistake("so", (swapped,)),), (Mistake("so", (swapped,), ("or not",)),)
+    for said in (
+        selection_says(monkeypatch, "named", mistakes=surely, found=ROBOT.with_effects(swapped)),
+        posterior_says(monkeypatch, mistakes=surely),
+    ):
+        assert (said.verdict, said.named, said.sizes) == ("named", {"encoders_swapped 1": 1.0}, ())
+        assert said.effects == (swapped,)
+    for said in (selection_says(monkeypatch, "ambiguous", mistakes=maybe), posterior_says(monkeypatch, mistakes=maybe)):
+        assert (said.verdict, said.named, said.effects) == ("ambiguous", {}, ())
