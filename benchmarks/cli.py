@@ -245,7 +245,7 @@ def calibrate(
 
 @app.command("import")
 def import_data(
-    source: Annotated[Path, typer.Argument(help="The folder that holds published measurements, as OptiOdom's.")],
+    source: Annotated[Path, typer.Argument(help="Folder that holds published measurements; OptiOdom's as optiodom/.")],
     out: Annotated[Path, typer.Option("--out", help="The folder that logs go to.")] = Path("measured"),
 ) -> None:
     """Write published measurements as logs and robot files, a folder for each session."""

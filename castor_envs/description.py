@@ -61,6 +61,12 @@ Counts = Annotated[float, Field(ge=1e-3, le=1e10)]
 #: A seed of random numbers, 64 bits.
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
+_IN_OUR_WORDS = {
+    "missing": "is required; add it",
+    "unexpected_keyword_argument": "is not known; remove it or mend its name",
+}
+"""What is said of keys, where Pydantic speaks of arguments and fields."""
+
 T = TypeVar("T")
 
 
@@ -124,9 +130,9 @@ def explain(error: ValidationError) -> str:
     problems = []
     for item in error.errors()[:3]:
         where = ".".join(str(part) for part in item["loc"])
-        message = item["msg"].removeprefix("Value error, ")
+        message = _IN_OUR_WORDS.get(item["type"], item["msg"].removeprefix("Value error, "))
         given = item["input"]
-        hidden = isinstance(given, dict | list | tuple) or item["type"] == "missing"
+        hidden = isinstance(given, dict | list | tuple) or item["type"] in _IN_OUR_WORDS
         shown = "" if hidden else f", got {shortened(repr(given), 80)}"
         problems.append(f"{where}: {message}{shown}" if where else f"{message}{shown}")
     more = error.error_count() - len(problems)

@@ -101,7 +101,7 @@ def read_json(path: Path) -> Any:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not text in UTF-8") from None
+        raise InputError(f"{path}: is not text in UTF-8; save it as UTF-8") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON ({error})") from None
 

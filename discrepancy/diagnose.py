@@ -7,7 +7,7 @@ robot file that is written: encoders are exchanged after all else that they do.
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.inference.findings import WEAKEST_FIRST, Diagnosis, Left
 from discrepancy.inference.forward_selection import diagnose
+from discrepancy.posterior.finder import Diagnosis as Posterior
+from discrepancy.posterior.finder import diagnose as diagnose_by_posterior
+from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake, Preflight, check_logs, preflight
 from discrepancy.report import pictures
 from discrepancy.report.page import html_of
@@ -67,20 +70,7 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     themselves. replayed: whether to drive the full simulation as the logs.
     Raises InputError for logs of which nothing can be said before they, or the robot file, are mended.
     """
-    for given in (logs, held_out, clean):
-        check_logs(given)
-    checked, kept, before = (
-        preflight(robot, list(log_set.values()), list(log_set)) if log_set else Preflight(())
-        for log_set in (logs, held_out, clean)
-    )
-    for result in (checked, kept, before):
-        if result.fatal:
-            raise InputError("; ".join(mistake.what for mistake in result.mistakes))
-    (mended, wiring), (once, good_wiring) = _mended(robot, checked), _mended(robot, before)
-    straight, kept_back = (
-        {name: _unwired(robot, wiring, log) for name, log in log_set.items()} for log_set in (logs, held_out)
-    )
-    good = [_unwired(robot, good_wiring, log) for log in clean.values()]
+    mended, once, checked, wiring, straight, kept_back, good = _prepared(robot, logs, held_out, clean)
     diagnosis = diagnose(mended, list(straight.values()), list(kept_back.values()), good, once)
     found = _found(robot, checked, wiring, diagnosis)
     data = as_data(diagnosis, straight) | {
@@ -102,6 +92,47 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     held = _replays(nominal, diagnosis.explained, kept_back, *(diagnosis.held_out or (None, None)))
     data["replay"] = _replay_data(diagnosis, replays, held)
     return Examination(data, found, diagnosis, straight, checked.mistakes, replays)
+
+
+def posterior_of(
+    robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
+) -> tuple[tuple[Mistake, ...], Posterior]:
+    """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
+    mended, once, checked, _, straight, kept_back, good = _prepared(robot, logs, held_out, clean)
+    found = diagnose_by_posterior(mended, list(straight.values()), list(kept_back.values()), good, once, material)
+    return checked.mistakes, found
+
+
+class _Prepared(NamedTuple):
+    """What is diagnosed: the robot and that of clean logs, with gross mistakes that are not of wiring; what was found
+    beforehand; and logs with their wiring undone."""
+
+    robot: RobotDescription
+    before: RobotDescription
+    checked: Preflight
+    wiring: Sequence[Effect]
+    logs: dict[str, Log]
+    held_out: dict[str, Log]
+    clean: list[Log]
+
+
+def _prepared(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> _Prepared:
+    """Return logs with their gross mistakes undone; raises InputError for such as cannot be undone."""
+    for given in (logs, held_out, clean):
+        check_logs(given)
+    checked, kept, before = (
+        preflight(robot, list(log_set.values()), list(log_set)) if log_set else Preflight(())
+        for log_set in (logs, held_out, clean)
+    )
+    for result in (checked, kept, before):
+        if result.fatal:
+            raise InputError("; ".join(mistake.what for mistake in result.mistakes))
+    (mended, wiring), (once, good_wiring) = _mended(robot, checked), _mended(robot, before)
+    straight, kept_back = (
+        {name: _unwired(robot, wiring, log) for name, log in log_set.items()} for log_set in (logs, held_out)
+    )
+    good = [_unwired(robot, good_wiring, log) for log in clean.values()]
+    return _Prepared(mended, once, checked, wiring, straight, kept_back, good)
 
 
 def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescription, Sequence[Effect]]:

@@ -20,7 +20,6 @@ MAY_IMPORT = {
 
 CIRCLES = {
     ("discrepancy.inference.creep_prior", "discrepancy.inference.evidence"),
-    ("discrepancy.inference.fit_states", "discrepancy.inference.evidence"),
 }
 """Imports that close a circle, and may until `discrepancy.inference` is rebuilt. Nothing is added here."""
 

@@ -74,7 +74,7 @@ class EncoderLatency(Effect[RobotDescription]):
     title = "latency of one encoder"
     unit = "s"
     step = 1e-3
-    tolerance = 3e-4  # s: a bus or a timer of a few kHz
+    tolerance = 2e-4  # s: a bus or a timer of 5 kHz
     least = 0.0  # no buffer foretells
     check = "Check this encoder's filter, bus and the order in which the encoders are read."
 
@@ -98,7 +98,7 @@ class AllLatency(Effect[RobotDescription]):
     title = "latency of all encoders"
     unit = "s"
     step = 1e-3
-    tolerance = 3e-4  # s: as one encoder's
+    tolerance = 2e-4  # s: a bus or a timer of 5 kHz
     least = 0.0  # no buffer foretells
     timing = True
     check = "Check what the log's time stamps mean, and the buffers between encoders and log."
@@ -179,7 +179,7 @@ class ClockOffset(Effect[RobotDescription]):
     title = "offset of the reference's clock"
     unit = "s"
     step = 1e-3
-    tolerance = 3e-4  # s: as the latency of all encoders
+    tolerance = 2e-4  # s: a bus or a timer of 5 kHz
     timing = True
     check = "Let both clocks stamp one event, as a tap on the robot; check when the reference system stamps its poses."
     indistinguishable_from = ("all_latency", "clock_offset")

@@ -34,7 +34,7 @@ class WheelRadius(Effect[RobotDescription]):
     title = "wheel radius"
     unit = "1"
     step = 1e-3
-    tolerance = 2e-4  # of itself: 10 um on 50 mm, as calibrated on one floor and driven on another
+    tolerance = 1e-4  # of itself: 5 um on 50 mm
     check = "Measure the wheel's diameter under load; look for wear and dirt on the tread."
     indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
@@ -57,7 +57,7 @@ class AllWheelRadius(Effect[RobotDescription]):
     title = "radius of all wheels"
     unit = "1"
     step = 1e-3
-    tolerance = 2e-4  # of itself: as one wheel's
+    tolerance = 1e-4  # of itself: as a wheel's
     check = "Measure the diameters under load; compare a straight drive with a tape measure."
 
     @classmethod
@@ -83,7 +83,7 @@ class CountsPerRev(Effect[RobotDescription]):
     title = "wheel counts a turn"
     unit = "1"
     step = 1e-3
-    tolerance = 2e-4  # of itself: as the radius that it looks like
+    tolerance = 1e-4  # of itself: as the radius that it looks like
     check = "Turn the wheel ten times by hand and read the counts; check gear ratio and encoder settings."
     indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
@@ -108,7 +108,7 @@ class Track(Effect[RobotDescription]):
     title = "track (distance between the wheels)"
     unit = "1"
     step = 1e-3
-    tolerance = 5e-4  # of itself: 0.1 mm on 0.2 m
+    tolerance = 2e-4  # of itself: 50 um on 0.25 m
     check = "Measure the distance between the wheels' contact lines; look for play along the axle."
 
     @classmethod
@@ -156,7 +156,7 @@ class PivotPositionX(Effect[RobotDescription]):
     title = "pivot position, forward"
     unit = "m"
     step = 1e-4
-    tolerance = 1e-4  # m: as good as parts are machined and measured
+    tolerance = 5e-5  # m: as good as a chassis is machined
     check = "Measure the pivots' distances from each other and from the point that the reference tracks."
 
     @classmethod
@@ -180,7 +180,7 @@ class PivotPositionY(Effect[RobotDescription]):
     title = "pivot position, to the left"
     unit = "m"
     step = 1e-4
-    tolerance = 1e-4  # m: as good as parts are machined and measured
+    tolerance = 5e-5  # m: as good as a chassis is machined
     check = "Measure the pivots' distances from each other and from the point that the reference tracks."
 
     @classmethod
@@ -204,7 +204,7 @@ class PivotBias(Effect[RobotDescription]):
     title = "pivot bias"
     unit = "rad"
     step = 1e-3
-    tolerance = 3e-4  # rad: a straight edge of 0.3 m, 0.1 mm off
+    tolerance = 1e-4  # rad: as good as a calibration finds it
     check = "Align the castor with the body by a straight edge and read its pivot; check the encoder's clamp."
 
     @classmethod

@@ -52,7 +52,7 @@ class PivotGain(Effect[RobotDescription]):
     title = "gain of a pivot encoder"
     unit = "1"
     step = 1e-3
-    tolerance = 1e-4  # of itself: gears and discs have whole numbers
+    tolerance = 2e-5  # of itself: gears and discs have whole numbers
     check = "Turn the castor by ten full turns and read its pivot; check the gear or belt between pivot and encoder."
 
     @classmethod
@@ -77,7 +77,7 @@ class PivotEccentricity(Effect[RobotDescription]):
     title = "eccentric pivot encoder"
     unit = "rad"
     step = 1e-3
-    tolerance = 5e-4  # rad: 5 um off centre at a radius of 10 mm
+    tolerance = 2e-4  # rad: 2 um off centre at a radius of 10 mm
     check = "Turn the castor by quarter turns against a protractor; check the encoder disc's or magnet's centring."
 
     @classmethod
@@ -134,7 +134,7 @@ class PivotBacklash(Effect[RobotDescription]):
     title = "backlash of a pivot encoder"
     unit = "rad"
     step = 1e-3
-    tolerance = 5e-4  # rad: encoders mostly sit on the shaft itself
+    tolerance = 1e-4  # rad: encoders mostly sit on the shaft itself
     check = "Rock the castor by hand and watch its pivot's counts; check the encoder's gear, belt and coupling."
 
     @classmethod
@@ -269,7 +269,7 @@ class LostRemainders(Effect[RobotDescription]):
     title = "remainders lost between samples"
     unit = "1"
     step = 1.0
-    tolerance = 0.1  # what is left over looks a little random
+    tolerance = 3e-3  # there or not
     discrete = True
     binary = True
     check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."

@@ -108,7 +108,7 @@ class DeadGauge(Effect[TrainDescription]):
     title = "dead gauge"
     unit = "1"
     step = 1.0
-    tolerance = 0.1  # dead or not
+    tolerance = 3e-3  # dead or not
     binary = True
     check = "Bend the frame by hand and look at this gauge's reading; check its wires, bridge and amplifier."
 

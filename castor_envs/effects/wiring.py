@@ -31,7 +31,7 @@ class EncodersSwapped(Effect[RobotDescription]):
     title = "left and right encoder swapped"
     unit = "1"
     step = 1.0
-    tolerance = 0.1  # so or not
+    tolerance = 3e-3  # so or not
     binary = True
     check = "Turn one wheel of the castor by hand and see which counts change."
     wiring = True
@@ -60,7 +60,7 @@ class EncoderReversed(Effect[RobotDescription]):
     title = "encoder reversed"
     unit = "1"
     step = 1.0
-    tolerance = 0.1  # so or not
+    tolerance = 3e-3  # so or not
     binary = True
     check = "Turn the wheel or castor by hand, forward or counter-clockwise, and see whether its counts rise."
     wiring = True
@@ -87,7 +87,7 @@ class CastorOrder(Effect[RobotDescription]):
     title = "two castors' encoders exchanged"
     unit = "1"
     step = 1.0
-    tolerance = 0.1  # so or not
+    tolerance = 3e-3  # so or not
     binary = True
     check = "Turn one castor by hand and see which castor's counts change."
     wiring = True

@@ -176,12 +176,14 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
         turn = castor.pivot_counts_per_rev or np.nan
         for k in pivot_jumps(log.pivot[:, j], turn)[:1]:
             before, now = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
+            ends = (int(np.argmin(log.pivot[:, j])), int(np.argmax(log.pivot[:, j])))
+            low, high = (f"{_count(float(log.pivot[end, j]))} in line {lines[end]}" for end in ends)
             raise complaint(
                 path,
                 lines[k],
                 columns.pivot[j],
                 f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans "
-                "over one turn and so does not wrap; mend the count, or sample faster",
+                f"over one turn ({low} to {high}) and so does not wrap; mend the count, or sample faster",
             )
     if log.rps_age is not None:
         for k, f in np.argwhere(log.rps_age < 0)[:1]:

@@ -27,6 +27,8 @@ def read_lines(path: Path) -> list[Line]:
 
     Raises InputError if there are none, or the file cannot be read.
     """
+    if path.is_dir():
+        raise complaint(path, None, None, "is a folder; name a CSV file in it")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = list(_lines(path, file))

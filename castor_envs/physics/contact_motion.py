@@ -6,8 +6,8 @@ A rolling contact slips at a speed in proportion to its force (`castor_envs.phys
 
 With A the rows of `castor_envs.motion.kinematics.constraint_matrix`, any deviation delta of the robot's speeds
 changes slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that lose the least
-power. How far wheels disagree does not change with delta, so it is known from what they roll (smoothed), however well
-the body's motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
+power. How far wheels disagree does not change with delta, so it is known from what they roll, however well the body's
+motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
 
 Left out are friction limits, and bristles that have yet to build up their force (a relaxation length of rolling, as
 after reversals).
@@ -51,9 +51,9 @@ class ContactMotion:
         """Return `contact_places`."""
         return contact_places(self.robot, self.motion)
 
-    def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0) -> Slip:
+    def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0, quick: bool = False) -> Slip:
         """Return `creep`; floor None: an even one."""
-        return creep(self.robot, self.motion, floor or Floor(), creep_compliance)
+        return creep(self.robot, self.motion, floor or Floor(), creep_compliance, quick)
 
 
 def contact_paths(robot: RobotDescription, motion: Motion) -> Array:
@@ -78,10 +78,13 @@ def contact_places(robot: RobotDescription, motion: Motion) -> Array:
     return np.stack(places, axis=1)
 
 
-def creep(robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0) -> Slip:
+def creep(
+    robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0, quick: bool = False
+) -> Slip:
     """Return by how much a robot's contacts creep in a motion on a floor, of which the slope counts.
 
-    creep_compliance: m/s for each N, at which contacts slip beside their creep in rolling.
+    creep_compliance: m/s for each N, at which contacts slip beside their creep in rolling. quick: whether wheels that
+    disagree from one step to the next creep for that at once, as they do to their sides; along, bristles take it up.
     """
     geometry, w = Geometry.of(robot), len(robot.wheels)
     by_body, by_castor = constraint_matrix(geometry, motion.half_way)
@@ -102,7 +105,8 @@ def creep(robot: RobotDescription, motion: Motion, floor: Floor, creep_complianc
     held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
-    seen = smoothed(path[:, carrying] / motion.period[:, None]) * (not motion.consistent_wheels)
+    seen = path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels)
+    seen = seen if quick else smoothed(seen)
     pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
     deviation = np.linalg.pinv(held, rcond=1e-10, hermitian=True) @ -pull[..., None]
 

@@ -1,5 +1,6 @@
 """Robots and trains alike: what a spec or a file describes."""
 
+import os
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,7 +39,14 @@ def load_vehicle(spec: Vehicle | str) -> Vehicle:
         return spec
     if not isinstance(spec, str):
         raise InputError(f"expected a robot or train, a preset's name or a file, got {type(spec).__name__}")
-    return vehicle_from_dict(read_json(Path(spec)), spec) if spec.endswith(".json") else any_preset(spec)
+    if spec.endswith(".json"):
+        return vehicle_from_dict(read_json(Path(spec)), spec)
+    try:
+        return any_preset(spec)
+    except InputError:
+        if os.path.isfile(spec):
+            raise InputError(f"{spec}: files of robots and trains end in .json; name one, or a preset") from None
+        raise
 
 
 def load_robot(spec: RobotDescription | str) -> RobotDescription:

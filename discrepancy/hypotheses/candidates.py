@@ -72,9 +72,16 @@ class Candidate:
         """Whether it is at one place on the floor."""
         return any(isinstance(kind, Bump) for kind in self.kinds)
 
+    @property
+    def sought_in_steps(self) -> bool:
+        """Whether its place or time was chosen, among all steps, to suit the logs."""
+        return self.at_a_place or " jumps at " in self.what
+
     def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
         """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
         kind, size = self.kinds[0], float(amplitudes[0])
+        if self.kinds[0].binary:
+            return kind
         if self.columns == 1:
             return dataclasses.replace(kind, value=size)
         phase = math.atan2(float(amplitudes[1]), size)

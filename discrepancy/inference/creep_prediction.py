@@ -20,8 +20,9 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Channels, differ, stacked
 from estimators.calibration.log_likelihood import LogLikelihood
 
-CREEPS, FORCED = 2, 1
-"""Kinds of creep that are predicted: where wheels disagree, whatever holds them, and under the forces of the motion."""
+CREEPS, FORCED, QUICK = 4, 1, slice(2, 4)
+"""Kinds of creep that are predicted: where wheels disagree, whatever holds them; under the forces of the motion; and
+where wheels disagree from one step to the next, along and to the side."""
 
 SLOWEST = 0.02
 """Of the fastest wheel's speed: no contact is taken to roll slower."""
@@ -57,28 +58,29 @@ class Slipping:
         return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:
-        """Return slips (K - 1, rows, 2 + e): as predicted where wheels disagree, and under the forces of the motion; by
-        which wheels would hide each of the robot's effects."""
-        (rolling, side), (forced, forced_side) = self._creep, self._predicted(consistent=True)
-        both = self._model.rows_of(rolling - forced, side - forced_side), self._model.rows_of(forced, forced_side)
-        return np.concatenate([np.stack(both, axis=-1), self._hiding()], axis=-1)
+        """Return slips (K - 1, rows, CREEPS + e): as predicted, each kind; by which wheels would hide each of the
+        robot's effects."""
+        slow, forced = self._creep, self._predicted(consistent=True)
+        quick, none = self._predicted(self._over, quick=True) - slow, np.zeros_like
+        kinds = slow - forced, forced, Slip(quick.rolling, none(quick.side)), Slip(none(quick.rolling), quick.side)
+        rows = [self._model.rows_of(kind.rolling, kind.side) for kind in kinds]
+        return np.concatenate([np.stack(rows, axis=-1), self._hiding()], axis=-1)
 
     def seen_as_creep(self, slip: Slip) -> Array:
         """Return by how much less creep (K - 1, rows) would be predicted if wheels were known to slip by `slip`."""
-        (rolling, side), (less, less_side) = self._creep, self._predicted(self._over + slip)
-        return self._model.rows_of(rolling - less, side - less_side)
+        less = self._creep - self._predicted(self._over + slip)
+        return self._model.rows_of(less.rolling, less.side)
 
-    def _predicted(self, known: Slip | None = None, consistent: bool = False) -> tuple[Array, Array]:
+    def _predicted(self, known: Slip | None = None, consistent: bool = False, quick: bool = False) -> Slip:
         """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree."""
         robot, motion = self._without, self._channels.motion(self._log, self._state, consistent_wheels=consistent)
         known = Slip.none(motion) if known is None else known
         rolled_more = np.cumsum(known.rolling, axis=0) / self._channels.geometry.radius
         motion = replace(motion, wheel_angle=motion.wheel_angle + np.pad(rolled_more, ((1, 0), (0, 0))))
         try:
-            slip = ContactMotion(robot.as_built(), motion).creep(floor_of(robot, Floor()))
+            return ContactMotion(robot.as_built(), motion).creep(floor_of(robot, Floor()), quick=quick)
         except InputError:  # it cannot stand by itself
-            slip = Slip.none(motion)
-        return slip.rolling, slip.side
+            return Slip.none(motion)
 
     def _over_cables(self) -> Slip:
         motion = self._channels.motion(self._log, self._state)

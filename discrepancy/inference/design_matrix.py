@@ -93,6 +93,11 @@ class Columns:
             self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, more
         )
 
+    def alone(self) -> tuple[Geometry, Geometry, Array, Array, Array, Array]:
+        """Return what `LogLikelihood.missing` asks for, of all candidates."""
+        changed = stacked(self.geometry, self.geometries)
+        return self.geometry, changed, self.steps, self.state, self.readings, self.slips
+
 
 def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
     """Return the columns of each of some candidates that follow each other."""

@@ -205,7 +205,7 @@ def evidence_of(
         sober=plain,
         noise=sizes,
         state=at,
-        left=_left(models, geometry, at),
+        left=gap_of(models, geometry, at),
         burst=_burst(models, logs, geometry, at),
         parts=tuple(shared.parts.tolist()),
         slips=beyond,
@@ -252,7 +252,8 @@ def _rigid(candidates: Sequence[Candidate], information: Array, gradient: Array,
     return without(information[np.ix_(rigid, rigid)], gradient[rigid], n)
 
 
-def _left(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
+def gap_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
+    """Return the rms of what odometry is off the reference, m and rad; None without a reference."""
     tracked = [one for one in zip(models, at.states, at.clocks, strict=True) if one[0].poses]
     if not tracked:
         return None

@@ -14,10 +14,10 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
-from discrepancy.inference.creep_prediction import CREEPS, FORCED, Slipping
+from discrepancy.inference.creep_prediction import CREEPS, FORCED, QUICK, Slipping
 from discrepancy.inference.design_matrix import Shared, together, without
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
-from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
+from estimators.calibration.maximum_likelihood import LEAST, ROUNDS, State, fitted
 
 DOUBT = 0.5
 """Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
@@ -49,24 +49,23 @@ def settled(
     noise: Noise | None,
     start: tuple[State, Noise] | None,
     usual: Array | None,
+    least: Noise = LEAST,
 ) -> tuple[State, Noise, Shared, list[Slips]]:
     """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
 
     what truly happened tells how wheels disagree, and how they creep for that tells what truly happened. start: state
-    and noise to begin with. usual: parts of the creep predicted that clean logs show.
+    and noise to begin with. usual: parts of the creep predicted that clean logs show. least: noise.
     """
     geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
-        at, sizes, _ = fitted(models, geometry, (), none, noise)
+        at, sizes, _ = fitted(models, geometry, (), none, noise, least=least)
     else:
         at, sizes = start[0], noise or start[1]
-    if robot.effects:  # What its sensors make of angles is known: take it off the counts, and settle again.
-        channels = Channels(robot)
-        for model, log, state in zip(models, logs, at.states, strict=True):
-            counts = state[:, 3:]
-            model.correct(channels.read(robot, log, counts) - counts)
+    off: list[Array | float] = [0.0] * len(models)  # what its sensors make of angles, which is taken off the counts
+    if robot.effects:
+        off = _corrected(robot, models, logs, at, off)
         if start is None:
-            at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes))
+            at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), least=least)
     parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
     while True:
         slips = []
@@ -77,10 +76,28 @@ def settled(
         shared = _shared(models, geometry, at, sizes, [one.known for one in slips], parts, usual)
         parts = shared.parts
         _expect(models, slips, parts)
-        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS)
+        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS, least=least)
         if not k:
             return at, sizes, replace(shared, mount=at.mount), slips
+        if robot.effects:
+            off = _corrected(robot, models, logs, at, off)
         k -= 1
+
+
+def _corrected(
+    robot: RobotDescription,
+    models: Sequence[LogLikelihood],
+    logs: Sequence[Log],
+    at: State,
+    off: Sequence[Array | float],
+) -> list[Array | float]:
+    """Take off the counts what a robot's sensors make of the angles of a state, for what was taken off before."""
+    channels, now = Channels(robot), []
+    for model, log, state, before in zip(models, logs, at.states, off, strict=True):
+        counts = state[:, 3:]
+        now.append(channels.read(robot, log, counts) - counts)
+        model.correct(now[-1] - before)
+    return now
 
 
 def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> None:
@@ -99,7 +116,7 @@ def _foreseen(e: int, usual: Array | None, rigid: bool) -> tuple[Array, Array]:
     standard deviations. rigid: whether contacts hardly creep at all under forces."""
     expected, doubt = np.zeros(e), np.full(e, DOUBT)
     if usual is None:
-        expected[:CREEPS], doubt[FORCED] = 1.0, AS_DESCRIBED
+        expected[:CREEPS], doubt[FORCED], expected[QUICK] = 1.0, AS_DESCRIBED, 0.5
         expected[FORCED] = 0.0 if rigid else 1.0
     else:
         expected[:CREEPS], doubt[:CREEPS] = usual[:CREEPS], AS_USUAL
@@ -123,7 +140,7 @@ def _shared(
         more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
         told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
     _, information, gradient, _ = together(told)
-    freely = Shared(parts, np.where(np.arange(e) < CREEPS, 1.0, 0.0), np.full(e, DOUBT), at.mount)
+    freely = Shared(parts, _foreseen(e, None, False)[0], np.full(e, DOUBT), at.mount)
     rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
     shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
     return replace(shared, parts=np.clip(_best(information, gradient, shared), *_limits(e)))

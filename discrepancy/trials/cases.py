@@ -1,20 +1,30 @@
-"""Cases of a trial: which effects each hides, in which motion, and how strong they are to be.
+"""Cases of a trial: of which robot, what each hides, in which motion, how strong, and what the finder is given.
 
-A case is determined by its number, the trial's seed and the robot. Its strength z (`strength.separation`) is drawn;
-`strength.solve_size` finds the size of the effect that has this strength. Strata:
+Of every twenty cases, in an order that the seed draws:
 
-    clean      nothing
-    one        one effect of the catalogue, z log-uniform in 5 to 60
-    large      the same, z in 60 to 600, or wrong wiring
-    two        two effects of different classes, each as in `one`
-    outside    one effect that the catalogue does not have, z as in `one`
-    poor       as `one`, in a motion of little information: straight to and fro, or always the same circle
+    stratum   cases   hidden                                       motion
+    clean     4       nothing                                      wander
+    one       5       an effect of the catalogue                   wander
+    two       2       two, of different classes                    wander
+    three     2       three, of different classes                  wander
+    outside   3       something that the catalogue does not have   wander
+    poor      2       an effect of the catalogue                   straight to and fro, or always the same circle
+    wiring    2       encoders exchanged or reversed               wander
+
+Of all cases, whatever the stratum:
+
+    robot       each of the trial's in turn, in an order that the seed draws
+    strength    by cost in use in one half, by z in the other (`BOUNDS`); wiring has no size
+    clean logs  three in one half of the cases of the own physics, in four of five of another simulator's; else none
+    reference   none in one half of the cases of robots whose encoders are redundant; all others have one
+
+A case is determined by its number, the trial's seed and its robots. `strength.solve_size` finds the sizes.
 """
 
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -23,20 +33,29 @@ import numpy as np
 from castor_envs.effects.catalogue import catalogue
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.separation import FITTED_ANYWAY, class_of
+from estimators.calibration.drives import moves_sideways
 
-Stratum = Literal["clean", "one", "large", "two", "outside", "poor"]
+Stratum = Literal["clean", "one", "two", "three", "outside", "poor", "wiring"]
 Course = Literal["wander", "to and fro", "circles"]
+Measure = Literal["cost", "z"]
 
-MIX: tuple[Stratum, ...] = (
-    *("one", "clean", "two", "outside", "one", "poor", "one", "two", "outside", "one"),
-    *("clean", "one", "outside", "large", "one", "two", "poor", "clean", "one", "outside"),
-)
-"""Of every twenty cases, in order: 7 one, 1 large, 3 two, 4 outside, 2 poor, 3 clean."""
+MIX: dict[Stratum, int] = {"clean": 4, "one": 5, "two": 2, "three": 2, "outside": 3, "poor": 2, "wiring": 2}
+"""How many of every twenty cases are of a stratum."""
 
-RANGE, LARGE = (5.0, 60.0), (60.0, 600.0)
-"""z, drawn log-uniform."""
+SEVERAL: dict[Stratum, int] = {"two": 2, "three": 3}
+
+BOUNDS: dict[Measure, tuple[float, float]] = {"cost": (3e-4, 1.0), "z": (5.0, 60.0)}
+"""What strengths are drawn from, log-uniform: m per 10 m (`validation.cost`), and z (`strength.separation`)."""
+
+CLEAN_LOGS = {"own": 0.5, "foreign": 0.8}
+"""Part of the cases that come with clean logs."""
+
+UNTRACKED = 0.5
+"""Part of the cases without a reference, of robots that need none."""
 
 ONE_WAY = frozenset(("tick_loss", "encoder_latency", "all_latency"))
 """Effects that are drawn with values above 0 only, though files may hold others."""
@@ -46,7 +65,7 @@ ONE_WAY = frozenset(("tick_loss", "encoder_latency", "all_latency"))
 class Hidden:
     """Something hidden: an effect of the catalogue, or what a generator has outside of it, whose size is `field`.
 
-    power: z grows about as the size to this power.
+    power: z and cost grow about as the size to this power.
     """
 
     what: Any
@@ -57,6 +76,11 @@ class Hidden:
     def effect(self) -> Effect | None:
         """The effect of the catalogue, if it is one."""
         return self.what if isinstance(self.what, Effect) else None
+
+    @property
+    def wiring(self) -> bool:
+        """Whether it is wrong wiring, which has no size."""
+        return self.effect is not None and self.effect.wiring
 
     @property
     def label(self) -> str:
@@ -80,12 +104,18 @@ Outsiders = Callable[[RobotDescription, np.random.Generator], Iterator[Hidden]]
 
 @dataclass(frozen=True)
 class Case:
-    """One case. seeds: of the log and of the held-out one. hidden: what is in it; targets: the z to aim for."""
+    """One case. robot: a preset's name. seeds: of the log and of the held-out one. clean, reference: whether the finder
+    is given clean logs, and reference poses. hidden: what is in it; targets: the cost or z (`measure`) to aim for.
+    """
 
     number: int
     stratum: Stratum
+    robot: str
     course: Course
     seeds: tuple[int, int]
+    clean: bool
+    reference: bool
+    measure: Measure
     hidden: tuple[Hidden, ...] = ()
     targets: tuple[float, ...] = ()
 
@@ -99,44 +129,56 @@ class Case:
         """What is outside the catalogue; None for nothing."""
         return next((hidden.what for hidden in self.hidden if hidden.effect is None), None)
 
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Within which z has to be."""
-        return LARGE if self.stratum == "large" else RANGE
-
     def motion(self, which: int, duration: float) -> Trajectory:
         """Return the motion of the log (0) or of the held-out one (1)."""
-        return motion(self.course, self.seeds[which], duration)
+        return motion(preset(self.robot), self.course, self.seeds[which], duration)
 
 
-def draw(number: int, attempt: int, seed: int, robot: RobotDescription, outsiders: Outsiders) -> Case:
-    """Return case `number` (from 1) of a trial, its effects in the size of their steps.
+def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> Case:
+    """Return case `number` (from 1) of a trial, nothing hidden in it yet. foreign: whether the physics are not ours."""
+    strata = [stratum for stratum, count in MIX.items() for _ in range(count)]
+    random = np.random.default_rng([seed, number])
+    robot = _in_turn(robots, number, seed, 1)
+    stratum = _in_turn(strata, number, seed, 2)
+    poor: Course = random.choice(["to and fro", "circles"])
+    clean, untracked, by_cost = random.random(3) < (CLEAN_LOGS["foreign" if foreign else "own"], UNTRACKED, 0.5)
+    first = 2 * (10_000 * seed + number)
+    return Case(
+        number,
+        stratum,
+        robot,
+        poor if stratum == "poor" else "wander",
+        (first, first + 1),
+        clean=bool(clean),
+        reference=redundancy(preset(robot)) == 0 or not untracked,
+        measure="cost" if by_cost else "z",
+    )
+
+
+def hide(case: Case, attempt: int, seed: int, outsiders: Outsiders) -> Case:
+    """Return a case with something hidden in it, in the size of its step, and the strengths to aim for.
 
     attempt: from 0; another one where what was drawn before could not be had in that strength.
     """
-    stratum = MIX[(number - 1) % len(MIX)]
-    random = np.random.default_rng([seed, number, attempt])
-    base = 2 * (1_000_000 * seed + 1000 * number + attempt)
-    course: Course = random.choice(["to and fro", "circles"]) if stratum == "poor" else "wander"
-    case = Case(number, stratum, course, (base, base + 1))
-    if stratum == "clean":
+    robot, random = preset(case.robot), np.random.default_rng([seed, case.number, attempt])
+    if case.stratum == "clean":
         return case
-    if stratum == "outside":
+    if case.stratum == "outside":
         choices = list(outsiders(robot, random))
-        hidden = (choices[random.integers(len(choices))],)
+        hidden = [choices[random.integers(len(choices))]]
     else:
-        hidden = _two(robot, random) if stratum == "two" else (_one(robot, random, stratum == "large"),)
-    low, high = case.bounds
-    targets = tuple(float(np.exp(random.uniform(math.log(low), math.log(high)))) for _ in hidden)
-    return dataclasses.replace(case, hidden=hidden, targets=targets)
+        hidden = _drawn(robot, random, SEVERAL.get(case.stratum, 1), wiring=case.stratum == "wiring")
+    low, high = np.log(BOUNDS[case.measure])
+    targets = np.exp(random.uniform(low, high, len(hidden))).tolist()
+    return dataclasses.replace(case, hidden=tuple(hidden), targets=() if case.stratum == "wiring" else tuple(targets))
 
 
-def motion(course: Course, seed: int, duration: float) -> Trajectory:
-    """Return a motion of a course that lasts `duration` s at least."""
-    random = np.random.default_rng([seed, 1])
+def motion(robot: RobotDescription, course: Course, seed: int, duration: float) -> Trajectory:
+    """Return a motion of a course that a robot can drive and that lasts `duration` s at least."""
+    random, sideways = np.random.default_rng([seed, 1]), moves_sideways(robot)
     if course == "wander":
-        return wander(random, duration=duration)
-    way, side = random.uniform(-math.pi, math.pi), float(random.choice([-1.0, 1.0]))
+        return wander(random, duration=duration, holonomic=sideways)
+    way, side = random.uniform(-math.pi, math.pi) * sideways, float(random.choice([-1.0, 1.0]))
     radius, runs, time, forth = random.uniform(0.4, 1.0), [], 0.0, 1.0
     while time < duration:
         if course == "circles":
@@ -148,26 +190,30 @@ def motion(course: Course, seed: int, duration: float) -> Trajectory:
     return Trajectory(course, tuple(runs))
 
 
-def _one(robot: RobotDescription, random: np.random.Generator, wiring: bool) -> Hidden:
-    """Draw an effect by its name, then its place, its phase and its sign."""
+def _in_turn(choices: Sequence[Any], number: int, seed: int, stream: int) -> Any:
+    """Return the choice of a case: all come once before any comes again, each round in an order of its own."""
+    turn, place = divmod(number - 1, len(choices))
+    order = np.random.default_rng([seed, turn, stream]).permutation(len(choices))
+    return choices[order[place]]
+
+
+def _drawn(robot: RobotDescription, random: np.random.Generator, count: int, wiring: bool) -> list[Hidden]:
+    """Draw effects of different classes, each by its name, then its place, its phase and its sign."""
     named: dict[str, list[Effect]] = {}
     for effect in catalogue(robot):
-        if effect.name not in FITTED_ANYWAY and (wiring or not effect.wiring):
+        if effect.name not in FITTED_ANYWAY and effect.wiring == wiring:
             named.setdefault(effect.name, []).append(effect)
-    variants = named[sorted(named)[random.integers(len(named))]]
-    effect = variants[random.integers(len(variants))]
-    if hasattr(effect, "phase"):
-        effect = dataclasses.replace(effect, **{"phase": float(random.uniform(-math.pi, math.pi))})
-    if effect.name == "sample_jitter":
-        effect = dataclasses.replace(effect, **{"seed": int(random.integers(2**31))})
-    if random.random() < 0.5 and effect.name not in ONE_WAY:
-        with contextlib.suppress(ValueError):  # where there is no such thing
-            effect = dataclasses.replace(effect, value=-effect.value)
-    return Hidden(effect)
-
-
-def _two(robot: RobotDescription, random: np.random.Generator) -> tuple[Hidden, Hidden]:
-    first = _one(robot, random, wiring=False)
-    while (second := _one(robot, random, wiring=False)).label == first.label:
-        pass
-    return first, second
+    found: dict[str, Hidden] = {}
+    while len(found) < count:
+        variants = named[sorted(named)[random.integers(len(named))]]
+        effect = variants[random.integers(len(variants))]
+        if hasattr(effect, "phase"):
+            effect = dataclasses.replace(effect, **{"phase": float(random.uniform(-math.pi, math.pi))})
+        if effect.name == "sample_jitter":
+            effect = dataclasses.replace(effect, **{"seed": int(random.integers(2**31))})
+        if random.random() < 0.5 and effect.name not in ONE_WAY:
+            with contextlib.suppress(ValueError):  # where there is no such thing
+                effect = dataclasses.replace(effect, value=-effect.value)
+        hidden = Hidden(effect)
+        found.setdefault(hidden.label, hidden)
+    return list(found.values())

@@ -1,5 +1,6 @@
-"""Where a trial's logs come from: the project's own physics, or MuJoCo."""
+"""Where a trial's logs come from: the project's own physics, MuJoCo, or Bullet."""
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, Literal, NamedTuple
 
@@ -11,7 +12,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import Hidden, Outsiders
 from discrepancy.trials.outside import outside_effects
 
-GeneratorName = Literal["pymunk", "mujoco"]
+GeneratorName = Literal["pymunk", "mujoco", "bullet"]
 
 
 class Generator(NamedTuple):
@@ -38,8 +39,14 @@ def generator(name: str) -> Generator:
             raise InputError("generator mujoco needs MuJoCo; install castor-envs[trial]") from None
         from discrepancy.trials.mujoco.generator import drive
 
-        return Generator(drive, _foreign_outsiders, foreign=True)
-    raise InputError(f"unknown generator {name!r}; there are pymunk and mujoco")
+        return Generator(drive, _mujoco_outsiders, foreign=True)
+    if name == "bullet":
+        from discrepancy.trials.bullet.generator import drive
+        from discrepancy.trials.bullet.model import bullet_module
+
+        bullet_module()
+        return Generator(drive, _bullet_outsiders, foreign=True)
+    raise InputError(f"unknown generator {name!r}; there are pymunk, mujoco and bullet")
 
 
 def _own_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
@@ -47,12 +54,16 @@ def _own_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iter
         yield Hidden(outsider)
 
 
-def _foreign_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
+def _place(robot: RobotDescription, random: np.random.Generator) -> dict[str, Any]:
+    castor = int(random.integers(len(robot.castors))) + 1
+    return {"castor": castor, "wheel": int(random.integers(len(robot.castors[castor - 1].wheels))) + 1}
+
+
+def _mujoco_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
     from discrepancy.trials.mujoco import outside as foreign
 
-    castor = int(random.integers(len(robot.castors))) + 1
-    wheel = int(random.integers(len(robot.castors[castor - 1].wheels))) + 1
-    place: dict[str, Any] = {"castor": castor, "wheel": wheel}
+    place = _place(robot, random)
+    castor = place["castor"]
     yield Hidden(foreign.WobblingWheel(**place, size=1e-3), "size")
     yield Hidden(foreign.FlatSpot(**place, depth=2e-4, phase=float(random.uniform(-3, 3))), "depth")
     yield Hidden(foreign.WarmingWheel(**place, growth=1e-3), "growth")
@@ -60,3 +71,14 @@ def _foreign_outsiders(robot: RobotDescription, random: np.random.Generator) -> 
     yield Hidden(foreign.StickyPivot(castor=castor, stick=1.0), "stick")
     yield Hidden(foreign.LooseMast(frequency=2.0), "frequency", power=-2.0)
     yield Hidden(foreign.CountGlitches(**place, counts=3), "counts")
+
+
+def _bullet_outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
+    from discrepancy.trials.bullet import outside as foreign
+
+    place = _place(robot, random)
+    along = float(random.uniform(-math.pi, math.pi))
+    yield Hidden(foreign.StickingCounter(**place, part=2e-3), "part")
+    yield Hidden(foreign.ConicalWheel(**place, cone=5e-4, along=along), "cone")
+    yield Hidden(foreign.FlexingFork(castor=place["castor"], give=1e-3), "give")
+    yield Hidden(foreign.LooseTyre(**place, play=5e-3), "play")

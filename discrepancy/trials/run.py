@@ -1,152 +1,115 @@
-"""Runs a trial: makes cases in separate processes, then gives the diagnosis their files and nothing else.
+"""Runs a trial: makes cases in separate processes, then gives the finder their files and nothing else.
 
-    trial.json                      the settings: cases, seed, generator, robot, duration
-    cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): all that is diagnosed
-    clean/1.csv ...                 logs of the robot without any effect, given as clean logs with MuJoCo only
-    labels/case-0001.json, .npz     the hidden effect and its strength; the held-out log with and without it, exact
-    outcomes/case-0001.json         the diagnosis
-    left/case-0001.json             the part of the effect's change to the held-out log that remains when the
-                                    robot as diagnosed is simulated again
+    trial.json                      what was asked for: cases, seed, generator, robots, duration
+    cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): what the finder is given
+    clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which it is given besides in some cases
+    labels/case-0001.json, .npz     what is hidden and how strong it is; the true path of the held-out log
+    outcomes/selection/case-0001.json     what a finder said
 
-Files that are there already are kept, so a trial that was interrupted continues.
+Files that are there already are kept, so a trial that was interrupted continues, and several finders may be judged by
+the same cases. To judge a finder again, delete its outcomes.
 """
 
 import dataclasses
 import os
 import time
 import traceback
-from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from castor_envs.errors import InputError
-from castor_envs.files import read_json, write_json
+from castor_envs.files import read_json, remove_leftovers, write_json
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.diagnose import Examination, examine
-from discrepancy.inference.findings import Diagnosis
-from discrepancy.trials.cases import Case, Hidden, draw, motion
+from discrepancy.trials.cases import BOUNDS, Case, Hidden, hide, motion, setting
+from discrepancy.trials.finders import Said, finder
 from discrepancy.trials.folder import asked_of, begin, each, name_of
 from discrepancy.trials.generators import Generator, generator
-from discrepancy.trials.noise import EXACT, Noise
+from discrepancy.trials.noise import Noise
 from discrepancy.trials.reading import as_recorded
-from discrepancy.trials.strength.separation import StrengthMetric, class_of
+from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
+from discrepancy.validation.cost import apart, cost_of, odometry, rms_of
 
-FORMAT = "castor-trial-case/1"
-ROBOT, DURATION = "asoc-prototype", 60.0
+FORMAT = "castor-trial-case/2"
+DURATION = 60.0
 CLEAN = 3
-"""Logs without any effect."""
+"""Clean logs, where there are some."""
 
 ATTEMPTS = 60
-"""Draws of a case, until one can be had in the strength wanted."""
+"""Draws of what a case hides, until it can be had in the strength wanted."""
 
 OUTSIDE_BELOW = 0.9
 """The largest cosine with a class of the catalogue of what counts as outside of it."""
 
 SLACK = 1.1
-"""Part by which z may be beyond the bounds of its stratum."""
+"""Part by which a strength may be beyond the bounds that it is drawn from."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a trial is asked for."""
+    """What a trial is asked for. robots: presets' names."""
 
     cases: int
     seed: int
     generator: str
-    robot: str = ROBOT
+    robots: list[str]
     duration: float = DURATION
 
-
-@dataclasses.dataclass(frozen=True)
-class Said:
-    """What the finder said, in classes (`strength.class_of`).
-
-    verdict: of the whole. named: those it is sure of. possible: those and all that it could not tell apart from others.
-    unnamed_rival: whether among these is one without a name.
-    """
-
-    verdict: str
-    named: tuple[str, ...] = ()
-    possible: tuple[str, ...] = ()
-    unnamed_rival: bool = False
+    def setting(self, number: int) -> Case:
+        """Return a case, nothing hidden in it yet."""
+        return setting(number, self.seed, self.robots, foreign=generator(self.generator).foreign)
 
 
 def make(
     cases: int,
     seed: int,
-    generator: str,
+    generator_name: str,
     folder: str | os.PathLike[str],
     *,
-    robot: str = ROBOT,
+    robot: str | None = None,
     duration: float = DURATION,
     jobs: int | None = None,
 ) -> None:
     """Make the cases of a trial that are not there yet, `jobs` at a time, each in another process.
 
-    robot: a preset's name. Raises InputError for a folder that holds another trial.
+    robot: a preset's name; None: all that encoders tell the motion of and the generator can drive. Raises InputError
+    for a folder that holds another trial.
     """
-    folder, plan = Path(folder), Plan(cases, seed, generator, robot, duration)
-    preset(robot)
-    _generator_of(plan)
-    begin(folder, dataclasses.asdict(plan), ("cases", "clean", "labels", "outcomes", "left"))
-    clean = [k for k in range(1, CLEAN + 1) if not (folder / "clean" / f"{k}.csv").exists()]
+    folder = Path(folder)
+    plan = Plan(cases, seed, generator_name, robots_for(generator(generator_name), robot), duration)
+    begin(folder, dataclasses.asdict(plan), ("cases", "clean", "labels", "outcomes"))
     missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"{name_of(k)}.json").exists()]
-    each(
-        [*((_make_clean, (plan, k, folder)) for k in clean), *((_make_case, (plan, k, folder)) for k in missing)], jobs
-    )
-
-
-def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
-    """Let the finder say what is in every case that it has not seen yet."""
-    folder = Path(folder)
-    plan = plan_of(folder)
-    clean = sorted((folder / "clean").glob("*.csv")) if _generator_of(plan).foreign else []
-    every = [folder / "cases" / name_of(k) for k in range(1, plan.cases + 1)]
-    missing = [case for case in every if case.exists() and not (folder / "outcomes" / f"{case.name}.json").exists()]
-    each([(_judge_case, (case, clean, folder / "outcomes" / f"{case.name}.json")) for case in missing], jobs)
-
-
-def resimulate(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
-    """Drive the held-out motion of every case with the robot that was found, and measure what is left of the signal."""
-    folder = Path(folder)
-    plan = plan_of(folder)
-    done = [path.stem for path in sorted((folder / "outcomes").glob("case-*.json"))]
-    missing = [name for name in done if not (folder / "left" / f"{name}.json").exists()]
-    each([(_resimulate_case, (plan, name, folder)) for name in missing], jobs)
-
-
-def said_by(examined: Examination) -> Said:
-    """Return what an examination says."""
-    named, possible, unnamed = [], [], False
-    for mistake in examined.mistakes:
-        (possible if mistake.alternatives else named).extend(map(class_of, mistake.effects))
-    for finding in examined.diagnosis.findings:
-        kinds = [kind for rank in finding.chosen for kind in rank.candidate.kinds]
-        if finding.verdict == "named" and finding.effect is not None:
-            named.append(class_of(finding.effect))
-        if finding.verdict == "ambiguous":
-            possible += [class_of(kind) for kind in kinds]
-            unnamed |= any(not rank.candidate.kinds for rank in finding.chosen)
-        unnamed |= finding.verdict == "unexplained"
-    verdict = examined.data["verdict"]
-    return Said(verdict, tuple(named), tuple(dict.fromkeys([*named, *possible])), unnamed or verdict == "unexplained")
-
-
-def intervals(found: Diagnosis) -> list[dict[str, Any]]:
-    """Return the effects named, with their classes and the standard errors of their sizes."""
-    return [
-        {"class": class_of(finding.effect), "effect": dataclasses.asdict(finding.effect), "error": finding.error}
-        for finding in found.findings
-        if finding.verdict == "named" and finding.effect is not None
+    good = {plan.setting(k).robot for k in missing if plan.setting(k).clean}
+    clean = [
+        (name, k) for name in sorted(good) for k in range(1, CLEAN + 1) if not _clean_log(folder, name, k).exists()
     ]
+    tasks = [
+        *((_make_clean, (plan, *one, folder)) for one in clean),
+        *((_make_case, (plan, k, folder)) for k in missing),
+    ]
+    each(tasks, jobs)
+
+
+def judge(folder: str | os.PathLike[str], finder_name: str, *, jobs: int | None = None) -> None:
+    """Let a finder say what is in every case that it has not seen yet."""
+    folder = Path(folder)
+    finder(finder_name)
+    plan, outcomes = plan_of(folder), folder / "outcomes" / finder_name
+    outcomes.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(outcomes)
+    made = [k for k in range(1, plan.cases + 1) if (folder / "labels" / f"{name_of(k)}.json").exists()]
+    missing = [k for k in made if not (outcomes / f"{name_of(k)}.json").exists()]
+    missing.sort(key=lambda k: plan.setting(k).robot)  # finders may remember what they know of clean logs
+    each([(_judge_case, (folder, name_of(k), finder_name)) for k in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:
@@ -154,150 +117,155 @@ def plan_of(folder: str | os.PathLike[str]) -> Plan:
     return Plan(**asked_of(Path(folder)))
 
 
-def _generator_of(plan: Plan) -> Generator:
-    return generator(plan.generator)
+def robots_for(source: Generator, robot: str | None = None) -> list[str]:
+    """Return the presets that a generator can drive and whose encoders tell their motion, or the one asked for.
+
+    Raises InputError where that one is none of them.
+    """
+    found = []
+    for name in preset_names() if robot is None else [robot]:
+        described = preset(name)
+        try:
+            redundancy(described)
+            course = motion(described, "wander", 0, DURATION)
+            source.drive(described, course, 0, duration=2 * described.sample_period)
+        except InputError:
+            if robot is not None:
+                raise
+            continue
+        found.append(name)
+    return found
 
 
-def _make_clean(plan: Plan, number: int, folder: Path) -> None:
-    robot, seed = preset(plan.robot), 10**12 + 1000 * plan.seed + number  # beyond those of cases
-    course = motion("wander", seed, plan.duration)
-    log = _generator_of(plan).drive(robot, course, seed, duration=plan.duration)
-    write_log(folder / "clean" / f"{number}.csv", log, robot)
+def _clean_log(folder: Path, robot: str, number: int) -> Path:
+    return folder / "clean" / robot / f"{number}.csv"
+
+
+def _make_clean(plan: Plan, name: str, number: int, folder: Path) -> None:
+    robot, seed = preset(name), 10**12 + 1000 * plan.seed + number  # beyond those of cases
+    course = motion(robot, "wander", seed, plan.duration)
+    log = generator(plan.generator).drive(robot, course, seed, duration=plan.duration)
+    path = _clean_log(folder, name, number)
+    path.parent.mkdir(exist_ok=True)
+    write_log(path, log, robot)
 
 
 def _make_case(plan: Plan, number: int, folder: Path) -> None:
-    started, robot, source = time.process_time(), preset(plan.robot), _generator_of(plan)
+    started, source, begun = time.process_time(), generator(plan.generator), plan.setting(number)
+    first = TrialRun(begun, 0, source, plan.duration)
+    trial_runs = [first, TrialRun(begun, 1, source, plan.duration, like=first)]
     for attempt in range(ATTEMPTS):
-        drawn = draw(number, attempt, plan.seed, robot, source.outsiders)
-        trial_runs = [TrialRun(robot, drawn, which, source, plan.duration) for which in (0, 1)]
-        if (case := solve_size(drawn, trial_runs[0])) is None:
+        case = solve_size(hide(begun, attempt, plan.seed, source.outsiders), first)
+        if case is None:
             continue
         try:
-            first = trial_runs[0].strength(case.hidden, alternatives=True) if case.hidden else None
-            if not _accepted(case, first):
+            strengths = _strengths(case, trial_runs)
+            if strengths is None:
                 continue
-            strengths = [first, trial_runs[1].strength(case.hidden, alternatives=False) if case.hidden else None]
             logs = [trial_run.drive(*case.effects, outside=case.outside) for trial_run in trial_runs]
-        except InputError:
+            _write_files(case, logs, folder)
+        except (InputError, ValueError, ArithmeticError):
             continue
-        _write_case(plan, case, trial_runs, logs, strengths, folder, attempt, started)
+        label = _label(case, strengths) | {"attempts": attempt + 1, "seconds": time.process_time() - started}
+        write_json(folder / "labels" / f"{name_of(number)}.json", label)
         return
     raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
 
 
-def _accepted(case: Case, strength: Strength | None) -> bool:
-    """Whether a case is as strong as its stratum asks, and, where it should be, outside the catalogue."""
-    if strength is None:
-        return True
-    if any(effect.wiring for effect in case.effects):
-        return True
-    low, high = case.bounds[0] / SLACK, case.bounds[1] * SLACK
-    if case.stratum == "two":
-        low = 0.0  # what the other effect hides may be much
-    if not all(low <= z <= high and z > 0 for z in strength.z):
-        return False
-    return case.stratum != "outside" or (strength.cosine is not None and strength.cosine < OUTSIDE_BELOW)
+def _strengths(case: Case, trial_runs: list[TrialRun]) -> list[Strength] | None:
+    """Return how strong what is hidden is in both logs; None where the case is not what it has to be."""
+    if not case.hidden:
+        return []
+    first = trial_runs[0].strength(case.hidden)
+    low, high = BOUNDS[case.measure]
+    if case.measure == "z" and len(case.hidden) > 1:
+        low = 1e-9  # what the others hide may be much
+    measured = first.cost if case.measure == "cost" else first.z
+    sized = all(item.wiring or low / SLACK <= m <= high * SLACK for item, m in zip(case.hidden, measured, strict=True))
+    if not sized or (case.outside is not None and (first.cosine is None or first.cosine >= OUTSIDE_BELOW)):
+        return None
+    return [first, trial_runs[1].strength(case.hidden)]
 
 
-def _write_case(
-    plan: Plan,
-    case: Case,
-    trial_runs: list[TrialRun],
-    logs: list[Log],
-    strengths: list[Strength | None],
-    folder: Path,
-    attempt: int,
-    started: float,
-) -> None:
-    robot, name = preset(plan.robot), name_of(case.number)
+def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
+    robot, name = preset(case.robot), name_of(case.number)
     real, case_folder = robot.with_effects(*case.effects), folder / "cases" / name
     case_folder.mkdir(exist_ok=True)
-    for file, log, seed in zip(("log.csv", "holdout.csv"), logs, case.seeds, strict=True):
-        write_log(case_folder / file, as_recorded(real, log, seed, Noise()), robot)
+    for file, exact, seed in zip(("log.csv", "holdout.csv"), logs, case.seeds, strict=True):
+        log = as_recorded(real, exact, seed, Noise())
+        write_log(case_folder / file, log if case.reference else dataclasses.replace(log, reference=None), robot)
     robot.save(case_folder / "robot.json")
-    exact = {"true": logs[1], "nominal": trial_runs[1].nominal}
-    arrays = {
-        f"{kind}_{part}": getattr(log, part) for kind, log in exact.items() for part in ("wheel", "pivot", "reference")
-    }
-    np.savez_compressed(folder / "labels" / f"{name}.npz", t=logs[1].t, **arrays)
-    label = {
+    path = logs[1].reference
+    assert path is not None  # exact logs have a pose in every row
+    np.savez_compressed(folder / "labels" / f"{name}.npz", path=path)
+
+
+def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
+    told = ("stratum", "robot", "course", "seeds", "clean", "reference", "measure", "targets")
+    log, holdout = (dataclasses.asdict(one) for one in strengths) if strengths else (None, None)
+    return {
         "format": FORMAT,
         "case": case.number,
-        "stratum": case.stratum,
-        "course": case.course,
-        "seeds": case.seeds,
+        **{key: getattr(case, key) for key in told},
         "hidden": [_hidden(hidden) for hidden in case.hidden],
-        "targets": case.targets,
-        "log": None if strengths[0] is None else dataclasses.asdict(strengths[0]),
-        "holdout": None if strengths[1] is None else dataclasses.asdict(strengths[1]),
-        "attempts": attempt + 1,
-        "seconds": time.process_time() - started,
+        "log": log,
+        "holdout": holdout,
     }
-    write_json(folder / "labels" / f"{name}.json", label)
 
 
 def _hidden(hidden: Hidden) -> dict[str, Any]:
-    kind = "catalogue" if hidden.effect is not None else "outside"
+    kind = "outside" if hidden.effect is None else "wiring" if hidden.wiring else "catalogue"
     return {"class": hidden.label, "from": kind, "what": dataclasses.asdict(hidden.what)}
 
 
-def _judge_case(case: Path, clean: list[Path], outcome: Path) -> None:
-    """Write what the finder says of one case; it sees the case's files and the clean logs."""
-    started = time.perf_counter()
-    robot = RobotDescription.load(case / "robot.json")
-    result: dict[str, Any] = {"format": FORMAT, "case": int(case.name[-4:])}
+def _judge_case(folder: Path, name: str, finder_name: str) -> None:
+    """Write what a finder says of one case; it sees the case's files and, where the case has them, clean logs."""
+    label, case = read_json(folder / "labels" / f"{name}.json"), folder / "cases" / name
+    robot, started = RobotDescription.load(case / "robot.json"), time.process_time()
+    log, held_out = (read_log(case / file, robot) for file in ("log.csv", "holdout.csv"))
+    good = _read_clean(folder, label["robot"], label["reference"]) if label["clean"] else {}
     try:
-        logs, held_out = ({str(path): read_log(path, robot)} for path in (case / "log.csv", case / "holdout.csv"))
-        good = _read_clean(robot, tuple(clean))
-        examined = examine(robot, logs, held_out, good, replayed=False)
-        result |= dataclasses.asdict(said_by(examined))
-        result |= {"reason": examined.data["reason"], "found": intervals(examined.diagnosis)}
-        result["robot"] = None if examined.found is None else examined.found.to_dict()
+        said = finder(finder_name)(robot, {"log.csv": log}, {"holdout.csv": held_out}, good)
     except InputError as error:
-        result |= dataclasses.asdict(Said("refused")) | {"reason": str(error), "found": [], "robot": None}
+        said = Said("refused", reason=str(error))
     except Exception:  # a finder that breaks fails its own case, no other
-        result |= dataclasses.asdict(Said("broken")) | {"reason": traceback.format_exc(), "found": [], "robot": None}
-    result["seconds"] = time.perf_counter() - started
-    write_json(outcome, result)
+        said = Said("broken", reason=traceback.format_exc())
+    result = _told(said, robot, log) | {"seconds": time.process_time() - started}
+    with np.load(folder / "labels" / f"{name}.npz") as kept:
+        result["gap"] = _gap(said, robot, held_out, kept["path"])
+    outcome = folder / "outcomes" / finder_name / f"{name}.json"
+    write_json(outcome, {"format": FORMAT, "case": label["case"], "finder": finder_name} | result)
+
+
+def _told(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
+    """Return what was said as plain data, every effect named with what it costs in the log, m per 10 m."""
+    plain = {key: getattr(said, key) for key in ("verdict", "named", "credible", "unnamed", "probabilities", "reason")}
+    sizes = [
+        {"class": one.class_name, "effect": _plain(one.effect), "low": one.low, "high": one.high}
+        | {"cost": cost_of(robot, one.effect, [log])}
+        for one in said.sizes
+    ]
+    return plain | {"sizes": sizes, "effects": [_plain(effect) for effect in said.effects]}
+
+
+def _plain(effect: Effect) -> dict[str, Any]:
+    return TypeAdapter(Effect).dump_python(effect, mode="json")
+
+
+def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dict[str, float] | None:
+    """Return by how far odometry on the held-out log comes apart from the true path, m per 10 m, before and after what
+    was named; None where nothing was, or an encoder is connected wrongly."""
+    if not said.effects or any(effect.wiring for effect in said.effects):
+        return None
+    known = np.isfinite(path).all(axis=1)  # a reference whose clock is ahead ends before the log
+    told = (odometry(one, held_out) for one in (robot, robot.with_effects(*said.effects)))
+    before, after = (rms_of([apart(path[known], one[known])]) for one in told)
+    return None if before is None or after is None else {"before": before, "after": after}
 
 
 @lru_cache(maxsize=1)
-def _read_clean(robot: RobotDescription, clean: tuple[Path, ...]) -> Mapping[str, Log]:
-    """Return the clean logs, which are the same in all cases."""
-    return {str(path): read_log(path, robot) for path in clean}
-
-
-def _resimulate_case(plan: Plan, name: str, folder: Path) -> None:
-    label, outcome = read_json(folder / "labels" / f"{name}.json"), read_json(folder / "outcomes" / f"{name}.json")
-    result: dict[str, Any] = {"format": FORMAT, "case": label["case"], "left": None, "signal": None}
-    if label["holdout"] is not None:
-        robot, seed = preset(plan.robot), label["seeds"][1]
-        with np.load(folder / "labels" / f"{name}.npz") as kept:
-            true, nominal = (
-                Log(
-                    kept["t"],
-                    *(kept[f"{kind}_{part}"] for part in ("wheel", "pivot")),
-                    reference=kept[f"{kind}_reference"],
-                )
-                for kind in ("true", "nominal")
-            )
-        metric, floor = StrengthMetric(robot, nominal), label["holdout"]["floor"]
-        signal = _above(metric.signal(true), floor)
-        left = signal
-        if outcome["robot"] is not None:
-            found = RobotDescription.from_dict(outcome["robot"])
-            course = motion(label["course"], seed, plan.duration)
-            try:
-                again = _generator_of(plan).drive(
-                    found, course, seed, duration=plan.duration, rounded=False, noise=EXACT
-                )
-                left = _above(metric.signal(true, again), floor)
-            except InputError as error:
-                result["reason"] = str(error)
-        result |= {"signal": signal, "left": left / signal if signal > 0 else None}
-    write_json(folder / "left" / f"{name}.json", result)
-
-
-def _above(signal: Array, floor: float) -> float:
-    """Return the norm of a signal less the floor, in quadrature."""
-    return float(np.sqrt(max(float(signal @ signal) - floor**2, 0.0)))
+def _read_clean(folder: Path, name: str, reference: bool) -> dict[str, Log]:
+    """Return the clean logs of a robot, which serve for many cases; without their reference if the others have none."""
+    robot = preset(name)
+    logs = {f"clean/{k}.csv": read_log(_clean_log(folder, name, k), robot) for k in range(1, CLEAN + 1)}
+    return logs if reference else {key: dataclasses.replace(log, reference=None) for key, log in logs.items()}

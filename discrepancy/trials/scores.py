@@ -1,15 +1,16 @@
-"""Scores of a trial: how often diagnoses are right, from what was found (`run`) and what was hidden.
+"""Scores of a trial: how often a finder is right, and whether it knows how sure it is, from what was hidden and said.
 
-Every score is a count of cases with its 95 % Wilson interval. Effects that no log can distinguish count as the same
-class. Cases whose effect has z below `STRONG` in the held-out log do not count, as that log could not confirm it.
-A diagnosis is wrong (a false positive) if it names or lists effects, and what was hidden is not among them.
+Every rate is a count with its 95 % Wilson interval, over all cases, over those of each preset, and over those with and
+without clean logs and reference. Effects that no log can distinguish count as the same class. Probabilities are
+calibrated where of names told with probability p a part p is right: the reliability diagram shows it, and the expected
+calibration error is how far it is off on average.
 """
 
 import dataclasses
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,107 +18,196 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from castor_envs.effects.catalogue import EFFECTS
 from castor_envs.errors import InputError
 from castor_envs.files import read_json
+from discrepancy.trials.finders import NORMAL, QUIET
 from discrepancy.trials.run import Plan, plan_of
-from discrepancy.trials.strength.separation import JITTER
 
-FORMAT = "castor-trial/2"
+__all__ = ["NORMAL", "Rate", "lines", "report", "wilson"]
 
-STRONG, SEPARATE, STRONG_OF_TWO, LOUD, JITTERY = 8.0, 5.0, 10.0, 20.0, 10.0
-"""z of one effect, z_sep, the weaker z of two, z to be flagged at outside of the catalogue, and z of jitter."""
+FORMAT = "castor-trial/3"
 
-NORMAL = 1.959964
-"""Standard deviations to either side of a 95 % interval."""
+MATTERS, COSTLY, SEPARATE, STRONG, LOUD = 1e-3, 2e-3, 5.0, 8.0, 20.0
+"""m per 10 m that matter to a user; m per 10 m, z_sep and z of effects that have to be named; z to be flagged at
+outside of the catalogue."""
+
+TOLD = 0.05
+"""Probability from which on a name counts as told: a set of 95 % leaves out no more."""
+
+EDGES = (TOLD, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
+"""Of the bins of probability, narrow where names are sure."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A case after the labels are open: what was hidden in it, what was said of it, and what is left."""
+    """A case after the labels are open: what was hidden in it, and what was said of it."""
 
     label: dict[str, Any]
     outcome: dict[str, Any]
-    left: dict[str, Any]
 
     @property
-    def stratum(self) -> str:
-        """Of the case."""
-        return self.label["stratum"]
-
-    @property
-    def truth(self) -> tuple[str, ...]:
+    def truth(self) -> frozenset[str]:
         """The classes of what was hidden."""
-        return tuple(hidden["class"] for hidden in self.label["hidden"])
+        return frozenset(hidden["class"] for hidden in self.label["hidden"])
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the effects hidden, whose classes know castors and wheels besides."""
-        return tuple(hidden["what"].get("name", hidden["class"]) for hidden in self.label["hidden"])
-
-    @property
-    def named(self) -> tuple[str, ...]:
+    def named(self) -> frozenset[str]:
         """The classes that the finder is sure of."""
-        return tuple(self.outcome["named"])
+        return frozenset(self.outcome["named"])
 
     @property
-    def possible(self) -> tuple[str, ...]:
-        """The classes that the finder says it may be."""
-        return tuple(self.outcome["possible"])
+    def credible(self) -> frozenset[str]:
+        """The classes in all its credible sets."""
+        return frozenset(name for names in self.outcome["credible"] for name in names)
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is sure of what was hidden, of nothing else, and says that this is all."""
+        return self.outcome["verdict"] == "named" and self.named == self.truth
+
+    @property
+    def among(self) -> bool:
+        """Whether all that was hidden is in its credible sets."""
+        return self.truth <= self.credible
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is sure of something that was not hidden."""
+        return bool(self.named - self.truth)
+
+    @property
+    def alarm(self) -> bool:
+        """Whether it says that something is not as described."""
+        return self.outcome["verdict"] not in (*QUIET, "broken")
 
     @property
     def flagged(self) -> bool:
-        """Whether the finder says that nothing it knows may be it."""
-        return self.outcome["verdict"] == "unexplained" or bool(self.outcome["unnamed_rival"])
+        """Whether it says that nothing it knows may be it."""
+        return self.outcome["verdict"] == "unexplained" or self.outcome["unnamed"]
 
     @property
-    def z(self) -> float:
-        """The least z of what was hidden in the log; infinite where there is nothing."""
-        return min(self.label["log"]["z"], default=math.inf) if self.label["log"] else math.inf
+    def costly_name(self) -> bool:
+        """Whether it is sure of something that costs over `MATTERS`; what has no size, as wiring has none, does."""
+        sized = {size["class"]: size["cost"] for size in self.outcome["sizes"]}
+        return any((sized.get(name) or math.inf) > MATTERS for name in self.named)
+
+    def least(self, what: str, log: str = "log") -> float:
+        """Return the least cost, z or z_sep of what was hidden; infinite where there is nothing."""
+        return min(self.label[log][what], default=math.inf) if self.label[log] else math.inf
 
     @property
-    def z_held_out(self) -> float:
-        """The least z in the held-out log."""
-        return min(self.label["holdout"]["z"], default=math.inf) if self.label["holdout"] else math.inf
+    def plain(self) -> bool:
+        """Whether what was hidden is costly and separate enough to be named, and the held-out log could confirm it."""
+        confirmed = self.least("z", "holdout") >= SEPARATE
+        return self.least("cost") >= COSTLY and self.least("z_sep") >= SEPARATE and confirmed
 
     @property
-    def z_sep(self) -> float:
-        """The least z_sep in the log."""
-        return min(self.label["log"]["z_sep"], default=math.inf) if self.label["log"] else math.inf
+    def strong(self) -> bool:
+        """Whether what was hidden, whatever it costs, is strong in both logs, and separate."""
+        return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
 
     @property
-    def wiring(self) -> bool:
-        """Whether encoders were swapped or reversed."""
-        return any(name in EFFECTS and EFFECTS[name].wiring for name in self.names)
+    def gap_grew(self) -> bool:
+        """Whether what was named made odometry on the held-out log worse."""
+        gap = self.outcome["gap"]
+        return gap is not None and gap["after"] > gap["before"]
+
+    def told(self) -> list[tuple[float, bool]]:
+        """Return the probability of every class that was told, and whether it is there.
+
+        None of wrong wiring: that is for the pre-flight, which tells no probabilities.
+        """
+        every = self.outcome["probabilities"].items() if self.label["stratum"] != "wiring" else ()
+        return [(probability, name in self.truth) for name, probability in every if probability >= TOLD]
+
+    def covered(self) -> list[bool]:
+        """Return of every size named rightly, with an interval, whether the true one lies within it."""
+        true = {hidden["class"]: hidden["what"] for hidden in self.label["hidden"] if hidden["from"] == "catalogue"}
+        return [
+            found["low"] <= size_as(true[found["class"]], found["effect"]) <= found["high"]
+            for found in self.outcome["sizes"]
+            if found["class"] in true and found["low"] is not None
+        ]
 
 
 @dataclass(frozen=True)
 class Rate:
-    """Of `total` cases, `count` are so. low, high: the 95 % Wilson interval.
-
-    least, most: what is to be reached with the own and with the foreign simulator; None where it is only reported.
-    """
+    """Of `total`, `count` are so. low, high: the 95 % Wilson interval."""
 
     what: str
     count: int
     total: int
     low: float
     high: float
-    least: tuple[float, float] | None = None
-    most: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, what: str, hits: Iterable[bool]) -> "Rate":
+        """Return the rate of what is so."""
+        every = list(hits)
+        return cls(what, sum(every), len(every), *wilson(sum(every), len(every)))
 
     @property
     def share(self) -> float:
-        """count / total; NaN of no cases."""
+        """count / total; NaN of none."""
         return self.count / self.total if self.total else math.nan
 
-    def reached(self, foreign: bool) -> bool | None:
-        """Whether the share is what it has to be; None where nothing is asked or nothing is known."""
-        if not self.total:
-            return None
-        if self.least is not None:
-            return self.share >= self.least[foreign]
-        return self.share <= self.most[foreign] if self.most is not None else None
+
+Which = Callable[[Trial], bool]
+
+
+def _stratum(*names: str) -> Which:
+    return lambda trial: trial.label["stratum"] in names
+
+
+def _plain(*names: str) -> Which:
+    return lambda trial: trial.label["stratum"] in names and trial.plain
+
+
+ENOUGH = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
+
+RATES: tuple[tuple[str, Which, Which], ...] = (
+    ("clean: any alarm", _stratum("clean"), lambda trial: trial.alarm),
+    ("clean: a sure name", _stratum("clean"), lambda trial: trial.wrong),
+    (
+        f"clean, no clean logs given: a sure name that costs over {1e3 * MATTERS:g} mm per 10 m",
+        lambda trial: trial.label["stratum"] == "clean" and not trial.label["clean"],
+        lambda trial: trial.costly_name,
+    ),
+    (f"one effect, {ENOUGH}: named exactly", _plain("one"), lambda trial: trial.exact),
+    ("  the truth in the credible set", _plain("one"), lambda trial: trial.among),
+    ("  a sure name that is wrong", _plain("one"), lambda trial: trial.wrong),
+    (
+        f"one effect of any cost, z {STRONG:g} and z_sep {SEPARATE:g} or more: named exactly",
+        lambda trial: trial.label["stratum"] == "one" and trial.strong,
+        lambda trial: trial.exact,
+    ),
+    (f"two effects, each {ENOUGH}: named exactly", _plain("two"), lambda trial: trial.exact),
+    ("  the truth in the credible sets", _plain("two"), lambda trial: trial.among),
+    (f"three effects, each {ENOUGH}: named exactly", _plain("three"), lambda trial: trial.exact),
+    ("  the truth in the credible sets", _plain("three"), lambda trial: trial.among),
+    (
+        f"outside the catalogue, z {LOUD:g} or more: flagged",
+        lambda trial: trial.label["stratum"] == "outside" and trial.least("z") >= LOUD,
+        lambda trial: trial.flagged,
+    ),
+    ("outside the catalogue: a sure name", _stratum("outside"), lambda trial: trial.wrong),
+    (f"poor motion, {ENOUGH}: named exactly", _plain("poor"), lambda trial: trial.exact),
+    ("poor motion: a sure name that is wrong", _stratum("poor"), lambda trial: trial.wrong),
+    (
+        "wiring: named, or refused with a reason",
+        _stratum("wiring"),
+        lambda trial: trial.exact or trial.outcome["verdict"] == "refused",
+    ),
+    (
+        "something named: the held-out gap is larger after than before",
+        lambda trial: trial.outcome["gap"] is not None,
+        lambda trial: trial.gap_grew,
+    ),
+    ("the finder broke down", lambda trial: True, lambda trial: trial.outcome["verdict"] == "broken"),
+)
+"""What is asked of a finder: of which cases, and what counts."""
+
+COVERED = "95 % intervals of sizes named rightly: the true size within"
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
@@ -128,112 +218,39 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
-    """Return all cases of a trial of which the finder has spoken; raises InputError if there are none."""
+def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
+    """Return all cases of a trial of which a finder has spoken; raises InputError if there are none."""
     folder = Path(folder)
-    found = []
-    for path in sorted((folder / "outcomes").glob("case-*.json")):
-        left = folder / "left" / path.name
-        label, outcome = (read_json(file) for file in (folder / "labels" / path.name, path))
-        after = read_json(left) if left.exists() else {"left": None}
-        found.append(Trial(label, outcome, after))
-    if not found:
-        raise InputError(f"{folder}: nothing was found yet; judge the cases first")
-    return found
+    paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
+    if not paths:
+        raise InputError(f"{folder}: finder {finder} has said nothing yet; judge the cases first")
+    return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
-    """Return all rates that are asked for, and some more."""
-
-    def among(*strata: str, strong: float = 0.0, separate: float = 0.0) -> list[Trial]:
-        """Cases of some strata, wiring left out, with z of at least `strong` in both logs."""
-        held_out = min(strong, STRONG)
-        return [
-            trial
-            for trial in trials
-            if trial.stratum in strata
-            and not trial.wiring
-            and trial.z >= strong
-            and trial.z_held_out >= held_out
-            and trial.z_sep >= separate
-        ]
-
-    def rate(what: str, cases: Sequence[Trial], so: Callable[[Trial], bool], **asked: tuple[float, float]) -> Rate:
-        count = sum(map(so, cases))
-        return Rate(what, count, len(cases), *wilson(count, len(cases)), **asked)
-
-    single, poor = among("one", "large", strong=STRONG), among("poor", strong=STRONG)
-    jitter = [trial for trial in among("one", "large", strong=JITTERY) if JITTER in trial.names]
-    wired = [trial for trial in trials if trial.wiring]
-    return [
-        rate(
-            f"one effect, z >= {STRONG:g}, z_sep >= {SEPARATE:g}: named exactly",
-            among("one", "large", strong=STRONG, separate=SEPARATE),
-            _exact,
-            least=(0.97, 0.85),
-        ),
-        rate(f"one effect, z >= {STRONG:g}: the truth among the names", single, _in_the_set, least=(0.99, 0.92)),
-        rate(f"one effect, z >= {STRONG:g}: a wrong name, the truth not among them", single, _wrong, most=(0.01, 0.02)),
-        rate(
-            "clean: an effect named (false positive)",
-            among("clean"),
-            lambda trial: bool(trial.possible),
-            most=(0.01, 0.05),
-        ),
-        rate(
-            f"two effects, the weaker z >= {STRONG_OF_TWO:g}: both named exactly",
-            among("two", strong=STRONG_OF_TWO),
-            _exact,
-            least=(0.88, 0.0),
-        ),
-        rate("outside the catalogue: a name said to be sure", among("outside"), _sure, most=(0.03, 0.05)),
-        rate(
-            f"outside the catalogue, z >= {LOUD:g}: flagged",
-            [trial for trial in among("outside") if trial.z >= LOUD],
-            lambda trial: trial.flagged,
-            least=(0.90, 0.80),
-        ),
-        rate(f"jitter, z >= {JITTERY:g}: found", jitter, _exact, least=(0.80, 0.80)),
-        rate(f"poor motion, z >= {STRONG:g}: named exactly", poor, _exact),
-        rate(f"poor motion, z >= {STRONG:g}: a wrong name, the truth not among them", poor, _wrong),
-        rate("wiring gone wrong: found, or refused with a reason", wired, _wired),
-        rate(
-            "the finder broke down", list(trials), lambda trial: trial.outcome["verdict"] == "broken", most=(0.0, 0.0)
-        ),
-    ]
+    """Return all rates of some cases."""
+    found = [Rate.of(what, (so(trial) for trial in trials if among(trial))) for what, among, so in RATES]
+    return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
-def signal_left(trials: Sequence[Trial]) -> tuple[float, int]:
-    """Return the median part of the held-out signal of one effect that the robot found leaves, and of how many cases.
-
-    Where nothing was named, all of it is left. Jitter has no signal.
-    """
-    left = [
-        trial.left["left"]
-        for trial in trials
-        if trial.stratum in ("one", "large")
-        and not trial.wiring
-        and min(trial.z, trial.z_held_out) >= STRONG
-        and trial.left["left"] is not None
-        and JITTER not in trial.names
-    ]
-    return (float(np.median(left)), len(left)) if left else (math.nan, 0)
+def reliability(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
+    """Return of each bin of probability that holds names how many, their mean probability, and how many are right."""
+    bins = []
+    probability = np.array([one for one, _ in told])
+    place = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
+    for k in range(len(EDGES) - 1):
+        inside = np.flatnonzero(place == k).tolist()
+        if inside:
+            rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (told[n][1] for n in inside))
+            bins.append(as_plain(rate) | {"probability": float(probability[inside].mean())})
+    return bins
 
 
-def coverage(trials: Sequence[Trial]) -> dict[str, Rate]:
-    """Return for each effect how often its true size lies in the 95 % interval of the one named at its place."""
-    inside: dict[str, list[bool]] = {}
-    for trial in trials:
-        for hidden in trial.label["hidden"]:
-            for found in trial.outcome["found"]:
-                if hidden["from"] != "catalogue" or found["error"] is None or found["class"] != hidden["class"]:
-                    continue
-                true = size_as(hidden["what"], found["effect"])
-                covered = abs(found["effect"]["value"] - true) <= NORMAL * found["error"]
-                inside.setdefault(hidden["what"]["name"], []).append(covered)
-    return {
-        name: Rate(name, sum(hits), len(hits), *wilson(sum(hits), len(hits))) for name, hits in sorted(inside.items())
-    }
+def calibration_error(bins: Sequence[dict[str, Any]]) -> float | None:
+    """Return by how much told probability and the part that is right differ, on average over names; None of none."""
+    total = sum(entry["total"] for entry in bins)
+    off = sum(entry["total"] * abs(entry["probability"] - entry["share"]) for entry in bins)
+    return off / total if total else None
 
 
 def size_as(true: dict[str, Any], found: dict[str, Any]) -> float:
@@ -256,27 +273,73 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     """
     table: dict[str, Counter[str]] = {}
     for trial in trials:
-        truth = " + ".join(sorted(_name(hidden_class) for hidden_class in trial.truth)) or "clean"
-        said = " + ".join(sorted(_name(hidden_class) for hidden_class in trial.named)) or trial.outcome["verdict"]
-        if said == truth and sorted(trial.named) != sorted(trial.truth):
+        truth = " + ".join(sorted(name.split()[0] for name in trial.truth)) or "clean"
+        said = " + ".join(sorted(name.split()[0] for name in trial.named)) or trial.outcome["verdict"]
+        if said == truth and trial.named != trial.truth:
             said += ", another place"
         table.setdefault(truth, Counter())[said] += 1
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
 
 
-def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return all scores of a trial as plain data."""
-    plan, trials = plan_of(folder), trials_of(folder)
-    foreign = plan.generator != "pymunk"
-    left, of = signal_left(trials)
+def report(folder: str | os.PathLike[str], finder: str) -> dict[str, Any]:
+    """Return all scores of a finder in a trial as plain data."""
+    plan, trials = plan_of(folder), trials_of(folder, finder)
+    parts: dict[str, Which] = {
+        "clean logs given": lambda trial: trial.label["clean"],
+        "no clean logs given": lambda trial: not trial.label["clean"],
+        "with a reference": lambda trial: trial.label["reference"],
+        "without a reference": lambda trial: not trial.label["reference"],
+    }
+    groups = {name: [trial for trial in trials if trial.label["robot"] == name] for name in plan.robots}
+    groups |= {name: [trial for trial in trials if so(trial)] for name, so in parts.items()}
     return {
         "format": FORMAT,
         "plan": dataclasses.asdict(plan),
+        "finder": finder,
         "judged": len(trials),
-        "rates": [_plain(rate) | {"reached": rate.reached(foreign)} for rate in rates(trials)],
-        "held_out_signal_left": {"median": None if math.isnan(left) else left, "cases": of, "most": 0.2},
-        "coverage": [_plain(rate) for rate in coverage(trials).values()],
+        "all": _scores(trials),
+        "groups": {name: _scores(some) for name, some in groups.items() if some},
         "confusion": confusion(trials),
+    }
+
+
+def lines(scores: dict[str, Any]) -> list[str]:
+    """Return the scores of `report` as text."""
+    plan = Plan(**scores["plan"])
+    done = f"{scores['judged']} of {plan.cases} cases, generator {plan.generator}, seed {plan.seed}"
+    text = [f"{done}, finder {scores['finder']}, {len(plan.robots)} robots"]
+    for name, group in {"all": scores["all"], **scores["groups"]}.items():
+        each = group["seconds"]
+        text += [
+            "",
+            f"{name}: {group['cases']} cases, {each['make']:.1f} s to make and {each['judge']:.1f} s to judge each",
+        ]
+        text += [f"{_counted(rate)}  {rate['what']}" for rate in group["rates"] if rate["total"] or name == "all"]
+        if group["reliability"]:
+            text.append("told probability against the part that is right, of names:")
+        text += [
+            f"{_counted(entry)}  {entry['what']}, mean {entry['probability']:.3f}" for entry in group["reliability"]
+        ]
+        if group["calibration_error"] is not None:
+            text.append(f"expected calibration error {group['calibration_error']:.3f}")
+    text += ["", "Hidden -> said:"]
+    for truth, row in scores["confusion"].items():
+        text.append(f"{truth}: " + ", ".join(f"{said} {count}" for said, count in row.items()))
+    return text
+
+
+def as_plain(rate: Rate) -> dict[str, Any]:
+    """Return a rate as data for JSON."""
+    return dataclasses.asdict(rate) | {"share": rate.share if rate.total else None}
+
+
+def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
+    bins = reliability([one for trial in trials for one in trial.told()])
+    return {
+        "cases": len(trials),
+        "rates": [as_plain(rate) for rate in rates(trials)],
+        "reliability": bins,
+        "calibration_error": calibration_error(bins),
         "seconds": {
             "make": float(np.mean([trial.label["seconds"] for trial in trials])),
             "judge": float(np.mean([trial.outcome["seconds"] for trial in trials])),
@@ -284,61 +347,6 @@ def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
-def lines(scores: dict[str, Any]) -> list[str]:
-    """Return the scores of `report` as text."""
-    plan, foreign = Plan(**scores["plan"]), scores["plan"]["generator"] != "pymunk"
-    text = [f"{scores['judged']} of {plan.cases} cases, generator {plan.generator}, seed {plan.seed}, {plan.robot}", ""]
-    for rate in scores["rates"]:
-        asked = rate["least"] or rate["most"]
-        bound = "" if asked is None else f"   asked: {'>=' if rate['least'] else '<='} {100 * asked[foreign]:g} %"
-        text.append(f"{_counted(rate)}  {rate['what']}{bound}{_mark(rate['reached'])}")
-    left = scores["held_out_signal_left"]
-    if left["median"] is not None:
-        mark = _mark(left["median"] <= left["most"])
-        what = f"median part of the held-out signal left, {left['cases']} cases   asked: <= 0.2"
-        text.append(f"{left['median']:.2f}  {what}{mark}")
-    text += ["", "True size within the 95 % interval:"]
-    text += [f"{_counted(rate)}  {rate['what']}" for rate in scores["coverage"]]
-    text += ["", "Hidden -> said:"]
-    for truth, row in scores["confusion"].items():
-        text.append(f"{truth}: " + ", ".join(f"{said} {count}" for said, count in row.items()))
-    each = scores["seconds"]
-    text += ["", f"A case takes {each['make']:.1f} s to make and {each['judge']:.1f} s to judge."]
-    return text
-
-
-def _exact(trial: Trial) -> bool:
-    return sorted(trial.named) == sorted(trial.truth) and not trial.flagged
-
-
-def _in_the_set(trial: Trial) -> bool:
-    return set(trial.truth) <= set(trial.possible)
-
-
-def _wrong(trial: Trial) -> bool:
-    return bool(trial.possible) and not set(trial.truth) & set(trial.possible)
-
-
-def _sure(trial: Trial) -> bool:
-    return bool(trial.named)
-
-
-def _wired(trial: Trial) -> bool:
-    return _exact(trial) or trial.outcome["verdict"] == "refused"
-
-
-def _name(label: str) -> str:
-    return label.split()[0]
-
-
-def _plain(rate: Rate) -> dict[str, Any]:
-    return dataclasses.asdict(rate) | {"share": None if not rate.total else rate.share}
-
-
 def _counted(rate: dict[str, Any]) -> str:
     share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
     return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {100 * rate['low']:.1f} to {100 * rate['high']:.1f})"
-
-
-def _mark(reached: bool | None) -> str:
-    return "" if reached is None else ", reached" if reached else ", NOT reached"

@@ -1,6 +1,6 @@
 """What an effect costs in use: the error of odometry over 10 m that ignoring it makes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -16,30 +16,78 @@ from estimators.calibration.log_likelihood import LogLikelihood
 WAY = 10.0
 """m: what is driven."""
 
+WINDOWS = 40
+"""Stretches of a drive, at most, that the error is the mean of."""
+
 
 def cost_of(robot: RobotDescription, effect: Effect, logs: Sequence[Log]) -> float | None:
     """Return by how far (m, rms) odometry ends elsewhere after 10 m without the effect than with it, on these drives.
 
-    Odometry is least squares over all encoders, sample by sample. Shorter drives are scaled up; None for drives of less
-    than a tenth of the way.
+    Shorter drives are scaled up; None for drives of less than a tenth of the way.
     """
-    errors: list[Array] = []
-    for log in logs:
-        without, with_it = (_odometry(variant, log) for variant in (robot, robot.with_effects(effect)))
-        driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(without[:, :2], axis=0).T))])
-        way = min(WAY, float(driven[-1]))
-        if way < WAY / 10:
-            continue
-        starts = np.flatnonzero(driven <= driven[-1] - way + 1e-9)
-        ends = np.minimum(np.searchsorted(driven, driven[starts] + way), len(driven) - 1)
-        off = relative_pose(without[starts], without[ends]) - relative_pose(with_it[starts], with_it[ends])
-        errors.append(np.hypot(off[:, 0], off[:, 1]) * WAY / way)
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else None
+    real = robot.with_effects(effect)
+    return rms_of(apart(odometry(robot, log), odometry(real, log)) for log in logs)
 
 
-def _odometry(robot: RobotDescription, log: Log) -> Array:
+def apart(path: Array, other: Array) -> Array:
+    """Return by how far (m) two paths (N, 3) of one drive come apart over 10 m of the first, from every place on it.
+
+    Each is seen from where it is at the start of these 10 m. Empty for a drive of less than a tenth of the way.
+    """
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
+    way = min(WAY, float(driven[-1]))
+    if way < WAY / 10:
+        return np.zeros(0)
+    starts = np.flatnonzero(driven <= driven[-1] - way + 1e-9)
+    ends = np.minimum(np.searchsorted(driven, driven[starts] + way), len(driven) - 1)
+    off = relative_pose(path[starts], path[ends]) - relative_pose(other[starts], other[ends])
+    return np.hypot(off[:, 0], off[:, 1]) * WAY / way
+
+
+def rms_of(parts: Iterable[Array]) -> float | None:
+    """Return the root mean square of all values; None of none."""
+    values = np.concatenate([np.zeros(0), *parts])
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def odometry(robot: RobotDescription, log: Log) -> Array:
+    """Return the path (N, 3) that a robot's encoders tell, its effects known: least squares over all of them, sample by
+    sample."""
     geometry, channels = Geometry.of(robot.as_built()), Channels(robot)
     model = LogLikelihood(geometry, log)
     counts = model.start(geometry)[:, 3:]
     model.correct(channels.read(robot, log, counts) - counts)
     return model.odometry(geometry)
+
+
+def cost_of_sizes(error: Array, pose: Array) -> Array:
+    """Return what errors of odometry's steps come to (2, C), rms: m after `WAY`, and rad after a turn.
+
+    error (K - 1, 3, C): of each step, in B, m and rad, by C causes. pose (K, 3). Shorter drives are scaled up; 0 where
+    a drive is shorter than a tenth of the way, or does not turn by half a turn.
+    """
+    heading, place = pose[:-1, 2] + np.diff(pose[:, 2]) / 2, (pose[1:, :2] + pose[:-1, :2]) / 2
+    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    moved = np.stack([c * error[:, 0] - s * error[:, 1], s * error[:, 0] + c * error[:, 1]], axis=1)
+    turned = error[:, 2]
+    sums = [
+        np.concatenate([np.zeros_like(part[:1]), np.cumsum(part, axis=0)])
+        for part in (moved, turned, place[:, :, None] * turned[:, None, :])
+    ]
+    driven, swept = (
+        np.concatenate([[0.0], np.cumsum(steps)])
+        for steps in (np.hypot(*np.diff(pose[:, :2], axis=0).T), np.abs(np.diff(pose[:, 2])))
+    )
+    cost, way = np.zeros((2, error.shape[2])), min(WAY, float(driven[-1]))
+    if way >= WAY / 10:
+        starts = np.unique(np.searchsorted(driven, np.linspace(0.0, driven[-1] - way, WINDOWS)))
+        ends = np.minimum(np.searchsorted(driven, driven[starts] + way), len(driven) - 1)
+        moved, turned, swung = (total[ends] - total[starts] for total in sums)
+        off = moved + (pose[ends, :2, None] * turned[:, None, :] - swung)[:, ::-1] * np.array([-1.0, 1.0])[:, None]
+        cost[0] = np.sqrt(np.mean(np.sum(off**2, axis=1), axis=0)) * WAY / way
+    if swept[-1] >= np.pi:
+        turn = min(2 * np.pi, float(swept[-1]))
+        starts = np.unique(np.searchsorted(swept, np.linspace(0.0, swept[-1] - turn, WINDOWS)))
+        ends = np.minimum(np.searchsorted(swept, swept[starts] + turn), len(swept) - 1)
+        cost[1] = np.sqrt(np.mean((sums[1][ends] - sums[1][starts]) ** 2, axis=0)) * 2 * np.pi / turn
+    return cost

@@ -57,12 +57,16 @@ def _about_castors(robot: RobotDescription) -> list[Trajectory]:
     return [pivoting(castor.pivot, way) for castor in robot.castors for way in ("cw", "ccw")]
 
 
-def _random_path(robot: RobotDescription) -> list[Trajectory]:
-    holonomic = not any(
+def moves_sideways(robot: RobotDescription) -> bool:
+    """Return whether no wheel keeps a robot from moving sideways: none without rollers is fixed to its body."""
+    return not any(
         castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
         for castor in robot.castors
     )
-    return [wander(np.random.default_rng(0), holonomic=holonomic)]
+
+
+def _random_path(robot: RobotDescription) -> list[Trajectory]:
+    return [wander(np.random.default_rng(0), holonomic=moves_sideways(robot))]
 
 
 DRIVES: dict[str, Callable[[RobotDescription], list[Trajectory]]] = {

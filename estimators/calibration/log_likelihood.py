@@ -471,16 +471,36 @@ class LogLikelihood:
         squares over how easily each row yields (K - 1, rows), of what no motion of body and castors takes away. For
         units of the changes of the geometry (as in `reduce`) and of what is read more (K, s + d, R).
         """
-        residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
-        by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
-        by_reading = start[..., 3:] @ readings[:-1] + end[..., 3:] @ readings[1:]
-        missing = np.concatenate([by_change, -by_reading], axis=-1)
+        missing = self._contradicting(geometry, changed, change, state, readings)
         angle = self._angles(geometry, state[:, 3:])
         a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
         stiff = np.sqrt(yields.min(axis=1, keepdims=True) / yields)[..., None]
         moved = np.concatenate([a, turning], axis=-1)
         return missing - moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * missing))
+
+    def missing(
+        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
+    ) -> Array:
+        """Return what odometry would add to the body's motion in every step (K - 1, 3, G + R), in B, m and rad.
+
+        For units of the changes of the geometry (as in `reduce`), and of what is read more (K, s + d, R) and wheels
+        slip (K - 1, rows, R).
+        """
+        missed = self._contradicting(geometry, changed, change, state, readings)
+        missed[..., len(change) :] -= slips
+        angle = self._angles(geometry, state[:, 3:])
+        a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
+        return -np.linalg.pinv(a, rcond=1e-10) @ missed
+
+    def _contradicting(
+        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array
+    ) -> Array:
+        """Return by how much more every step misses its constraints (K - 1, rows, G + R), as `fought` has units."""
+        residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
+        by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
+        by_reading = start[..., 3:] @ readings[:-1] + end[..., 3:] @ readings[1:]
+        return np.concatenate([by_change, -by_reading], axis=-1)
 
     def _angles(self, geometry: Geometry, counts: Array) -> Array:
         """Return the castors' angles (..., K, n) at counts (K, s + d)."""

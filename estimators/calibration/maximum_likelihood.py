@@ -176,11 +176,13 @@ def fitted(
     start: tuple[State, Noise] | None = None,
     rounds: int = ROUNDS,
     placed: Array = MOUNT,
+    least: Noise = LEAST,
 ) -> tuple[State, Noise, "_Solution"]:
     """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well.
 
     noise: known sizes; None: they are found. start: what to begin with, of the same logs; None: what the counts say.
-    rounds: how many steps to take at most. placed (3,): standard deviations of the mount before any log speaks.
+    rounds: how many steps to take at most. placed (3,): standard deviations of the mount before any log speaks. least:
+    the least sizes of noise that there are.
     """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
@@ -199,7 +201,7 @@ def fitted(
             each, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= settling else 0.0
         )
         at, left, part = _stepped(each, described, parameters, at, solution, placed)
-        last, sizes = sizes, sizes if noise else resized(sizes, left)
+        last, sizes = sizes, sizes if noise else resized(sizes, left, least)
         done = k > settling and part == 1 and solution.moved < CONVERGED and _same(sizes, last, left)
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
@@ -351,8 +353,8 @@ def _solve(each: list[Reduced], scale: Array, mount: Array, placed: Array, away:
     return _Solution(step, set_by, covariance, moved, strength, way, seen)
 
 
-def resized(sizes: Noise, left: list[Leftover]) -> Noise:
-    """Return the sizes of noise by which the squares that are left would be what they are on average."""
+def resized(sizes: Noise, left: list[Leftover], least: Noise = LEAST) -> Noise:
+    """Return the sizes of noise, none below `least`, by which the squares left would be what they are on average."""
     better = asdict(sizes)
     for name, size in asdict(sizes).items():
         squares, expected = (
@@ -361,7 +363,7 @@ def resized(sizes: Noise, left: list[Leftover]) -> Noise:
         if expected > 0:
             ratio = squares / expected
             change = ratio if ratio < 0.25 else np.sqrt(ratio)  # There is hardly any: go on towards none faster.
-            better[name] = max(size * float(np.clip(change, 0.05, 5.0)), getattr(LEAST, name))
+            better[name] = max(size * float(np.clip(change, 0.05, 5.0)), getattr(least, name))
     return Noise(**better)
 
 

@@ -62,7 +62,8 @@ def importer_of(source: str | os.PathLike[str]) -> Importer:
     """Return the importer that recognises a folder; raises InputError if there is none."""
     source, known = Path(source), importers()
     if not source.is_dir():
-        raise InputError(f"{source}: no such folder; give the folder that holds the data")
+        what = "is a file" if source.exists() else "no such folder"
+        raise InputError(f"{source}: {what}; give the folder that holds the data")
     for candidate in known.values():
         if candidate.recognises(source):
             return candidate

@@ -2,7 +2,6 @@
 
 Nothing here uses the project's own physics, kinematics or sensor models. `drive` makes a log: `simulate` runs the
 robot in steps of about 1 ms, steered by the readings of its encoders, and `read` samples that run at the log's rate.
-The same run can be read again for the same robot with other effects on its sensors.
 
 Steps are of second order: contacts hold half-way through each step, so that paths are not off by the half step that
 MuJoCo's own integrators lag behind, as a late encoder would.
@@ -20,10 +19,12 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.mujoco.build import Build, Controller
+from discrepancy.trials.foreign.build import Build, Controller
+from discrepancy.trials.foreign.run import Run as AnyRun
+from discrepancy.trials.foreign.run import read, start_angles
+from discrepancy.trials.foreign.sensors import Sensors, believed
 from discrepancy.trials.mujoco.model import AHEAD, STEP, Rig, mujoco_module, parts_of, rig_of
 from discrepancy.trials.mujoco.outside import Outside
-from discrepancy.trials.mujoco.sensors import Sensors, believed, reading_times, reference_poses, reference_times
 from discrepancy.trials.noise import Noise
 
 RELAXATION = 0.01
@@ -36,26 +37,15 @@ SETTLING = 0.5
 """How long the robot stands before the start, s."""
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What happened, at N + 1 times of the physics, of which every `every`-th is a sample.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run(AnyRun):
+    """What happened in MuJoCo.
 
-    t (N + 1,): s. angle (N + 1, w + n): of wheels since the start, and of castors, rad, true and unwrapped. pose
-    (N + 1, 3): of the point that the reference tracks. height (N + 1, w): of the wheels' centres over the floor, m.
-    load (N + 1, w): on the wheels' springs, N. command (K, driven wheels), steering (K, driven castors): rad/s, the
-    last row 0. phase (driven wheels,): of encoders, counts.
+    height (N + 1, w): of the wheels' centres over the floor, m. load (N + 1, w): on the wheels' springs, N.
     """
 
-    t: Array
-    angle: Array
-    pose: Array
     height: Array
     load: Array
-    command: Array
-    steering: Array
-    phase: Array
-    every: int
-    seed: int
 
 
 def drive(
@@ -96,7 +86,7 @@ def simulate(
     rig = rig_of(parts)
 
     random = np.random.default_rng([seed, 2])
-    theta = _start_angles(described, motion, random)
+    theta = start_angles(described, motion, random)
     phase = random.uniform(size=len(described.driven))
     stepper = _Stepper(rig, floor, outside)
     stepper.settle(theta, motion.start)
@@ -120,49 +110,16 @@ def simulate(
             course[row], height[row], load[row] = stepper.state()
         seen = sensors.push(t[ahead], _angles(rig, course[ahead], course[0], described))
     return Run(
-        t,
-        _angles(rig, course, course[0], described),
-        _poses(rig, course),
-        height,
-        load,
-        command,
-        steering,
-        phase,
-        every,
-        seed,
-    )
-
-
-def read(
-    run: Run,
-    robot: RobotDescription,
-    *,
-    outside: Outside | None = None,
-    rounded: bool = True,
-    noise: Noise = Noise(),  # noqa: B008
-) -> Log:
-    """Return a run's log as the encoders of a robot report it: of effects, those on sensors and time, and on counts.
-
-    Jitter reads the encoders at uneven times; what comes after it in the robot's effects is not affected by it.
-    """
-    sensors, every = Sensors(robot), run.every
-    rows = [slice(0, 1), *(slice(k + 1, k + every + 1) for k in range(0, len(run.t) - 1, every))]
-    seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
-    t = run.t[::every]
-    sampled = _at(reading_times(robot, t), run.t, seen)
-    wheel = sensors.wheels(sampled, run.phase, rounded=rounded)
-    if outside is not None:
-        wheel = outside.count(sensors.build, t, wheel, np.random.default_rng([run.seed, 4]))
-    taken = reference_times(robot, t)
-    true = reference_poses(robot, run.pose)
-    pose = np.column_stack([np.interp(taken, run.t, column, right=np.nan) for column in true.T])
-    return Log(
-        t,
-        wheel,
-        sensors.pivots(sampled, rounded=rounded),
-        run.command,
-        run.steering if run.steering.shape[1] else None,
-        reference=noise.sparse(pose, np.random.default_rng([run.seed, 3])),
+        t=t,
+        angle=_angles(rig, course, course[0], described),
+        pose=_poses(rig, course),
+        height=height,
+        load=load,
+        command=command,
+        steering=steering,
+        phase=phase,
+        every=every,
+        seed=seed,
     )
 
 
@@ -267,13 +224,6 @@ def _inside(patch: Patch, place: list[float]) -> bool:
     return abs(c * x + s * y) <= patch.size[0] / 2 and abs(c * y - s * x) <= patch.size[1] / 2
 
 
-def _start_angles(build: Build, motion: Trajectory, random: np.random.Generator) -> Array:
-    """Return the castors' angles (n,) at the start: free ones about half a radian off where they would trail."""
-    trailing = build.trailing(np.array(motion.runs[0].legs[0].motion, dtype=float))
-    off = random.uniform(-0.5, 0.5, len(trailing))
-    return np.where([kind == "free" for kind in build.steering], trailing + off, trailing)
-
-
 def _command(rig: Rig, robot: RobotDescription, build: Build, wheel: Array, steering: Array) -> None:
     limit = robot.max_wheel_speed
     for k, rate in zip(build.driven, np.clip(wheel, -limit, limit).tolist(), strict=True):
@@ -299,10 +249,3 @@ def _poses(rig: Rig, course: Array) -> Array:
         x = x + np.cos(heading) * ahead - np.sin(heading) * aside
         y = y + np.sin(heading) * ahead + np.cos(heading) * aside
     return np.column_stack([x, y, heading])
-
-
-def _at(instants: Array, t: Array, values: Array) -> Array:
-    """Return values (N, c) at times (K,); after the last, they go on as they went."""
-    last = (values[-1] - values[-2]) / (t[-1] - t[-2])
-    beyond = np.maximum(instants - t[-1], 0.0)[:, None] * last
-    return np.column_stack([np.interp(instants, t, column) for column in values.T]) + beyond

@@ -24,7 +24,8 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.mujoco.build import Build
+from discrepancy.trials.foreign.build import Build, check_drivable
+from discrepancy.trials.foreign.standing import ACROSS, fork, skids_of, static_loads, wheel_mass
 
 STEP = 1e-3
 """Physics step, s, at most."""
@@ -50,9 +51,6 @@ HEIGHT = 2.0
 
 DROOP, STEERING_DROOP = 0.1, 0.01
 """How far wheels and steering fall behind their commands at full torque, in parts of their highest rate."""
-
-SKID_SHARE = 0.1
-"""What a skid carries, over what a wheel carries."""
 
 TIGHTNESS = 10.0
 """MuJoCo's impratio: how much stiffer contacts are along the floor than across it."""
@@ -174,12 +172,7 @@ class Rig:
 
 def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     """Return the elements of a robot's model on a floor; raises InputError for what the simulator cannot build."""
-    if any(wheel.grip != "standard" for wheel in robot.wheels):
-        raise InputError(f"robot {robot.name!r} has omni wheels; the MuJoCo generator has none")
-    blind = [castor for castor in robot.castors if castor.steering != "fixed" and castor.pivot_counts_per_rev is None]
-    if blind or not robot.driven_wheels:
-        missing = f"the castor at {blind[0].pivot} has no pivot encoder" if blind else "no wheel has a motor"
-        raise InputError(f"robot {robot.name!r} cannot be driven: {missing}; give it counts per turn")
+    check_drivable(robot, "MuJoCo")
     build, described = Build.of(robot), Build.of(robot.as_described())
     if min(build.long, build.side) < 0:
         raise InputError(
@@ -213,8 +206,8 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     tilting = 0.6 * robot.inertia
     inertia = text(tilting, tilting, robot.inertia)
     ET.SubElement(chassis, "inertial", pos=text(*center), mass=text(robot.mass), diaginertia=inertia)
-    skids = _skids(robot, described)
-    loads = _static_loads(robot, described, floor.normal_gravity, skids)
+    skids = skids_of(robot, described)
+    loads = static_loads(robot, described, floor.normal_gravity, skids)
     actuator = ET.SubElement(root, "actuator")
     standing = len(skids) + (len(build.offset) if build.turning.any() else 0)
     sinking = SINKING * (REDUNDANT if standing > 3 else 1.0)
@@ -274,10 +267,7 @@ def _castor(parts: Parts, robot: RobotDescription, actuator: ET.Element, i: int)
             kv=text(limit / (STEERING_DROOP * robot.max_steering_speed)),
             forcerange=text(-limit, limit),
         )
-    # The fork has what the wheels leave of the castor's mass and inertia, and never less than a fifth.
-    wheels = [(wheel_mass(wheel.inertia, wheel.radius), wheel.inertia, wheel.lateral) for wheel in castor.wheels]
-    mass = max(castor.mass - sum(m for m, _, _ in wheels), 0.2 * castor.mass)
-    inertia = max(castor.inertia - sum(m * y**2 + 0.55 * spin for m, spin, y in wheels), 0.2 * castor.inertia)
+    mass, inertia = fork(castor)
     across = 0.6 * inertia
     ET.SubElement(
         body, "inertial", pos=text(-build.offset[i], 0, 0), mass=text(mass), diaginertia=text(across, across, inertia)
@@ -294,7 +284,7 @@ def _wheel(parts: Parts, robot: RobotDescription, actuator: ET.Element, k: int, 
     )
     ET.SubElement(body, "joint", name=f"roll_{k}", type="hinge", axis="0 1 0")
     mass = text(wheel_mass(spin, wheel.radius))
-    ET.SubElement(body, "inertial", pos="0 0 0", mass=mass, diaginertia=text(0.55 * spin, spin, 0.55 * spin))
+    ET.SubElement(body, "inertial", pos="0 0 0", mass=mass, diaginertia=text(ACROSS * spin, spin, ACROSS * spin))
     ET.SubElement(
         body,
         "geom",
@@ -321,11 +311,6 @@ def _wheel(parts: Parts, robot: RobotDescription, actuator: ET.Element, k: int, 
             forcerange=reach,
         )
     return body
-
-
-def wheel_mass(inertia: float, radius: float) -> float:
-    """Return the mass of a solid disc of some spin inertia, kg."""
-    return 2 * inertia / radius**2
 
 
 def _spring(load: float, sinking: float) -> dict[str, str]:
@@ -361,37 +346,3 @@ def _share_loads(parts: Parts) -> None:
             tendon = ET.SubElement(tendons, "fixed", spring, springlength="0")
             for k in wheels:
                 ET.SubElement(tendon, "joint", joint=f"slide_{k}", coef="1")
-
-
-def _supports(build: Build) -> Array:
-    """Return where wheels stand (w, 2), in B: those of castors that turn, below the pivot."""
-    c, s = np.cos(build.angle[build.castor]), np.sin(build.angle[build.castor])
-    ahead = np.where(build.turning[build.castor], 0.0, -build.offset[build.castor])
-    aside = np.where(build.turning[build.castor], 0.0, build.lateral)
-    return build.pivot[build.castor] + np.column_stack([c * ahead - s * aside, s * ahead + c * aside])
-
-
-def _skids(robot: RobotDescription, build: Build) -> Array:
-    """Return where skids stand (4, 2), or none (0, 2) where wheels hold the robot upright whichever way they turn."""
-    wheels, center = _supports(build), np.array(robot.center_of_mass)
-    reach = float(np.max(build.offset + 1e-3))
-    around = np.linspace(0, 2 * math.pi, 72, endpoint=False)
-    out = (wheels - center) @ np.array([np.cos(around), np.sin(around)])
-    if np.all(out.max(axis=0) > reach):
-        return np.empty((0, 2))
-    half = max(0.25, float(np.abs(wheels - center).max()))
-    return center + half * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
-
-
-def _static_loads(robot: RobotDescription, build: Build, gravity: float, skids: Array) -> Array:
-    """Return the loads of wheels and skids, N: level, and as even as can be."""
-    places = np.vstack([_supports(build), skids])
-    share = np.concatenate([np.ones(len(build.radius)), np.full(len(skids), SKID_SHARE)])
-    masses = np.array([robot.mass, *(castor.mass for castor in robot.castors)])
-    centers = np.vstack([np.array(robot.center_of_mass), build.pivot])
-    weight = gravity * np.array([masses.sum(), *(masses @ centers)])
-    rows = np.vstack([np.ones(len(places)), places.T])
-    load = share * (rows.T @ np.linalg.lstsq(rows @ (share[:, None] * rows.T), weight, rcond=None)[0])
-    if load.min() < 0.02 * load.max():
-        raise InputError(f"robot {robot.name!r} does not stand on its wheels: its centre of mass is too far out")
-    return load

@@ -12,11 +12,12 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from discrepancy.trials.mujoco.build import Build
+from discrepancy.trials.foreign.build import Build
+from discrepancy.trials.foreign.run import Counters
 from discrepancy.trials.mujoco.model import THINNESS, Parts, Rig, text
 
 
-class Outside:
+class Outside(Counters):
     """One such effect. acts: whether `act` is to be called before each physics step."""
 
     acts: ClassVar[bool] = False
@@ -26,10 +27,6 @@ class Outside:
 
     def act(self, rig: Rig, t: float) -> None:
         """Change the model while it runs, t s since the start."""
-
-    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
-        """Return wheel counts (K, driven wheels) at times t (K,) as they come into the log."""
-        return wheel
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ class CountGlitches(Outside):
 
     def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Add the jumps."""
-        channel = int(np.flatnonzero(build.driven == build.wheel(self.castor, self.wheel))[0])
+        channel = build.counter(self.castor, self.wheel)
         hit = random.uniform(size=len(t)) < self.rate * np.diff(t, prepend=t[0])
         jump = np.where(hit, np.ceil(self.counts * random.uniform(size=len(t))) * random.choice([-1, 1], len(t)), 0)
         wheel = wheel.copy()

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.robot import RobotDescription
 
 Index = NDArray[np.intp]
 
@@ -32,9 +34,10 @@ class Layout:
 
     sensed (s,), driven (d,): castors with pivot encoder and wheels with encoder; channels are these, in this order.
     wheels, castors: those with a row. row_castor: of each row. q: samples a window. per_step: windows a step.
+    reference: whether there is one; there are no steps without.
     """
 
-    def __init__(self, geometry: Geometry, samples: int, period: float) -> None:
+    def __init__(self, geometry: Geometry, samples: int, period: float, *, reference: bool = True) -> None:
         self.sensed: Index = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
         self.driven: Index = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
         known = (geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev))[geometry.wheel_castor]
@@ -44,7 +47,7 @@ class Layout:
         self.q = max(round(WINDOW / period), 1)
         self.per_step = max(round(STEP / period) // self.q, 1)
         self.windows = (samples - 1) // self.q
-        self.steps = self.windows // self.per_step
+        self.steps = self.windows // self.per_step if reference else 0
 
     @property
     def ends(self) -> Index:
@@ -95,6 +98,19 @@ def rolling(geometry: Geometry, layout: Layout, theta: Array) -> tuple[Array, Ar
     by_turn = np.zeros((len(castor), geometry.n_castors))
     by_turn[np.arange(len(castor)), castor] = -lever
     return rows, by_turn, share[0] * across - share[1] * along
+
+
+def redundancy(robot: RobotDescription) -> int:
+    """Return how many more rows the encoders of a robot give than its motion has directions, of which they tell all.
+
+    Raises InputError where they leave some open.
+    """
+    geometry = Geometry.of(robot)
+    at_no_special_angle = np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))
+    rows = rolling(geometry, Layout(geometry, 2, robot.sample_period), at_no_special_angle[None])[0][0]
+    if np.linalg.matrix_rank(rows, tol=1e-9) < 3:
+        raise InputError(f"the encoders of robot {robot.name!r} do not tell its motion; trials need a robot whose do")
+    return len(rows) - 3
 
 
 def windows_of(geometry: Geometry, layout: Layout, log: Log, slip: Slip | None = None) -> Windows:

@@ -5,7 +5,7 @@
 r: residuals of the robot file without the effect (`residuals`), of logs with and without it, counts not rounded, no
 noise of the reference. W whitens them by the declared noise (`whitening`). P projects out what any diagnosis fits
 anyway: the reference's clock offset and the tracked point (x, y and yaw on the body). Steps of the reference do not
-depend on the start pose.
+depend on the start pose; there are none in a log without a reference.
 """
 
 import dataclasses
@@ -57,13 +57,16 @@ class StrengthMetric:
     """What effects on one run are measured with.
 
     robot: nominal. exact: a log of its run, counts not rounded, the true pose in every row; castor angles and distances
-    of the whitening are its own.
+    of the whitening are its own. reference: whether the log that is told of has one.
     """
 
-    def __init__(self, robot: RobotDescription, exact: Log, noise_model: NoiseModel | None = None) -> None:
+    def __init__(
+        self, robot: RobotDescription, exact: Log, noise_model: NoiseModel | None = None, *, reference: bool = True
+    ) -> None:
         self.robot, self.exact = robot.as_described(), exact
         self._geometry = Geometry.of(self.robot)
-        self._layout = Layout(self._geometry, len(exact), float(np.median(np.diff(exact.t))))
+        period = float(np.median(np.diff(exact.t)))
+        self._layout = Layout(self._geometry, len(exact), period, reference=reference)
         windows = windows_of(self._geometry, self._layout, exact)
         self._whitening = Whitening(self._geometry, self._layout, windows, exact, noise_model or NoiseModel())
         self._base = self._residuals(windows, exact)

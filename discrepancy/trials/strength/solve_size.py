@@ -1,6 +1,7 @@
 """Finds the size at which a case's effects have the strength asked for, and measures it in both of its logs."""
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,15 +11,17 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.presets import preset
 from discrepancy.trials.cases import Case, Hidden
 from discrepancy.trials.generators import Generator
 from discrepancy.trials.noise import EXACT
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.strength.separation import JITTER, StrengthMetric, apart, is_physical
+from discrepancy.validation import cost
 
-TRIES, CLOSE = 4, 0.1
-"""Of sizes, until z is so close to what was drawn, as a part of it."""
+CLOSE = 1.5
+"""Factor by which a strength may be off what was drawn before it is corrected, once: every run costs seconds, what
+counts is the strength that is measured, and only its spread over cases is drawn."""
 
 FASTER = 1e-4
 """Part by which the second run of a floor is faster."""
@@ -29,38 +32,55 @@ OVER_FLOOR = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Strength:
-    """How strong what is hidden is in one log. z, z_sep: of each; nearest: the class that z_sep is to.
+    """How strong what is hidden is in one log. cost: m per 10 m, of each; z, z_sep: of each beside the others; nearest:
+    the class that z_sep is to. A z that is not well above the floor is 0, and so is its z_sep.
 
-    cosine: of the first one's signal with the nearest class of the catalogue. floor: z of what is no effect at all.
-    Rivals that were not looked at: None.
+    cosine: of the first one's signal with the nearest class of the catalogue; None of no signal. floor: z of what is no
+    effect at all; None where nothing hidden moves the robot.
     """
 
+    cost: tuple[float, ...]
     z: tuple[float, ...]
-    z_sep: tuple[float, ...] | None
+    z_sep: tuple[float, ...]
     nearest: tuple[str, ...]
     cosine: float | None
     floor: float | None
 
 
 class TrialRun:
-    """One of a case's two motions, driven by the nominal robot and by others."""
+    """One of a case's two motions, driven by the nominal robot and by others.
 
-    def __init__(self, robot: RobotDescription, case: Case, which: int, generator: Generator, duration: float) -> None:
-        self.robot, self.seed = robot, case.seeds[which]
+    like: the other one, whose floor serves for both.
+    """
+
+    def __init__(
+        self, case: Case, which: int, generator: Generator, duration: float, like: "TrialRun | None" = None
+    ) -> None:
+        self._like = like
+        self.robot, self.seed, self.reference = preset(case.robot), case.seeds[which], case.reference
         self._motion, self._drive, self._duration = case.motion(which, duration), generator.drive, duration
+        self._driven: dict[Any, Log] = {}
 
     def drive(self, *effects: Any, outside: Any = None, faster: float = 0.0) -> Log:
-        """Return the exact log of the robot with effects, maybe a little faster."""
-        runs = [dataclasses.replace(run, speed=run.speed * (1.0 + faster)) for run in self._motion.runs]
-        return self._drive(
-            self.robot.with_effects(*effects),
-            dataclasses.replace(self._motion, runs=tuple(runs)),
-            self.seed,
-            duration=self._duration,
-            outside=outside,
-            rounded=False,
-            noise=EXACT,
-        )
+        """Return the exact log of the robot with effects, maybe a little faster; ValueError for one that is lost.
+
+        What was driven before is not driven again.
+        """
+        if (key := (effects, outside, faster)) not in self._driven:
+            runs = [dataclasses.replace(run, speed=run.speed * (1.0 + faster)) for run in self._motion.runs]
+            log = self._drive(
+                self.robot.with_effects(*effects),
+                dataclasses.replace(self._motion, runs=tuple(runs)),
+                self.seed,
+                duration=self._duration,
+                outside=outside,
+                rounded=False,
+                noise=EXACT,
+            )
+            if not (np.isfinite(log.wheel).all() and np.isfinite(log.pivot).all()):
+                raise ValueError("the simulation did not hold")
+            self._driven[key] = log
+        return self._driven[key]
 
     @cached_property
     def nominal(self) -> Log:
@@ -70,7 +90,7 @@ class TrialRun:
     @cached_property
     def metric(self) -> StrengthMetric:
         """Of the robot without effects."""
-        return StrengthMetric(self.robot, self.nominal)
+        return StrengthMetric(self.robot, self.nominal, reference=self.reference)
 
     @cached_property
     def floor(self) -> float:
@@ -80,51 +100,70 @@ class TrialRun:
         without an effect. So the second run drives the same motion by `FASTER` faster: what hangs on trifles, such as
         which way round a castor swings, then shows.
         """
+        if self._like is not None:
+            return self._like.floor
         return float(np.linalg.norm(self.metric.signal(self.drive(faster=FASTER))))
 
-    def signal(self, hidden: Hidden) -> Array:
-        """Return the signal of one thing: of sensors, on the nominal run; else of a run of its own less the nominal."""
+    def made(self, hidden: Hidden) -> Log:
+        """Return the exact log with one thing hidden: of sensors, on the nominal run; else of a run of its own."""
         effects = () if hidden.effect is None else (hidden.effect,)
-        outside = hidden.what if hidden.effect is None else None
         make = self.drive if self._moves(hidden) else self.metric.read
-        return self.metric.signal(make(*effects, outside=outside))
+        return make(*effects, outside=hidden.what if hidden.effect is None else None)
 
-    def z(self, hidden: Hidden, signal: Array | None = None) -> float:
+    def z(self, hidden: Hidden) -> float:
         """Return z of one thing; 0 where it is not well above the floor."""
-        if hidden.effect is not None and hidden.effect.name == JITTER:
+        if _is_jitter(hidden):
             return self.metric.jitter_strength(hidden.size)
-        size = float(np.linalg.norm(self.signal(hidden) if signal is None else signal))
-        return self.above_floor(hidden, size)
+        return self._above_floor(hidden, float(np.linalg.norm(self.metric.signal(self.made(hidden)))))
 
-    def above_floor(self, hidden: Hidden, size: float) -> float:
+    def cost(self, hidden: Hidden) -> float:
+        """Return what it costs in use not to know of one thing, m per 10 m.
+
+        Of what is outside the catalogue: how far odometry on its counts comes apart from odometry without it. Where it
+        makes the robot move otherwise: from the reference, less what the nominal robot's does, in quadrature.
+        """
+        if hidden.effect is not None:
+            return cost.cost_of(self.robot, hidden.effect, [self.nominal]) or 0.0
+        real = self.made(hidden)
+        if not self._moves(hidden):
+            return cost.rms_of([cost.apart(self._odometry(self.nominal), self._odometry(real))]) or 0.0
+        off, usual = (
+            cost.rms_of([cost.apart(_poses(log), self._odometry(log))]) or 0.0 for log in (real, self.nominal)
+        )
+        return float(np.sqrt(max(off**2 - usual**2, 0.0)))
+
+    def strength(self, hidden: tuple[Hidden, ...]) -> Strength:
+        """Return how strong things are, z and z_sep each with the others projected out."""
+        metric, nothing = self.metric, np.zeros_like(self.metric.signal(self.nominal))
+        signals = [nothing if _is_jitter(item) else metric.signal(self.made(item)) for item in hidden]
+        alone, z, z_sep, nearest = apart(signals), [], [], []
+        for k, item in enumerate(hidden):
+            if _is_jitter(item):  # nothing else looks like it
+                z.append(metric.jitter_strength(item.size))
+                z_sep.append(z[k])
+                nearest.append("")
+                continue
+            z.append(self._above_floor(item, alone[k]))
+            far, name = metric.separation(signals[k], item.label, *signals[:k], *signals[k + 1 :])
+            z_sep.append(far if z[k] > 0 else 0.0)
+            nearest.append(name)
+        return Strength(
+            tuple(map(self.cost, hidden)),
+            tuple(z),
+            tuple(z_sep),
+            tuple(nearest),
+            metric.cosine(signals[0])[0] if signals[0].any() else None,
+            self.floor if any(map(self._moves, hidden)) else None,
+        )
+
+    def _above_floor(self, hidden: Hidden, size: float) -> float:
         """Return a norm less the floor, in quadrature, where the physics differ; 0 below `OVER_FLOOR` times it."""
         if not self._moves(hidden):
             return size
         return float(np.sqrt(size**2 - self.floor**2)) if size > OVER_FLOOR * self.floor else 0.0
 
-    def strength(self, hidden: tuple[Hidden, ...], *, alternatives: bool) -> Strength:
-        """Return how strong things are, each with the others projected out.
-
-        alternatives: whether to look at those too, or else at the floor in any case.
-        """
-        metric = self.metric
-        nothing = np.zeros_like(metric.signal(self.nominal))
-        jitters = [item.effect is not None and item.effect.name == JITTER for item in hidden]
-        signals = [nothing if jitter else self.signal(item) for item, jitter in zip(hidden, jitters, strict=True)]
-        alone = apart(signals)
-        z, z_sep, nearest = [], [], []
-        for k, item in enumerate(hidden):
-            z.append(metric.jitter_strength(item.size) if jitters[k] else self.above_floor(item, alone[k]))
-            if alternatives and not jitters[k]:
-                far, name = metric.separation(signals[k], item.label, *signals[:k], *signals[k + 1 :])
-                z_sep.append(far)
-                nearest.append(name)
-            else:  # nothing else looks like jitter
-                z_sep.append(z[k])
-                nearest.append("")
-        cosine = metric.cosine(signals[0])[0] if alternatives and signals[0].any() else None
-        floor = None if alternatives and not any(map(self._moves, hidden)) else self.floor
-        return Strength(tuple(z), tuple(z_sep) if alternatives else None, tuple(nearest), cosine, floor)
+    def _odometry(self, log: Log) -> Array:
+        return cost.odometry(self.robot, log)
 
     def _moves(self, hidden: Hidden) -> bool:
         """Whether something changes the physics."""
@@ -135,35 +174,35 @@ class TrialRun:
 
 def solve_size(case: Case, trial_run: TrialRun) -> Case | None:
     """Return a case with what it hides in a size of about the strength wanted; None where that cannot be had."""
+    measure = {"cost": trial_run.cost, "z": trial_run.z}[case.measure]
+    hidden = list(case.hidden)
     try:
-        hidden = tuple(_sized(item, target, trial_run) for item, target in zip(case.hidden, case.targets, strict=True))
+        for k, target in enumerate(case.targets):
+            begun = _begun(hidden[k], target, trial_run) if case.measure == "z" else hidden[k]
+            hidden[k] = _sized(begun, target, measure, trial_run)
     except (InputError, ValueError, ArithmeticError):
         return None
-    return dataclasses.replace(case, hidden=hidden)
+    return dataclasses.replace(case, hidden=tuple(hidden))
 
 
-def _sized(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
-    """Return something in the size that makes z the target, to `CLOSE`; raises ValueError where there is none.
+def _sized(hidden: Hidden, target: float, measure: Callable[[Hidden], float], trial_run: TrialRun) -> Hidden:
+    """Return something in about the size that makes a measure of it the target; raises ValueError where there is none.
 
-    By secants of log z over log size, from a slope of `power` on.
+    From the size that it has, in proportion (to its power), then corrected once.
     """
-    if hidden.effect is not None and hidden.effect.wiring:
-        return hidden
-    hidden, slope, before = _begun(hidden, target, trial_run), hidden.power, None
-    for _ in range(TRIES):
-        if hidden.effect is not None:
-            trial_run.robot.with_effects(hidden.effect).as_built()  # refuses what cannot be
-        z = trial_run.z(hidden)
-        if z <= 0.0:
+    slope, before = hidden.power, None
+    for _ in range(2):
+        if not (measured := measure(hidden)) > 0.0:
             raise ValueError(f"{hidden.label} does not show")
-        if abs(z / target - 1.0) < CLOSE:
-            return hidden
-        now = np.log([abs(hidden.size), z])
+        if 1 / CLOSE < measured / target < CLOSE:
+            break
+        now = np.log([abs(hidden.size), measured])
         if before is not None and abs(now[0] - before[0]) > 1e-9:
             slope = float((now[1] - before[1]) / (now[0] - before[0])) or slope
         before = now
-        step = np.clip(np.log(target / z) / slope, -3.0, 3.0)
-        hidden = hidden.scaled(float(hidden.size * np.exp(step)))
+        hidden = hidden.scaled(float(hidden.size * np.exp(np.log(target / measured) / slope)))
+        if hidden.effect is not None:
+            trial_run.robot.with_effects(hidden.effect).as_built()  # refuses what cannot be
     return hidden
 
 
@@ -176,3 +215,12 @@ def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     return (
         hidden.scaled(float(np.copysign(target / alone, effect.value))) if alone * abs(effect.value) > 0.01 else hidden
     )
+
+
+def _is_jitter(hidden: Hidden) -> bool:
+    return hidden.effect is not None and hidden.effect.name == JITTER
+
+
+def _poses(log: Log) -> Array:
+    assert log.reference is not None  # exact logs have a pose in every row
+    return log.reference

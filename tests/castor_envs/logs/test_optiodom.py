@@ -141,6 +141,8 @@ def test_sessions_are_recognised_and_written_as_logs(tmp_path):
         importer_of(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         importer_of(tmp_path / "gone")
+    with pytest.raises(InputError, match=r"run-1.csv: is a file; give the folder"):
+        importer_of(tmp_path / "out" / "10" / "run-1.csv")
     with pytest.raises(InputError, match="did you mean 'optiodom'"):
         importer("optidom")
 

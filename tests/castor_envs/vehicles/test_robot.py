@@ -126,6 +126,18 @@ def test_a_file_that_is_no_robot_is_refused_by_name(tmp_path, text):
         RobotDescription.load(path)
 
 
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"name": "x"}, "robot: castors: is required; add it"),
+        (preset("differential").to_dict() | {"mss": 3}, "robot: mss: is not known; remove it or mend its name"),
+    ],
+)
+def test_keys_that_are_missing_or_unknown_are_named(data, said):
+    with pytest.raises(InputError, match=f"^{said}$"):
+        RobotDescription.from_dict({"format": "castor-robot/1", **data})
+
+
 def test_a_missing_file_and_an_unknown_preset_are_refused():
     with pytest.raises(InputError, match="nowhere"):
         load_robot("nowhere.json")

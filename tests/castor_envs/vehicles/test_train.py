@@ -41,7 +41,7 @@ def test_a_train_survives_its_file(name, tmp_path):
 
 
 def test_presets_are_trains_of_two_to_ten_axles():
-    assert [load_train(name).n_axles for name in train_names()] == list(range(2, 11))
+    assert [load_train(f"cfmmr-{n}").n_axles for n in range(2, 11)] == list(range(2, 11))
     for n in (2, 7, 10):
         train = cfmmr(n)
         assert train.n_axles == len(train.modules) == len(train.frames) + 1 == n
@@ -362,6 +362,15 @@ def test_an_unknown_vehicle_is_refused_with_advice(spec, said):
     for load in (load_vehicle, load_train):
         with pytest.raises(InputError, match=said):
             load(spec)
+
+
+def test_a_file_of_another_kind_is_told_from_a_preset(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("log.csv", "swerve"):
+        (tmp_path / name).write_text("t\n")
+    with pytest.raises(InputError, match=r"log\.csv: files of robots and trains end in \.json"):
+        load_vehicle("log.csv")
+    assert load_vehicle("swerve") == preset("swerve")
 
 
 def test_a_robot_is_no_train_and_a_train_no_robot(tmp_path):

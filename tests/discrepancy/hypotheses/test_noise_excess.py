@@ -23,8 +23,8 @@ ROBOT = preset("asoc-prototype")
 
 @cache
 def driven(seed, *effects):
-    motion = wander(np.random.default_rng([seed, 1]), duration=40.0)
-    return drive(ROBOT.with_effects(*effects), motion, seed, duration=40.0)
+    motion = wander(np.random.default_rng([seed, 1]), duration=26.0)
+    return drive(ROBOT.with_effects(*effects), motion, seed, duration=26.0)
 
 
 CLEAN = 21, 22

@@ -56,7 +56,7 @@ def test_the_finder_uses_one_thread_of_linear_algebra(monkeypatch):
     assert set(used) == {1}
 
 
-def log_at_random(robot, seed, duration=40.0, floor=None):
+def log_at_random(robot, seed, duration=26.0, floor=None):
     """A log of a robot that drives at random in physics."""
     motion = wander(np.random.default_rng([seed, 1]), duration=duration)
     return drive(robot, motion, seed, duration=duration, floor=floor)
@@ -72,7 +72,7 @@ def rolled(effect, seed):
     """The same without physics: perfect rolling, so that nothing but the effect is there to find."""
     robot = ROBOT.with_effects(effect)
     true = robot.as_built()
-    motion = roll(true, wander(np.random.default_rng([seed, 1]), duration=40.0), [0.3, 2.0, -1.5])
+    motion = roll(true, wander(np.random.default_rng([seed, 1]), duration=26.0), [0.3, 2.0, -1.5])
     encoders = Encoders(Geometry.of(true), np.full(6, 0.4))
     wheel, castor = readings(robot, motion.t, motion.wheel_angle, motion.castor_angle)
     reference = motion.pose + np.random.default_rng([seed, 3]).normal(size=motion.pose.shape) * 1e-3

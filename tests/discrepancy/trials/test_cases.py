@@ -6,24 +6,31 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.motion.trajectories import wander
-from castor_envs.vehicles.presets import preset
-from discrepancy.trials.cases import LARGE, MIX, RANGE, Case, Hidden, draw, motion
+from castor_envs.vehicles.presets import preset, preset_names
+from discrepancy.trials.cases import BOUNDS, CLEAN_LOGS, MIX, SEVERAL, UNTRACKED, Case, Hidden, hide, motion, setting
 from discrepancy.trials.generators import generator
 from discrepancy.trials.noise import EXACT, REFERENCE_EVERY, Noise
 from discrepancy.trials.outside import KINDS, outside_effects
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import angles_of, counts_of
+from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.solve_size import TrialRun, solve_size
 
-ROBOT = preset("asoc-prototype")
+ROBOT, ROBOTS = preset("asoc-prototype"), preset_names()
 OWN = generator("pymunk")
 MOTION = wander(np.random.default_rng(1), duration=8)
+TWENTY = sum(MIX.values())
 
 
 def drawn(number, seed=4):
-    return draw(number, 0, seed, ROBOT, OWN.outsiders)
+    return hide(setting(number, seed, ROBOTS, foreign=False), 0, seed, OWN.outsiders)
+
+
+def settings(count, foreign=False):
+    return [setting(number, 4, ROBOTS, foreign=foreign) for number in range(1, count + 1)]
 
 
 def poses(log):
@@ -32,47 +39,77 @@ def poses(log):
 
 
 def test_strata_come_in_a_fixed_mix():
-    found = Counter(drawn(number).stratum for number in range(1, 2 * len(MIX) + 1))
-    assert found == Counter({stratum: 2 * count for stratum, count in Counter(MIX).items()})
+    cases = settings(3 * TWENTY)
+    for first in range(0, 3 * TWENTY, TWENTY):
+        assert Counter(case.stratum for case in cases[first : first + TWENTY]) == MIX
+
+
+def test_robots_come_in_turn():
+    cases = settings(3 * len(ROBOTS))
+    assert set(Counter(case.robot for case in cases).values()) == {3}
+    assert {case.robot for case in cases[: len(ROBOTS)]} == set(ROBOTS)
+    assert {setting(number, 4, ["swerve"], foreign=False).robot for number in range(1, 9)} == {"swerve"}
 
 
 def test_cases_follow_from_number_and_seed():
-    assert drawn(3) == drawn(3)
-    assert drawn(3) != drawn(3, seed=5)
-    assert len({drawn(number).seeds for number in range(1, 60)}) == 59
+    for number in range(1, TWENTY + 1):
+        assert drawn(number) == drawn(number)
+        assert drawn(number) != drawn(number, seed=5)
+    seeds = [seed for number in range(1, 60) for trial in (4, 5) for seed in drawn(number, trial).seeds]
+    assert len(set(seeds)) == len(seeds)
 
 
 def test_what_is_hidden_fits_the_stratum():
-    for number in range(1, 81):
-        case = drawn(number)
-        many = {"clean": 0, "two": 2}.get(case.stratum, 1)
-        assert len(case.hidden) == len(case.targets) == many
-        low, high = LARGE if case.stratum == "large" else RANGE
-        assert all(low <= target <= high for target in case.targets)
+    for case in map(drawn, range(1, 4 * TWENTY + 1)):
+        many = {"clean": 0, **SEVERAL}.get(case.stratum, 1)
+        low, high = BOUNDS[case.measure]
+        assert len(case.hidden) == many
         assert len({one.label for one in case.hidden}) == many
+        assert len(case.targets) == (0 if case.stratum == "wiring" else many)
+        assert all(low <= target <= high for target in case.targets)
         assert (case.outside is not None) == (case.stratum == "outside")
+        assert any(one.wiring for one in case.hidden) == (case.stratum == "wiring")
         assert (case.course != "wander") == (case.stratum == "poor")
 
 
-def test_targets_are_log_uniform():
-    targets = [np.log(target) for n in range(1, 401) if (case := drawn(n)).stratum == "one" for target in case.targets]
-    low, high = np.log(RANGE)
+def test_parts_are_those_stated():
+    """Within four standard deviations of a draw with these odds."""
+    for foreign, expected in ((False, CLEAN_LOGS["own"]), (True, CLEAN_LOGS["foreign"])):
+        cases = settings(600, foreign)
+        redundant = [case for case in cases if redundancy(preset(case.robot))]
+        assert all(case.reference for case in cases if case not in redundant)
+        for some, so, part in (
+            (cases, lambda case: case.clean, expected),
+            (cases, lambda case: case.measure == "cost", 0.5),
+            (redundant, lambda case: not case.reference, UNTRACKED),
+        ):
+            assert np.mean([so(case) for case in some]) == pytest.approx(part, abs=4 * np.sqrt(0.25 / len(some)))
+
+
+@pytest.mark.parametrize("measure", ["cost", "z"])
+def test_targets_are_log_uniform(measure):
+    cases = [case for case in map(drawn, range(1, 201)) if case.measure == measure]
+    targets = np.log([target for case in cases for target in case.targets])
+    low, high = np.log(BOUNDS[measure])
     width = (high - low) / np.sqrt(12 * len(targets))
     assert np.mean(targets) == pytest.approx((low + high) / 2, abs=4 * width)
 
 
 @pytest.mark.parametrize("course", ["wander", "to and fro", "circles"])
-def test_motions_last_and_repeat(course):
-    one = motion(course, 3, 30.0)
-    assert one.duration >= 30.0
-    np.testing.assert_array_equal(one.at([3.0, 11.0])[0], motion(course, 3, 30.0).at([3.0, 11.0])[0])
+def test_motions_last_repeat_and_suit_the_robot(course):
+    for name in ("asoc-prototype", "differential", "tricycle", "1-castor"):
+        one = motion(preset(name), course, 3, 30.0)
+        assert one.duration >= 30.0
+        np.testing.assert_array_equal(one.at([3.0, 11.0])[0], motion(preset(name), course, 3, 30.0).at([3.0, 11.0])[0])
+        sideways = np.abs(one.at(np.linspace(0, 30, 200))[1][:, 1]).max()
+        assert (sideways > 0) == (name not in ("differential", "tricycle"))
 
 
 def test_poor_motions_are_poor():
-    twist = motion("to and fro", 3, 30.0).at(np.linspace(0, 30, 200))[1]
+    twist = motion(ROBOT, "to and fro", 3, 30.0).at(np.linspace(0, 30, 200))[1]
     assert not twist[:, 2].any()
     assert np.linalg.matrix_rank(twist, tol=1e-9) == 1
-    twist = motion("circles", 3, 30.0).at(np.linspace(0, 30, 200))[1]
+    twist = motion(ROBOT, "circles", 3, 30.0).at(np.linspace(0, 30, 200))[1]
     assert np.linalg.matrix_rank(twist, tol=1e-9) == 1
 
 
@@ -122,20 +159,37 @@ def test_effects_outside_the_catalogue_are_all_drawn_and_do_something():
     assert kinds == set(KINDS)
 
 
+def case_of(hidden, target, measure, robot="asoc-prototype"):
+    return Case(1, "one", robot, "wander", (7, 8), False, True, measure, (Hidden(hidden),), (target,))
+
+
 def test_an_effect_is_settled_to_the_strength_wanted():
-    effect = WheelEccentricity(castor=1, wheel=1, value=1e-3, phase=0.5)
-    case = Case(1, "one", "wander", (7, 8), (Hidden(effect),), (12.0,))
-    trial_run = TrialRun(ROBOT, case, 0, OWN, 12.0)
+    case = case_of(WheelEccentricity(castor=1, wheel=1, value=1e-3, phase=0.5), 60.0, "z")
+    trial_run = TrialRun(case, 0, OWN, 12.0)
     found = solve_size(case, trial_run)
     assert found is not None
-    strength = trial_run.strength(found.hidden, alternatives=True)
-    assert strength.z[0] == pytest.approx(12.0, rel=0.1)
-    assert strength.z_sep is not None
+    strength = trial_run.strength(found.hidden)
+    assert strength.z[0] == pytest.approx(60.0, rel=1e-3)
     assert 0 < strength.z_sep[0] <= strength.z[0] * (1 + 1e-9)
     assert strength.cosine == pytest.approx(1.0, abs=1e-3)
+    assert trial_run.z(case.hidden[0]) < 60.0 / 1.5
+
+
+def test_cost_is_what_was_wanted_and_the_same_for_what_is_outside():
+    """A wheel of a differential robot reads the wrong way, by an effect or by what the catalogue does not have."""
+    case = case_of(WheelRadius(castor=1, wheel=1, value=1e-3), 0.2, "cost", "differential")
+    trial_run = TrialRun(case, 0, OWN, 12.0)
+    found = solve_size(case, trial_run)
+    assert found is not None
+    assert trial_run.cost(found.hidden[0]) == pytest.approx(0.2, rel=0.05)
+    outside = [Hidden(one) for one in outside_effects(preset("differential"), np.random.default_rng(2))]
+    stretch = next(one for one in outside if one.label == "SpeedSquared")
+    once, twice = (trial_run.cost(stretch.scaled(size)) for size in (1e-3, 2e-3))
+    assert once > 0
+    assert twice == pytest.approx(2 * once, rel=0.05)
 
 
 def test_what_cannot_be_is_not_settled():
-    effect = WheelEccentricity(castor=1, wheel=1, value=1e-3)
-    case = Case(1, "large", "wander", (7, 8), (Hidden(effect),), (1e9,))
-    assert solve_size(case, TrialRun(ROBOT, case, 0, OWN, 6.0)) is None
+    for measure in ("z", "cost"):
+        case = case_of(WheelEccentricity(castor=1, wheel=1, value=1e-3), 1e9, measure)
+        assert solve_size(case, TrialRun(case, 0, OWN, 6.0)) is None

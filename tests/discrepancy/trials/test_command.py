@@ -1,40 +1,62 @@
-"""A small trial with each generator, from cases to scores."""
+"""A small trial by the command, from cases to scores, in processes of its own."""
 
 import json
+import sys
 
 import pytest
 
 from castor_envs import command_line
+from castor_envs.errors import InputError
 from discrepancy import cli
-from discrepancy.trials import run, scores
+from discrepancy.trials import run
+from discrepancy.trials.generators import generator
 
 
-def test_the_command_makes_judges_and_scores(capsys):
+def trial(capsys, *options):
     with pytest.raises(SystemExit) as ended:
-        command_line.run(cli.app, ["trial", "--cases", "2", "--seed", "12", "--duration", "25", "--json"])
-    assert ended.value.code == 0
-    scored = json.loads(capsys.readouterr().out)
-    assert (scored["format"], scored["judged"]) == ("castor-trial/2", 2)
-    assert scored["plan"]["generator"] == "pymunk"
-    clean = next(one for one in scored["rates"] if one["what"].startswith("clean"))
-    assert (clean["count"], clean["total"]) == (0, 1)
-    broken = next(one for one in scored["rates"] if one["what"].startswith("the finder broke"))
-    assert broken["count"] == 0
+        command_line.run(cli.app, ["trial", "--robot", "differential", "--duration", "10", "--jobs", "1", *options])
+    return ended.value.code, capsys.readouterr()
 
 
-def test_a_foreign_simulator_is_found_out_too(tmp_path):
-    """Case 1 hides one effect; logs of the same simulator in good order set what is background."""
+def test_the_command_makes_judges_and_scores(capsys, tmp_path):
+    asked = ("--cases", "2", "--finder", "posterior", "--out", str(tmp_path / "kept"))
+    code, printed = trial(capsys, *asked, "--json")
+    assert code == 0
+    scored = json.loads(printed.out)
+    assert (scored["format"], scored["finder"], scored["judged"]) == ("castor-trial/3", "posterior", 2)
+    assert (scored["plan"]["generator"], scored["plan"]["robots"]) == ("pymunk", ["differential"])
+    (broken,) = [one for one in scored["all"]["rates"] if one["what"] == "the finder broke down"]
+    assert (broken["count"], broken["total"]) == (0, 2)
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("case-*")}
+    code, printed = trial(capsys, *asked)
+    assert code == 0
+    assert "2 of 2 cases, generator pymunk" in printed.out
+    assert kept == {path: path.stat().st_mtime_ns for path in kept}
+
+
+def test_a_foreign_simulator_makes_cases_too(tmp_path):
     pytest.importorskip("mujoco")
-    run.make(1, 2, "mujoco", tmp_path / "trial", duration=25.0)
-    run.judge(tmp_path / "trial")
-    run.resimulate(tmp_path / "trial")
-    (trial,) = scores.trials_of(tmp_path / "trial")
-    assert trial.outcome["verdict"] not in ("broken", "refused"), trial.outcome["reason"]
-    assert not set(trial.named) - set(trial.truth)
+    plan = run.Plan(1, 2, "mujoco", ["differential"], 10.0)
+    for part in ("cases", "labels"):
+        (tmp_path / part).mkdir()
+    run._make_case(plan, 1, tmp_path)
+    label = json.loads((tmp_path / "labels" / "case-0001.json").read_text(encoding="utf-8"))
+    assert label["robot"] == "differential"
+    assert (tmp_path / "cases" / "case-0001" / "log.csv").exists()
 
 
-def test_an_unknown_generator_is_told(capsys):
-    with pytest.raises(SystemExit) as ended:
-        command_line.run(cli.app, ["trial", "--generator", "gazebo"])
-    assert ended.value.code == 2
-    assert "pymunk" in capsys.readouterr().err
+def test_a_generator_that_is_not_installed_says_how_it_is(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(InputError, match=r"install castor-envs\[bullet\]"):
+        generator("bullet")
+
+
+def test_what_is_unknown_is_told(capsys):
+    for options, known in (
+        (("--generator", "gazebo"), "pymunk"),
+        (("--cases", "1", "--finder", "magic"), "posterior"),
+        (("--robot", "cfmmr-33"), "did you mean 'cfmmr-"),
+    ):
+        code, printed = trial(capsys, *options)
+        assert code == 2
+        assert known in printed.err

@@ -31,9 +31,10 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from castor_envs.vehicles.weight import swung_loads
+from discrepancy.trials.foreign.run import read
 from discrepancy.trials.mujoco import generator as mujoco_generator
 from discrepancy.trials.mujoco import outside as outside
-from discrepancy.trials.mujoco.generator import Run, drive, read, simulate
+from discrepancy.trials.mujoco.generator import Run, drive, simulate
 from discrepancy.trials.noise import Noise
 
 ASOC = preset("asoc-prototype")
@@ -275,7 +276,18 @@ def smooth_run(robot: RobotDescription, seed: int = 0) -> Run:
     blank = np.zeros((len(t), len(robot.wheels)))
     command = np.zeros((samples + 1, len(robot.driven_wheels)))
     phase = random.uniform(size=len(robot.driven_wheels))
-    return Run(t, angle, pose, blank, blank, command, command[:, :0], phase, every, seed)
+    return Run(
+        t=t,
+        angle=angle,
+        pose=pose,
+        height=blank,
+        load=blank,
+        command=command,
+        steering=command[:, :0],
+        phase=phase,
+        every=every,
+        seed=seed,
+    )
 
 
 def counts(robot: RobotDescription, wheel: np.ndarray, castor: np.ndarray, phase: np.ndarray) -> np.ndarray:

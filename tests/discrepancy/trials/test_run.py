@@ -1,153 +1,192 @@
-"""Trials from end to end: what the finder gets, that trials go on where they stopped, what a diagnosis says."""
+"""Trials from end to end: what the finder gets, that trials go on where they stopped, and what is kept of answers."""
 
-import dataclasses
 import json
-from dataclasses import dataclass, field
-from typing import Any, cast
+from collections import Counter
 
 import numpy as np
 import pytest
 
-from castor_envs.effects.dimensions import Track, WheelRadius
-from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import read_log
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight import Mistake
 from discrepancy.trials import run, scores
+from discrepancy.trials.cases import BOUNDS, SEVERAL
+from discrepancy.trials.finders import Said, Single, said_of
+from discrepancy.trials.generators import generator
+from discrepancy.trials.strength.separation import class_of
 
-ROBOT = preset("asoc-prototype")
-
-
-@dataclass
-class Candidate:
-    kinds: tuple = ()
-
-
-@dataclass
-class Rank:
-    candidate: Candidate
+CASES, SEED, ROBOT = 5, 18, "2-castor"
+PLAN = run.Plan(CASES, SEED, "pymunk", [ROBOT], 12.0)
 
 
-@dataclass
-class Finding:
-    verdict: str
-    chosen: tuple = ()
-    effect: object = None
-    error: float | None = None
+@pytest.fixture(autouse=True, scope="module")
+def _here():
+    """Do all tasks in this process: what other processes do is tested by the command."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "each", lambda tasks, jobs: [work(*given) for work, given in tasks])
+        yield
 
 
-@dataclass
-class Diagnosed:
-    findings: tuple = ()
-
-
-@dataclass
-class Examined:
-    data: dict
-    diagnosis: Diagnosed = field(default_factory=Diagnosed)
-    mistakes: tuple = ()
-    found: object = None
-
-
-def examined(verdict, findings=(), mistakes=(), found=None):
-    return Examined({"verdict": verdict, "reason": "so"}, Diagnosed(findings), mistakes, found)
-
-
-def said_by(*given: Any) -> run.Said:
-    """What an examination of a verdict and findings says."""
-    return run.said_by(cast("Any", examined(*given)))
+def make(folder, **more):
+    run.make(CASES, SEED, "pymunk", folder, **{"robot": ROBOT, "duration": 12.0} | more)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trial")
-    run.make(2, 12, "pymunk", folder, duration=12.0, jobs=1)
+    make(folder)
     return folder
 
 
-def test_the_finder_gets_logs_and_the_nominal_robot_alone(folder):
-    for k in (1, 2):
-        own = folder / "cases" / f"case-000{k}"
+def read(path):
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def labels(folder):
+    return [read(path) for path in sorted((folder / "labels").glob("*.json"))]
+
+
+def judged(folder, monkeypatch, finder):
+    """The outcomes of a trial by a finder that is a function."""
+    monkeypatch.setattr(run, "finder", lambda name: finder)
+    for path in (folder / "outcomes" / "selection").glob("*.json"):
+        path.unlink()
+    run.judge(folder, "selection")
+    return [read(path) for path in sorted((folder / "outcomes" / "selection").glob("*.json"))]
+
+
+def test_there_is_something_of_each(folder):
+    """The seed was chosen so that few cases have it all."""
+    found = labels(folder)
+    assert {label["stratum"] for label in found} >= {"clean", "one", "outside", "wiring"}
+    for key in ("clean", "reference", "measure"):
+        assert len({label[key] for label in found}) == 2
+
+
+def test_labels_are_what_number_and_seed_say(folder, tmp_path):
+    for label in labels(folder):
+        case = PLAN.setting(label["case"])
+        told = ("stratum", "robot", "course", "clean", "reference", "measure")
+        assert [label[key] for key in told] == [getattr(case, key) for key in told]
+    for part in ("cases", "labels"):
+        (tmp_path / part).mkdir()
+    for number in (2, 3):
+        name = f"case-{number:04}"
+        run._make_case(PLAN, number, tmp_path)
+        first, second = (read(base / "labels" / f"{name}.json") for base in (folder, tmp_path))
+        assert {**first, "seconds": 0} == {**second, "seconds": 0}
+        for path in (folder / "cases" / name).iterdir():
+            assert path.read_bytes() == (tmp_path / "cases" / name / path.name).read_bytes()
+
+
+def test_strengths_are_within_their_bounds(folder):
+    for label in labels(folder):
+        hidden = label["hidden"]
+        if label["stratum"] in ("clean", "wiring"):
+            assert not label["targets"]
+            continue
+        assert len(hidden) == SEVERAL.get(label["stratum"], 1)
+        low, high = BOUNDS[label["measure"]]
+        low = low if len(hidden) == 1 or label["measure"] == "cost" else 0.0
+        assert all(low / run.SLACK <= size <= high * run.SLACK for size in label["log"][label["measure"]])
+        for log in (label["log"], label["holdout"]):
+            assert len(log["cost"]) == len(log["z"]) == len(log["z_sep"]) == len(hidden)
+            assert all(z_sep <= z * (1 + 1e-6) for z, z_sep in zip(log["z"], log["z_sep"], strict=True))
+
+
+def test_the_finder_gets_logs_and_the_nominal_robot_alone(folder, monkeypatch):
+    given = []
+    judged(folder, monkeypatch, lambda *what: given.append(what) or Said("no discrepancy"))
+    assert len(given) == CASES
+    for label, (robot, logs, held_out, clean) in zip(labels(folder), given, strict=True):
+        own = folder / "cases" / f"case-{label['case']:04}"
         assert sorted(path.name for path in own.iterdir()) == ["holdout.csv", "log.csv", "robot.json"]
-        robot = RobotDescription.load(own / "robot.json")
-        assert robot == ROBOT
-        log, held_out = (read_log(own / name, robot) for name in ("log.csv", "holdout.csv"))
-        assert len(log) == len(held_out) == 241
-        assert not np.array_equal(log.wheel[-1], held_out.wheel[-1])
-        assert log.reference is not None
-        assert np.isfinite(log.reference[:, 0]).sum() == 13
-    assert len(list((folder / "clean").glob("*.csv"))) == run.CLEAN
+        assert robot == RobotDescription.load(own / "robot.json") == preset(ROBOT)
+        (log,), (other,) = logs.values(), held_out.values()
+        np.testing.assert_array_equal(log.wheel, read_log(own / "log.csv", robot).wheel)
+        assert len(log) == len(other) == 241
+        assert not np.array_equal(log.wheel[-1], other.wheel[-1])
+        assert len(clean) == (run.CLEAN if label["clean"] else 0)
+        for one in (log, other, *clean.values()):
+            assert (one.reference is not None) == label["reference"]
+            assert one.reference is None or np.isfinite(one.reference[:, 0]).sum() == 13
+    assert sorted(path.name for path in (folder / "clean" / ROBOT).iterdir()) == ["1.csv", "2.csv", "3.csv"]
 
 
-def test_labels_tell_what_is_hidden_and_how_strong(folder):
-    label = json.loads((folder / "labels" / "case-0001.json").read_text(encoding="utf-8"))
-    assert label["stratum"] == "one"
-    assert len(label["hidden"]) == 1
-    assert 5 / run.SLACK <= label["log"]["z"][0] <= 60 * run.SLACK
-    assert label["log"]["z_sep"][0] <= label["log"]["z"][0] * 1.5
-    clean = json.loads((folder / "labels" / "case-0002.json").read_text(encoding="utf-8"))
-    assert clean["stratum"] == "clean"
-    assert not clean["hidden"]
-
-
-def test_a_trial_goes_on_where_it_stopped(folder):
-    times = {
-        path: path.stat().st_mtime_ns for part in ("cases", "labels", "clean") for path in (folder / part).rglob("*.*")
-    }
-    run.make(2, 12, "pymunk", folder, duration=12.0, jobs=1)
-    assert times == {path: path.stat().st_mtime_ns for path in times}
+def test_a_trial_goes_on_where_it_stopped(folder, monkeypatch):
+    times = {path: path.stat().st_mtime_ns for part in ("cases", "clean") for path in (folder / part).rglob("*.csv")}
+    (folder / "labels" / "case-0002.json").unlink()
+    make(folder)
+    changed = {path.parent.name for path, time in times.items() if path.stat().st_mtime_ns != time}
+    assert changed == {"case-0002"}
     with pytest.raises(InputError, match="another trial"):
-        run.make(2, 13, "pymunk", folder, duration=12.0, jobs=1)
-    assert run.plan_of(folder).seed == 12
+        make(folder, duration=14.0)
+
+    judged(folder, monkeypatch, lambda *_: Said("no discrepancy"))
+    (folder / "outcomes" / "selection" / "case-0003.json").unlink()
+    monkeypatch.setattr(run, "finder", lambda name: lambda *_: Said("unexplained"))
+    run.judge(folder, "selection")
+    said = Counter(read(path)["verdict"] for path in (folder / "outcomes" / "selection").glob("*.json"))
+    assert said == {"no discrepancy": CASES - 1, "unexplained": 1}
 
 
-def test_unknown_generators_are_refused(tmp_path):
-    with pytest.raises(InputError, match="unknown generator"):
-        run.make(1, 0, "magic", tmp_path)
-    with pytest.raises(InputError, match="no trial"):
-        run.judge(tmp_path)
+def test_a_finder_that_knows_the_truth_is_right_throughout(folder, monkeypatch):
+    truths = iter(
+        [[RobotDescription.from_dict({**preset(ROBOT).to_dict(), "effects": [hidden["what"]]}).effects[0]
+          for hidden in label["hidden"] if hidden["from"] != "outside"] for label in labels(folder)]
+    )  # fmt: skip
+
+    def knows(robot, *_):
+        effects: list[Effect] = next(truths)
+        return said_of(
+            [Single("named", {class_of(one): 1.0}, (class_of(one),), one, 0.01 * abs(one.value)) for one in effects]
+        )
+
+    outcomes = judged(folder, monkeypatch, knows)
+    gaps = [outcome["gap"] for outcome in outcomes if outcome["gap"]]
+    assert gaps
+    assert all(gap["after"] <= 1.05 * gap["before"] for gap in gaps)
+    every = scores.report(folder, "selection")["all"]
+    rates = {rate["what"]: rate for rate in every["rates"]}
+    assert rates["clean: any alarm"]["count"] == 0
+    assert rates["wiring: named, or refused with a reason"]["share"] == 1.0
+    assert rates[scores.COVERED]["share"] == 1.0
+    assert every["calibration_error"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_was_found_is_driven_again(folder, monkeypatch):
-    label = json.loads((folder / "labels" / "case-0001.json").read_text(encoding="utf-8"))
-    truth = label["hidden"][0]["what"]
-    plan, name, left = run.plan_of(folder), "case-0001", folder / "left" / "case-0001.json"
-    true = RobotDescription.from_dict({**ROBOT.to_dict(), "effects": [truth]})
-    for found, expected in ((true, 0.0), (None, 1.0)):
-        monkeypatch.setattr(run, "examine", lambda *_, found=found, **__: examined("no discrepancy", found=found))
-        run._judge_case(folder / "cases" / name, [], folder / "outcomes" / f"{name}.json")
-        run._resimulate_case(plan, name, folder)
-        assert json.loads(left.read_text(encoding="utf-8"))["left"] == pytest.approx(expected, abs=1e-6)
-    assert scores.signal_left(scores.trials_of(folder))[0] == pytest.approx(1.0)
-
-
-def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch, tmp_path):
+def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch):
     for error, verdict in ((InputError("too short"), "refused"), (ZeroDivisionError("oh"), "broken")):
 
-        def fails(*_, error=error, **__):
+        def fails(*_, error=error):
             raise error
 
-        monkeypatch.setattr(run, "examine", fails)
-        run._judge_case(folder / "cases" / "case-0002", [], tmp_path / "outcome.json")
-        outcome = json.loads((tmp_path / "outcome.json").read_text(encoding="utf-8"))
-        assert outcome["verdict"] == verdict
-        assert str(error) in outcome["reason"]
+        outcomes = judged(folder, monkeypatch, fails)
+        assert {outcome["verdict"] for outcome in outcomes} == {verdict}
+        assert all(str(error) in outcome["reason"] for outcome in outcomes)
 
 
-def test_what_a_diagnosis_says():
-    track, radius = Track(castor=1, value=1e-3), WheelRadius(castor=1, wheel=2, value=1e-3)
-    known, other, nameless = (Rank(Candidate(kinds)) for kinds in ((track,), (radius,), ()))
-    sure = Finding("named", (known,), track, 1e-4)
-    assert said_by("named", (sure,)) == run.Said("named", ("track 1",), ("track 1",))
-    unsure = Finding("ambiguous", (other, known))
-    both = said_by("ambiguous", (sure, unsure))
-    assert both == run.Said("ambiguous", ("track 1",), ("track 1", "wheel_radius 1 2"))
-    assert said_by("ambiguous", (Finding("ambiguous", (known, nameless)),)).unnamed_rival
-    unexplained = said_by("unexplained", (Finding("unexplained", (nameless,)),))
-    assert unexplained == run.Said("unexplained", (), (), True)
-    swapped = Mistake("left and right are swapped: so", (EncodersSwapped(castor=1),))
-    assert said_by("named", (), (swapped,)).named == ("encoders_swapped 1",)
-    assert said_by("ambiguous", (), (dataclasses.replace(swapped, alternatives=("or not",)),)).named == ()
-    assert said_by("unconfirmed", (Finding("unconfirmed", (known,), track),)).possible == ()
+def test_what_cannot_be_is_refused(tmp_path):
+    with pytest.raises(InputError, match="unknown generator"):
+        run.make(1, 0, "magic", tmp_path)
+    with pytest.raises(InputError, match="unknown robot"):
+        run.make(1, 0, "pymunk", tmp_path, robot="magic")
+    with pytest.raises(InputError, match="unknown finder"):
+        run.judge(tmp_path, "magic")
+    with pytest.raises(InputError, match="no trial"):
+        run.judge(tmp_path, "selection")
+
+
+def test_robots_are_those_that_a_generator_can_drive():
+    source = generator("pymunk")
+
+    def only_on_two_wheels(robot, *given, **more):
+        if len(robot.wheels) > 2:
+            raise InputError("too many wheels")
+        return source.drive(robot, *given, **more)
+
+    choosy = source._replace(drive=only_on_two_wheels)
+    assert run.robots_for(choosy) == ["1-castor", "differential"]
+    with pytest.raises(InputError, match="too many wheels"):
+        run.robots_for(choosy, "swerve")

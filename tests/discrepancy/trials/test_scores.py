@@ -1,34 +1,40 @@
 """Scores of trials, from labels and outcomes made by hand."""
 
+import dataclasses
 import json
 
 import pytest
 
 from castor_envs.errors import InputError
 from discrepancy.trials import scores
-from discrepancy.trials.scores import Trial, confusion, coverage, rates, signal_left, size_as, wilson
+from discrepancy.trials.run import Plan
+from discrepancy.trials.scores import Trial, calibration_error, confusion, rates, reliability, size_as, wilson
 
 
-def trial(stratum, truth=(), named=(), possible=None, z=20.0, z_sep=20.0, held_out=20.0, **more):
+def trial(stratum, truth=(), named=(), credible=None, z=30.0, z_sep=20.0, cost=0.01, held_out=30.0, **more):
     """A case in which classes `truth` were hidden and `named` said."""
-    strength = {"z": [z] * len(truth), "z_sep": [z_sep] * len(truth)} if truth else None
+    strength = {"z": [z] * len(truth), "z_sep": [z_sep] * len(truth), "cost": [cost] * len(truth)}
     hidden = [{"class": own, "from": "catalogue", "what": {"name": own.split()[0], "value": 0.01}} for own in truth]
-    label = {"stratum": stratum, "hidden": hidden, "log": strength, "seconds": 1.0}
-    label["holdout"] = {"z": [held_out] * len(truth)} if truth else None
+    label = {"stratum": stratum, "robot": "swerve", "clean": False, "reference": True, "hidden": hidden, "seconds": 1.0}
+    label |= {"log": strength if truth else None, "holdout": {**strength, "z": [held_out]} if truth else None}
     outcome = {
         "verdict": "named" if named else "no discrepancy",
-        "named": list(named),
-        "possible": list(named if possible is None else possible),
-        "unnamed_rival": False,
-        "found": [],
+        "named": dict.fromkeys(named, 1.0),
+        "credible": [[name] for name in named] if credible is None else credible,
+        "probabilities": dict.fromkeys(named, 1.0),
+        "unnamed": False,
+        "sizes": [],
+        "gap": None,
         "seconds": 2.0,
     }
-    return Trial(label, outcome | more, {"left": None})
+    return Trial(label | {key: more.pop(key) for key in ("clean", "robot") if key in more}, outcome | more)
 
 
-def rate_of(trials, start):
-    (found,) = [one for one in rates(trials) if one.what.startswith(start)]
-    return found.count, found.total
+def rate_of(trials, start, after=0):
+    """Count and total of the rate that starts so, or of one some places after it."""
+    found = rates(trials)
+    (place,) = [k for k, one in enumerate(found) if one.what.startswith(start)]
+    return found[place + after].count, found[place + after].total
 
 
 def test_wilson_interval_as_published():
@@ -38,61 +44,85 @@ def test_wilson_interval_as_published():
     assert wilson(0, 0) == (0.0, 1.0)
 
 
-def test_named_exactly_needs_strength_separation_and_a_held_out_log_that_shows_it():
-    right, wrong = trial("one", ["track 1"], ["track 1"]), trial("large", ["track 1"], ["track 2"])
-    weak = [
-        trial("one", ["track 1"], ["track 2"], z=7.9),
-        trial("one", ["track 1"], ["track 2"], z_sep=4.9),
-        trial("one", ["track 1"], ["track 2"], held_out=7.9),
-        trial("poor", ["track 1"], ["track 2"]),
+def test_calibration_error_by_hand():
+    """Four names told with 0.7, three of them right: off by 0.05. Two with 0.97, one right: off by 0.47."""
+    told = [(0.7, True)] * 3 + [(0.7, False), (0.97, True), (0.97, False)]
+    bins = reliability(told)
+    assert [(one["what"], one["count"], one["total"]) for one in bins] == [("0.6 to 0.8", 3, 4), ("0.95 to 0.99", 1, 2)]
+    assert [one["probability"] for one in bins] == pytest.approx([0.7, 0.97])
+    assert calibration_error(bins) == pytest.approx((4 * 0.05 + 2 * 0.47) / 6)
+    assert calibration_error(reliability([])) is None
+    assert [one["total"] for one in reliability([(1.0, True), (0.99, True), (0.05, False)])] == [1, 2]
+
+
+def test_names_are_told_from_five_percent_on():
+    one = trial("one", ["track 1"], probabilities={"track 1": 0.9, "track 2": 0.06, "track 3": 0.04})
+    assert sorted(one.told()) == [(0.06, False), (0.9, True)]
+    assert trial("wiring", ["encoders_swapped 1"], ["encoders_swapped 1"]).told() == []
+
+
+def test_any_word_on_a_clean_log_is_an_alarm_but_what_is_negligible():
+    clean = [
+        trial("clean"),
+        trial("clean", verdict="negligible", credible=[["track 1"]]),
+        trial("clean", verdict="unexplained", unnamed=True),
+        trial("clean", verdict="unconfirmed", credible=[["track 1"]]),
+        trial("clean", (), ["track 1"]),
     ]
-    assert rate_of([right, wrong, *weak], "one effect, z >= 8, z_sep >= 5: named exactly") == (1, 2)
-    assert rate_of([right, wrong, *weak], "one effect, z >= 8: a wrong name") == (2, 3)
+    assert rate_of(clean, "clean: any alarm") == (3, 5)
+    assert rate_of(clean, "clean: a sure name") == (1, 5)
 
 
-def test_a_set_with_the_truth_in_it_is_not_wrong():
-    unsure = trial("one", ["track 1"], [], ["track 1", "track 2"], verdict="ambiguous")
-    assert rate_of([unsure], "one effect, z >= 8: the truth among") == (1, 1)
-    assert rate_of([unsure], "one effect, z >= 8: a wrong name") == (0, 1)
-    assert rate_of([unsure], "one effect, z >= 8, z_sep") == (0, 1)
+def test_costly_names_count_where_there_are_no_clean_logs():
+    def named(cost, clean=False):
+        return trial("clean", (), ["track 1"], sizes=[{"class": "track 1", "cost": cost}], clean=clean)
+
+    assert rate_of([named(5e-4), named(2e-3), named(2e-3, clean=True)], "clean, no clean logs given") == (1, 2)
+    assert rate_of([trial("clean", (), ["encoders_swapped 1"])], "clean, no clean logs given") == (1, 1)
 
 
-def test_the_right_name_with_something_unexplained_beside_it_is_not_exact():
-    both = trial("one", ["track 1"], ["track 1"], verdict="unexplained", unnamed_rival=True)
-    assert rate_of([both], "one effect, z >= 8, z_sep") == (0, 1)
+def test_an_effect_has_to_be_named_where_it_costs_and_stands_apart():
+    right, wrong = trial("one", ["track 1"], ["track 1"]), trial("one", ["track 1"], ["track 2"])
+    unsure = trial("one", ["track 1"], [], [["track 1", "track 2"]], verdict="ambiguous")
+    beside = trial("one", ["track 1"], ["track 1"], verdict="unexplained", unnamed=True)
+    asked = [right, wrong, unsure, beside]
+    weak = [trial("one", ["track 1"], **one) for one in ({"cost": 1.9e-3}, {"z_sep": 4.9}, {"held_out": 4.9})]
+    other = [trial("poor", ["track 1"]), trial("two", ["track 1", "track 2"])]
+    every = [*asked, *weak, *other]
+    assert rate_of(every, "one effect, 2 mm") == (1, 4)
+    assert rate_of(every, "one effect, 2 mm", after=1) == (3, 4)
+    assert rate_of(every, "one effect, 2 mm", after=2) == (1, 4)
+    assert rate_of(every, "one effect of any cost") == (1, 5)
 
 
-def test_any_name_on_a_clean_log_is_false():
-    clean = [trial("clean"), trial("clean", (), ["track 1"]), trial("clean", (), [], ["track 1", "track 2"])]
-    assert rate_of(clean, "clean") == (2, 3)
-
-
-def test_two_effects_count_where_both_are_found():
+def test_several_effects_count_where_all_are_found():
     truth = ["track 1", "pivot_bias 2"]
-    found = [trial("two", truth, named) for named in (truth[::-1], truth[:1], [*truth, "track 2"])]
-    assert rate_of([*found, trial("two", truth, [], z=9.0)], "two effects") == (1, 3)
+    for stratum, more in (("two", []), ("three", ["wheel_radius 1 1"])):
+        every = [*truth, *more]
+        found = [trial(stratum, every, named) for named in (every[::-1], every[:1], [*every, "track 2"])]
+        assert rate_of(found, f"{stratum} effects") == (1, 3)
+        assert rate_of(found, f"{stratum} effects", after=1) == (2, 3)
 
 
 def test_outside_the_catalogue():
-    sure = trial("outside", ["Wobble"], ["track 1"], z=30.0)
-    flagged = trial("outside", ["Wobble"], z=30.0, verdict="unexplained", unnamed_rival=True)
-    maybe = trial("outside", ["Wobble"], [], ["track 1"], z=30.0, verdict="ambiguous", unnamed_rival=True)
+    sure = trial("outside", ["Wobble"], ["track 1"])
+    flagged = trial("outside", ["Wobble"], verdict="unexplained", unnamed=True)
+    maybe = trial("outside", ["Wobble"], [], [["track 1"]], verdict="ambiguous", unnamed=True)
     quiet = trial("outside", ["Wobble"], z=10.0)
-    assert rate_of([sure, flagged, maybe, quiet], "outside the catalogue: a name") == (1, 4)
-    assert rate_of([sure, flagged, maybe, quiet], "outside the catalogue, z >= 20") == (2, 3)
+    assert rate_of([sure, flagged, maybe, quiet], "outside the catalogue: a sure name") == (1, 4)
+    assert rate_of([sure, flagged, maybe, quiet], "outside the catalogue, z 20") == (2, 3)
 
 
-def test_wiring_is_counted_on_its_own():
-    wired = trial("large", ["encoder_reversed 1 1"], z=9e3, verdict="refused")
-    assert rate_of([wired], "wiring") == (1, 1)
-    assert rate_of([wired], "one effect, z >= 8, z_sep") == (0, 0)
+def test_wiring_is_found_or_refused():
+    truth = ["encoder_reversed 1 1"]
+    assert rate_of([trial("wiring", truth, verdict="refused"), trial("wiring", truth, truth)], "wiring") == (2, 2)
+    assert rate_of([trial("wiring", truth)], "wiring") == (0, 1)
 
 
-def test_bounds_are_those_of_the_generator():
-    one = scores.Rate("", 90, 100, 0.8, 0.95, least=(0.97, 0.85))
-    assert (one.reached(foreign=False), one.reached(foreign=True)) == (False, True)
-    assert scores.Rate("", 0, 0, 0.0, 1.0, least=(0.97, 0.85)).reached(foreign=False) is None
-    assert scores.Rate("", 2, 100, 0.0, 0.1, most=(0.01, 0.05)).reached(foreign=False) is False
+def test_gaps_that_grow_and_finders_that_break():
+    gaps = [None, {"before": 1e-3, "after": 2e-3}, {"before": 2e-3, "after": 1e-3}, {"before": 1e-3, "after": 1e-3}]
+    assert rate_of([trial("one", ["track 1"], gap=gap) for gap in gaps], "something named") == (1, 3)
+    assert rate_of([trial("clean", verdict="broken"), trial("clean")], "the finder broke") == (1, 2)
 
 
 def test_sizes_of_equivalent_effects():
@@ -103,12 +133,18 @@ def test_sizes_of_equivalent_effects():
     assert size_as(wave, {**wave, "phase": 1.0 - 3.141592653589793}) == pytest.approx(-0.02)
 
 
-def test_coverage_counts_true_sizes_within_two_errors():
+def test_intervals_count_where_the_name_is_right():
     trials = []
-    for value in (0.0115, 0.0081, 0.0301):
-        found = {"class": "track 1", "effect": {"name": "track", "value": value}, "error": 1e-3}
-        trials.append(trial("one", ["track 1"], ["track 1"], found=[found]))
-    assert (coverage(trials)["track"].count, coverage(trials)["track"].total) == (2, 3)
+    for name, low, high in (
+        ("track 1", 9e-3, 11e-3),
+        ("track 1", 5e-3, 9.9e-3),
+        ("track 2", 0.0, 1.0),
+        ("track 1", None, None),
+    ):
+        effect = {"name": "track", "value": 0.01}
+        size = {"class": name, "effect": effect, "low": low, "high": high, "cost": 0.01}
+        trials.append(trial("one", ["track 1"], [name], sizes=[size]))
+    assert rate_of(trials, "95 % intervals") == (1, 2)
 
 
 def test_confusion_says_what_was_taken_for_what():
@@ -124,24 +160,23 @@ def test_confusion_says_what_was_taken_for_what():
     assert table["clean"] == {"no discrepancy": 1}
 
 
-def test_the_median_is_of_strong_single_effects():
-    trials = []
-    for left, z in ((0.1, 20.0), (0.3, 20.0), (0.2, 20.0), (1.0, 5.0)):
-        one = trial("one", ["track 1"], ["track 1"], z=z)
-        trials.append(Trial(one.label, one.outcome, {"left": left}))
-    assert signal_left(trials) == (0.2, 3)
-
-
 def test_report_is_plain_data_and_text(tmp_path):
-    (tmp_path / "trial.json").write_text(json.dumps({"cases": 2, "seed": 0, "generator": "pymunk"}), encoding="utf-8")
+    plan = Plan(3, 0, "pymunk", ["omni3", "swerve"])
+    (tmp_path / "trial.json").write_text(json.dumps(dataclasses.asdict(plan)), encoding="utf-8")
     with pytest.raises(InputError, match="judge"):
-        scores.report(tmp_path)
-    for k, one in enumerate([trial("one", ["track 1"], ["track 1"]), trial("clean")], start=1):
-        for part, data in (("labels", one.label), ("outcomes", one.outcome), ("left", one.left)):
-            (tmp_path / part).mkdir(exist_ok=True)
+        scores.report(tmp_path, "selection")
+    every = [trial("one", ["track 1"], ["track 1"]), trial("clean", robot="omni3"), trial("clean", clean=True)]
+    for k, one in enumerate(every, start=1):
+        for part, data in (("labels", one.label), ("outcomes/selection", one.outcome)):
+            (tmp_path / part).mkdir(exist_ok=True, parents=True)
             (tmp_path / part / f"case-{k:04}.json").write_text(json.dumps(data), encoding="utf-8")
-    found = json.loads(json.dumps(scores.report(tmp_path), allow_nan=False))
-    assert found["format"] == "castor-trial/2"
+    found = json.loads(json.dumps(scores.report(tmp_path, "selection"), allow_nan=False))
+    assert (found["format"], found["finder"], found["judged"]) == ("castor-trial/3", "selection", 3)
+    sizes = {name: group["cases"] for name, group in found["groups"].items()}
+    parts = {"clean logs given": 1, "no clean logs given": 2, "with a reference": 3}
+    assert sizes == {"omni3": 1, "swerve": 2, **parts}
     text = "\n".join(scores.lines(found))
-    assert "100.0 % (  1/  1, 20.7 to 100.0)  one effect, z >= 8, z_sep >= 5: named exactly" in text
+    assert "100.0 % (  1/  1, 20.7 to 100.0)  one effect, 2 mm per 10 m and z_sep 5 or more: named exactly" in text
+    assert "100.0 % (  1/  1, 20.7 to 100.0)  0.99 to 1, mean 1.000" in text
+    assert "expected calibration error 0.000" in text
     assert "track: track 1" in text

@@ -11,15 +11,16 @@ from castor_envs.effects.clocks import ClockOffset, SampleJitter
 from castor_envs.effects.dimensions import LoadRadius
 from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
+from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.motion.trajectories import wander
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.trials.generators import generator
 from discrepancy.trials.noise import EXACT
 from discrepancy.trials.pymunk_generator import drive
-from discrepancy.trials.strength.residuals import Layout, rolling
+from discrepancy.trials.strength.residuals import Layout, redundancy, rolling
 from discrepancy.trials.strength.separation import (
     StrengthMetric,
     apart,
@@ -29,9 +30,12 @@ from discrepancy.trials.strength.separation import (
     without,
 )
 from discrepancy.trials.strength.whitening import NoiseModel
+from discrepancy.validation.parity import parity_residual
+from estimators.calibration.drives import moves_sideways
 
 ASOC = preset("asoc-prototype")
 SPEED = 0.2
+ECCENTRIC = WheelEccentricity(castor=1, wheel=2, value=0.002)
 
 
 def straight(robot, seconds, radii):
@@ -93,6 +97,27 @@ def test_rolling_is_that_of_the_kinematics():
         np.testing.assert_allclose(by_turn @ turned, b[0, own] * turned[layout.row_castor], atol=1e-12)
 
 
+def test_redundancy_is_that_of_the_parity_residual():
+    for name in preset_names():
+        robot = preset(name)
+        course = wander(np.random.default_rng(1), duration=2, holonomic=moves_sideways(robot))
+        assert redundancy(robot) == parity_residual(robot, drive(robot, course, 1, duration=2.0)).redundancy
+    blind = dataclasses.replace(ASOC.castors[0], pivot_counts_per_rev=None)
+    with pytest.raises(InputError, match="do not tell its motion"):
+        redundancy(dataclasses.replace(ASOC, castors=(blind,) * 3))
+
+
+def test_without_a_reference_only_encoders_count(run, metric):
+    """What only the reference shows is gone; what encoders show of each other is weaker, not other."""
+    untracked = StrengthMetric(ASOC, run, reference=False)
+    assert run.reference is not None
+    shifted = dataclasses.replace(run, reference=run.reference + [0.1, 0.0, 0.2] * run.t[:, None])
+    assert np.linalg.norm(metric.signal(shifted)) > 100
+    assert np.linalg.norm(untracked.signal(shifted)) == 0.0
+    with_it, without_it = (np.linalg.norm(one.signal(one.read(ECCENTRIC))) for one in (metric, untracked))
+    assert 0.5 * with_it < without_it < with_it
+
+
 def test_declared_noise_becomes_white(run):
     metric, random, squares = StrengthMetric(ASOC, run, NoiseModel(slip=1e-9)), np.random.default_rng(5), []
     size = len(metric.signal(run))
@@ -115,8 +140,7 @@ def test_start_pose_does_not_matter(run, metric):
     x, y, psi = run.reference.T
     moved = dataclasses.replace(run, reference=np.column_stack([c * x - s * y + 2, s * x + c * y - 1, psi + 0.7]))
     assert np.linalg.norm(metric.signal(moved)) < 1e-6
-    effect = WheelEccentricity(castor=1, wheel=2, value=0.002)
-    before, after = (StrengthMetric(ASOC, log).signature(effect) for log in (run, moved))
+    before, after = (StrengthMetric(ASOC, log).signature(ECCENTRIC) for log in (run, moved))
     assert np.linalg.norm(after) == pytest.approx(np.linalg.norm(before), rel=1e-6)
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from discrepancy.inference.random_effects import Statistics, good_order, together
+from discrepancy.posterior.calibrated import REFITTED, SIGNATURE
+from discrepancy.posterior.random_effects import Statistics, good_order, together
 
 
 def drawn(random, design, sizes):
@@ -30,18 +31,19 @@ def test_sizes_that_are_known_are_taken_off():
     assert log.at(known).score == pytest.approx(left.score, abs=1e-9)
 
 
-def test_doubt_in_signatures_counts_more_the_larger_the_signal():
-    log = Statistics(np.eye(2), np.ones(2))
-    assert log.doubted(0.0).score == pytest.approx(log.score)
-    kept = [log.doubted(z**2).information[0, 0] for z in (1, 10, 100, 1000)]
-    assert np.all(np.diff(kept) < 0)
-    assert kept[-1] * 1000**2 == pytest.approx(kept[-2] * 100**2, rel=0.5)  # no more is left than a part of the signal
+def test_doubt_in_signatures_leaves_no_more_than_a_part_of_what_is_explained():
+    log, none = Statistics(np.eye(2), np.ones(2)), np.zeros(2)
+    assert log.doubted(none, none).score == pytest.approx(log.score)
+    for part, place in ((SIGNATURE, 0), (REFITTED, 1)):
+        sizes = [none, none]
+        sizes[place] = np.array([1e4, 0.0])
+        assert 1e4**2 * log.doubted(*sizes).information[0, 0] == pytest.approx(part**-2, rel=0.01)
 
 
 def test_without_clean_logs_the_tolerances_stand():
     told = good_order(np.array([0.1, 0.2]), np.eye(1))
-    assert told.scatter == pytest.approx(np.diag([0.01, 0.04]))
-    assert told.doubt == pytest.approx(np.diag([0.01, 0.04]))
+    assert told.scatter == pytest.approx(np.diag([0.005, 0.02]))
+    assert told.doubt == pytest.approx(np.diag([0.005, 0.02]))
     assert not told.background.any()
 
 
@@ -59,8 +61,8 @@ def test_clean_logs_tell_background_and_scatter():
 def test_two_sizes_of_an_effect_scatter_as_their_pattern_says():
     pattern = np.array([[1.0, 0.75], [0.75, 0.8]])
     told = good_order(np.array([0.1, 2.0]), pattern)
-    assert told.scatter[np.ix_([1, 3], [1, 3])] == pytest.approx(4 * pattern)
-    assert told.scatter[np.ix_([0, 2], [0, 2])] == pytest.approx(0.01 * pattern)
+    assert told.scatter[np.ix_([1, 3], [1, 3])] == pytest.approx(2 * pattern)
+    assert told.scatter[np.ix_([0, 2], [0, 2])] == pytest.approx(0.005 * pattern)
     assert told.scatter[0, 3] == told.scatter[0, 1] == 0
 
 
@@ -70,9 +72,11 @@ def test_a_robot_in_good_order_is_beyond_nothing_as_often_as_chance_says(logs):
     tolerance = np.array([0.3, 0.1, 0.2])
     squares = []
     for _ in range(300):
-        background = tolerance * random.normal(size=3)
+        background = tolerance * random.normal(size=3) / np.sqrt(2)
         designs = [10 * random.normal(size=(20, 3)) for _ in range(logs)]
-        every = [drawn(random, design, background + tolerance * random.normal(size=3)) for design in designs]
+        every = [
+            drawn(random, design, background + tolerance * random.normal(size=3) / np.sqrt(2)) for design in designs
+        ]
         beyond = good_order(tolerance, np.eye(1)).beyond(every)
         squares.append(beyond.score @ np.linalg.solve(beyond.information, beyond.score))
     assert np.mean(squares) == pytest.approx(3.0, abs=4 * np.sqrt(6 / 300))

@@ -1,4 +1,4 @@
-"""How encoders of the MuJoCo simulator are read: effects on sensors and time, at the simulation's own fine steps.
+"""How encoders of foreign simulators are read: effects on sensors and time, at the simulation's own fine steps.
 
 Written anew from the definitions of the effects in `castor_envs.effects`; none of their sensor models is called. A
 stage is called with one sample period after the other, as the simulator has computed it: times (m,) and angles
@@ -26,7 +26,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.mujoco.build import Build
+from discrepancy.trials.foreign.build import Build
 
 Stage = Callable[[Array, Array], Array]
 NOT_SENSED = (
@@ -35,7 +35,7 @@ NOT_SENSED = (
     *("floor_slope", "bump", "friction_patch", "sample_jitter", "clock_skew", "clock_offset"),
     *("reference_yaw", "reference_lever_x", "reference_lever_y"),
 )
-"""Effects of this simulator that are no stage on the way to the encoders."""
+"""Effects of foreign simulators that are no stage on the way to the encoders."""
 
 
 class Sensors:
@@ -111,7 +111,7 @@ def reference_poses(robot: RobotDescription, pose: Array) -> Array:
 def stage_of(effect: Effect, build: Build) -> Stage | None:
     """Return what an effect does to the angles that encoders see, anew for each run; None: nothing.
 
-    Raises InputError for an effect that this simulator has not.
+    Raises InputError for an effect that foreign simulators have not.
     """
     w = len(build.radius)
     match effect:
@@ -146,7 +146,7 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
             channel = build.wheel(effect.castor, effect.wheel)
             return Bursts(channel, effect.value, effect.start, effect.period, effect.width, effect.seed)
     if effect.name not in NOT_SENSED:
-        raise InputError(f"effect {effect.name!r}: the MuJoCo generator has no such effect; leave it out")
+        raise InputError(f"effect {effect.name!r}: simulators other than pymunk have no such effect; leave it out")
     return None
 
 

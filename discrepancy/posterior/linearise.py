@@ -6,7 +6,7 @@ so hide a part of what is wrong: each column stands twice, as it is and as wheel
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,11 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.inference.design_matrix import Columns, Shared, columns_of
+from discrepancy.inference.design_matrix import Columns, Shared, columns_of, quieter
+from discrepancy.inference.evidence import gap_of
 from discrepancy.inference.fit_states import settled
-from discrepancy.inference.random_effects import Statistics
+from discrepancy.posterior.random_effects import Statistics
+from discrepancy.validation.cost import cost_of_sizes
 from estimators.calibration.log_likelihood import LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State
 
@@ -28,7 +30,13 @@ CREEP = 7e-5
 """Standard deviation of what each wheel rolls too much and each castor goes to its side, as a part of its way, in any
 log: contact is not as rigid as rolling."""
 
-COUNTS, SLIP = 0.5, 1e-4
+LEAST_NOISE = Noise(along=1e-4, across=1e-4, position=1e-4, heading=1e-4)
+"""No contact rolls, and no tracker measures, better: 0.1 mm after 1 m, 0.1 mm and 0.1 mrad."""
+
+UNEVEN = 0.3
+"""Standard deviation, as a part of it, of what each contact creeps otherwise than predicted where wheels disagree."""
+
+COUNTS, SLIP = 0.2, 3e-5
 """What a robot in good order shows of anything without a name: so many counts in mean, or such a part of the way that
 wheels slip."""
 
@@ -38,19 +46,33 @@ class Linearised:
     """Candidates, the columns of each among C; and of each log information and score of 2C sizes, the amplitudes beyond
     the robot's effects and then what wheels hide of each.
 
-    usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. parts: of the creep that is
-    predicted, and of what wheels hide of each of the robot's effects. slips (K - 1, w) of each log: of wheels beyond what
-    is expected, m.
+    usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. cost (2, C): what a unit of
+    each makes odometry wrong by on these drives (`cost_of_sizes`). parts: of the creep that is predicted, and of what
+    wheels hide of each of the robot's effects. slips (K - 1, w) of each log: of wheels beyond what is expected, m. gap:
+    rms of what odometry is off the reference, m and rad; None without one.
     """
 
     candidates: tuple[Candidate, ...]
     columns: tuple[NDArray[np.intp], ...]
     logs: tuple[Statistics, ...]
     usual: Array
+    cost: Array
     state: State
     noise: Noise
     parts: Array
     slips: tuple[Array, ...]
+    gap: tuple[float, float] | None
+    designs: tuple[Columns, ...]
+    shared: Shared
+
+    def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
+        """Return the same at the noise that is left beside effects, each as large as logs want.
+
+        Where encoders do not contradict each other, an effect that is not in the model passes for slip.
+        """
+        found = quieter(self.designs, effects, self.shared, self.noise)
+        noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
+        return replace(self, noise=noise, logs=_said(self.designs, self.shared, noise, self.candidates, self.columns))
 
 
 def linearise(
@@ -71,7 +93,7 @@ def linearise(
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
     begin = None if start is None else (start.state, start.noise)
-    at, noise, shared, slips = settled(robot, models, logs, None, begin, creep)
+    at, noise, shared, slips = settled(robot, models, logs, None, begin, creep, LEAST_NOISE)
     beyond = tuple(
         slips_of(robot, model, log, state, slip.certain + slip.known @ shared.parts)
         for model, log, state, slip in zip(models, logs, at.states, slips, strict=True)
@@ -80,21 +102,55 @@ def linearise(
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        Columns.of(robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name)
+        Columns.of(
+            robot, model, log, state, clock, slip.slipping, _row_by_row(slip.known), shared.parts, among, places, name
+        )
         for model, log, state, clock, slip, name in zip(models, logs, at.states, at.clocks, slips, names, strict=True)
     ]
     candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
     columns = columns_of(candidates)
     place = dict(zip(candidates, columns, strict=True))
     count = sum(candidate.columns for candidate in candidates)
-    said, usual = [], np.full(count, np.nan)
+    usual, costs = np.full(count, np.nan), []
     for model, design, state in zip(models, designs, at.states, strict=True):
         each = [place[candidate] for candidate in design.candidates]
         there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
-        said.append(_spread(_of_sizes(design, shared, noise), there, count))
-        unnamed = np.repeat([not one.kinds for one in design.candidates], [one.columns for one in design.candidates])
+        unnamed = np.array([not one.kinds for one in design.candidates for _ in range(one.columns)], dtype=bool)
         usual[there[unnamed]] = _usual(model, geometry, design, state)[unnamed]
-    return Linearised(candidates, columns, tuple(said), usual, at, noise, shared.parts, beyond)
+        cost = np.zeros((2, count))
+        cost[:, there] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
+        costs.append(cost)
+    return Linearised(
+        candidates=candidates,
+        columns=columns,
+        logs=_said(designs, shared, noise, candidates, columns),
+        usual=usual,
+        cost=np.sqrt(np.mean(np.square(costs), axis=0)),
+        state=at,
+        noise=noise,
+        parts=shared.parts,
+        slips=beyond,
+        gap=gap_of(models, geometry, at),
+        designs=tuple(designs),
+        shared=shared,
+    )
+
+
+def _said(
+    designs: Sequence[Columns],
+    shared: Shared,
+    noise: Noise,
+    candidates: Sequence[Candidate],
+    columns: Sequence[NDArray[np.intp]],
+) -> tuple[Statistics, ...]:
+    """Return what each log says of all candidates, at sizes of noise."""
+    place, said = dict(zip(candidates, columns, strict=True)), []
+    count = sum(candidate.columns for candidate in candidates)
+    for design in designs:
+        each = [place[candidate] for candidate in design.candidates]
+        there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
+        said.append(_spread(_of_sizes(design, shared, noise), there, count))
+    return tuple(said)
 
 
 def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:
@@ -103,15 +159,23 @@ def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
     parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
-    creep = np.arange(n + len(shared.parts), len(score) - len(shared.mount))
+    rows = design.own.shape[1]
+    uneven = np.arange(rows) + n + len(shared.parts)
+    creep = uneven + rows
     information[parts, parts] += np.diag(shared.doubt**-2.0)
     score[parts] -= (shared.parts - shared.expected) / shared.doubt**2
+    information[uneven, uneven] += UNEVEN**-2
     information[creep, creep] += CREEP**-2
     information[mount, mount] += np.eye(len(shared.mount)) / MOUNT**2
     score[mount] -= shared.mount / MOUNT**2
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
     told = information[:n, :n] - information[:n, n:] @ both[:, :n]
     return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n])
+
+
+def _row_by_row(known: Array) -> Array:
+    """Return slips that are known in part (K - 1, rows, e), and after them what each row alone creeps of the first."""
+    return np.concatenate([known, known[..., :1] * np.eye(known.shape[1])], axis=-1)
 
 
 def _spread(said: Statistics, there: NDArray[np.intp], count: int) -> Statistics:

@@ -1,7 +1,7 @@
 """Every number of the inference, with its reason and the command that checks it; there are no others.
 
 Checked by `castor-diagnose trial` (rates, reliability diagram, expected calibration error) over presets, generators and
-seeds that none of them was set on, and by `pytest tests/discrepancy/inference`, which draws data from the model itself.
+seeds that none of them was set on, and by `pytest tests/discrepancy/posterior`, which draws data from the model itself.
 """
 
 CREDIBLE = 0.95
@@ -23,6 +23,7 @@ FREEDOM = 4.0
 """Robots whose scatter an effect's stated tolerance stands for, as degrees of freedom: two clean logs count half as
 much as what the catalogue states."""
 
-SIGNATURE = 0.02
-"""Part by which a linearised signature is wrong, in any direction that other effects span: standard deviation. What is
-left beside a refitted effect of z standard deviations, over z, in logs of other simulators."""
+SIGNATURE, REFITTED = 0.05, 0.01
+"""Part by which the signature of an effect is wrong, in any direction that other effects span: standard deviations, of
+effects looked at from afar, linearly, and of those in the model. What is left beside effects of z standard deviations,
+over z, in logs of other simulators."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from castor_envs.geometry.arrays import Array
-from discrepancy.inference.calibrated import CREDIBLE, MOST, NOTHING
+from discrepancy.posterior.calibrated import CREDIBLE, MOST, NOTHING
 
 SCALES = 2.0 ** np.arange(-1, 11)
 LOG_WEIGHTS: Array = -np.log(SCALES) - SCALES**-2 / 2
@@ -114,6 +114,7 @@ class SingleEffects:
             strength, way = np.linalg.eigh((seen + seen.T) / 2) if c > 1 else (seen[0], np.eye(1))
             self._rays[k, :, :c], self._strength[k, :c] = one.direction @ way, np.maximum(strength, 0.0)
             self._turned[k, :c, :c] = way
+        self._every_ray = np.ascontiguousarray(np.swapaxes(self._rays, 1, 2)).reshape(2 * h, m)
         numbers = np.array([(one.scale, one.prior, one.least, one.most) for one in self.hypotheses]).reshape(h, 4)
         single = np.array([one.direction.shape[1] == 1 for one in self.hypotheses], dtype=bool)
         self._log_prior = np.log(numbers[:, 1] / numbers[:, 1].sum()) + np.log1p(-NOTHING)
@@ -174,7 +175,7 @@ class SingleEffects:
         return Component(
             float(np.exp(np.log(NOTHING) - log_evidence)),
             probability,
-            np.einsum("hmr,hr->m", self._rays, along),
+            along.ravel() @ self._every_ray,
             square,
             log_evidence,
         )
@@ -182,7 +183,7 @@ class SingleEffects:
     def _given(self, score: Array) -> tuple[Array, Array, Array, Array]:
         """Return of every hypothesis against nothing the log Bayes factor (h,), the log probabilities (h, scales) of
         the normal distributions that its size may come from, and means and variances (h, scales, 2) along its rays."""
-        slope = np.einsum("hmr,m->hr", self._rays, score)[:, None, :]
+        slope = (self._every_ray @ score).reshape(-1, 1, 2)
         variance = 1 / (self._strength[:, None, :] + self._precision)
         mean = slope * variance
         log_factor = np.sum(slope * mean / 2 + np.log(variance * self._precision) / 2, axis=-1)
@@ -204,7 +205,7 @@ class SingleEffects:
         strength = self._strength[:, 0]
         single = np.array([one.direction.shape[1] == 1 for one in self.hypotheses], dtype=bool) & (strength > 0)
         best: dict[str, int] = {}
-        slope = np.einsum("hm,m->h", self._rays[:, :, 0], score) / np.sqrt(np.where(strength > 0, strength, 1.0))
+        slope = (self._every_ray @ score)[::2] / np.sqrt(np.where(strength > 0, strength, 1.0))
         for k in np.flatnonzero(single).tolist():
             name = self.hypotheses[k].name
             if name not in best or abs(slope[k]) > abs(slope[best[name]]):

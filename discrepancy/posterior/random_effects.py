@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from discrepancy.inference.calibrated import FREEDOM, SIGNATURE
+from discrepancy.posterior.calibrated import FREEDOM, REFITTED, SIGNATURE
 
 ROUNDS, SETTLED = 60, 0.01
 """Most steps of expectation and maximisation, and the part of a variance by which none changes in the end."""
@@ -31,16 +31,16 @@ class Statistics(NamedTuple):
     def scattered(self, scatter: Array) -> "Statistics":
         """Return what is said of the mean of sizes that scatter about it by a covariance (m, m)."""
         blurred = np.eye(len(self.score)) + self.information @ scatter
-        both = np.linalg.solve(blurred, np.column_stack([self.information, self.score]))
+        both: Array = np.linalg.solve(blurred, np.column_stack([self.information, self.score])).astype(np.float64)
         return Statistics((both[:, :-1] + both[:, :-1].T) / 2, both[:, -1])
 
-    def doubted(self, signal: float) -> "Statistics":
-        """Return what is said where signatures are wrong by a part `SIGNATURE` of an explained `signal`.
+    def doubted(self, far: Array, modelled: Array) -> "Statistics":
+        """Return what is said where signatures are wrong by a part of what effects explain.
 
-        signal: b . information b of the effects that are explained, z squared.
+        far, modelled (m,): sizes that are believed but not in the model, and those that are.
         """
-        part = 1 / (1 + SIGNATURE**2 * signal)
-        return Statistics(part * self.information, part * self.score)
+        wrong = SIGNATURE**2 * (far @ self.information @ far) + REFITTED**2 * (modelled @ self.information @ modelled)
+        return Statistics(self.information / (1 + wrong), self.score / (1 + wrong))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,8 @@ class GoodOrder:
 
 def together(logs: Sequence[Statistics]) -> Statistics:
     """Return what independent logs say together."""
-    return Statistics(np.sum([log.information for log in logs], axis=0), np.sum([log.score for log in logs], axis=0))
+    information, score = (np.sum([log[k] for log in logs], axis=0) for k in (0, 1))
+    return Statistics(np.asarray(information), np.asarray(score))
 
 
 def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:
@@ -70,10 +71,11 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     effect has in b, which are the first C of m = p C, then the second ones, and so on, where the effect's is 1.
 
     By expectation and maximisation: the background of each effect is normal about 0 and its scatter normal about the
-    background, both of a variance that has an inverse gamma distribution about the tolerance's square.
+    background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
     """
-    scatter, between = tolerance**2, tolerance**2
-    first = np.arange(len(tolerance))
+    usual = tolerance**2
+    scatter, between = usual / 2, usual / 2
+    first = np.arange(len(usual))
     background, doubt = np.zeros(len(pattern) * len(first)), _spread(pattern, between)
     for _ in range(ROUNDS if clean else 0):
         blurred = _spread(pattern, scatter)
@@ -85,8 +87,8 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
             unsure = unsure + follows @ doubt @ follows.T
             squares += away[first] ** 2 + unsure[first, first]
         last = np.concatenate([scatter, between])
-        scatter = (FREEDOM * tolerance**2 + squares) / (FREEDOM + len(clean))
-        between = (FREEDOM * tolerance**2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
+        scatter = (FREEDOM * usual / 2 + squares) / (FREEDOM + len(clean))
+        between = (FREEDOM * usual / 2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
         if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < SETTLED):
             break
     return GoodOrder(background, doubt, _spread(pattern, scatter))

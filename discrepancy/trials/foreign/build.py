@@ -1,7 +1,7 @@
-"""The numbers of a robot file as the MuJoCo model takes them, and how effects on dimensions change them.
+"""The numbers of a robot file as foreign simulators take them, and how effects on dimensions change them.
 
-Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: this simulator
-shares no geometry code with the project's own.
+Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: foreign
+simulators share no geometry code with the project's own.
 """
 
 import dataclasses
@@ -141,6 +141,13 @@ class Build:
             raise InputError(f"castor {castor} has no wheel {wheel}; give one of 1 to {len(castor_wheels)}")
         return int(castor_wheels[wheel - 1])
 
+    def counter(self, castor: int, wheel: int) -> int:
+        """Return which column of wheel counts is a wheel's, castor and wheel numbered from 1."""
+        found = np.flatnonzero(self.driven == self.wheel(castor, wheel))
+        if not len(found):
+            raise InputError(f"wheel {wheel} of castor {castor} has no encoder; give one that has")
+        return int(found[0])
+
     def pivot_speed(self, twist: Array) -> Array:
         """Return the velocity (n, 2) in B of the pivots of a body that moves with a twist (3,)."""
         return np.column_stack([twist[0] - twist[2] * self.pivot[:, 1], twist[1] + twist[2] * self.pivot[:, 0]])
@@ -188,6 +195,16 @@ class Controller:
         rate = np.zeros(len(theta))
         rate[self._build.steered] = np.where(moves, away / self._period, 0.0)[self._build.steered]
         return rate
+
+
+def check_drivable(robot: RobotDescription, simulator: str) -> None:
+    """Raise InputError for a robot that no foreign simulator can drive; simulator: its name, for the message."""
+    if any(wheel.grip != "standard" for wheel in robot.wheels):
+        raise InputError(f"robot {robot.name!r} has omni wheels; the {simulator} generator has none")
+    blind = [castor for castor in robot.castors if castor.steering != "fixed" and castor.pivot_counts_per_rev is None]
+    if blind or not robot.driven_wheels:
+        missing = f"the castor at {blind[0].pivot} has no pivot encoder" if blind else "no wheel has a motor"
+        raise InputError(f"robot {robot.name!r} cannot be driven: {missing}; give it counts per turn")
 
 
 def _softer(stiffness: float, stiffer: float) -> float:

@@ -1,0 +1,1 @@
+"""The finder: one posterior of everything that a description may be missing."""

@@ -1,0 +1,124 @@
+"""What a posterior answers: for each effect in the sum names with probabilities, sizes, and what they cost."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.effect import Effect
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.priors import Place
+from discrepancy.posterior.single_effects import Posterior, SingleEffects
+
+Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
+
+SHOWN = 1e-3
+"""Probability from which on a name is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """One single effect.
+
+    probabilities: of names, the likeliest first, and of "nothing". credible: names that hold it with 95 %. unnamed:
+    whether one of these is an alternative without a name. candidate: the likeliest, with its amplitudes (c,), their
+    covariance (c, c), and the part of it that wheels hide. explained: the deviance that it takes away. cost (2,): what
+    a unit of its amplitudes costs, m after 10 m and rad after a turn. verdict, reason: see `verdicts`.
+    """
+
+    probabilities: dict[str, float]
+    credible: tuple[str, ...]
+    unnamed: bool
+    candidate: Candidate
+    amplitudes: Array
+    covariance: Array
+    hidden: float
+    explained: float
+    cost: Array
+    verdict: Verdict = "named"
+    reason: str = ""
+
+    @property
+    def effect(self) -> Effect | None:
+        """The effect; None if it has no name, or cannot be as large."""
+        if not self.candidate.kinds:
+            return None
+        try:
+            return self.candidate.effect(self.amplitudes)
+        except ValueError:
+            return None
+
+    @property
+    def probability(self) -> float:
+        """Of the likeliest name."""
+        return self.probabilities[self.credible[0]]
+
+    @property
+    def size(self) -> float:
+        """How large it is, in the unit of its amplitude."""
+        return float(self.amplitudes[0]) if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
+
+    @property
+    def error(self) -> float:
+        """The standard deviation of its size."""
+        return float(np.sqrt(np.max(np.diag(self.covariance))))
+
+
+def answers_of(
+    seen: Linearised, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
+) -> list[Answer]:
+    """Return an answer for every component of a posterior that is not likely to be nothing; for all of one candidate,
+    which wheels hide in several parts, one."""
+    answers: dict[Candidate, Answer] = {}
+    for j, component in enumerate(posterior.components):
+        credible = posterior.credible_set(component)
+        if not credible:
+            continue
+        probability = component.probability
+        members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
+        best = max(members, key=lambda k: (_is_called(seen, places[k], credible[0]), probability[k]))
+        same = [k for k in members if places[k].candidate == places[best].candidate]
+        weight = probability[same] / probability[same].sum()
+        mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same])
+        told = {name: part for name, part in posterior.probabilities(component).items() if part > SHOWN}
+        columns = seen.columns[places[best].candidate]
+        answer = Answer(
+            probabilities=told | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
+            credible=credible,
+            unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
+            candidate=seen.candidates[places[best].candidate],
+            amplitudes=mean,
+            covariance=covariance,
+            hidden=float(weight @ [places[k].hidden for k in same]),
+            explained=component.square,
+            cost=np.max(seen.cost[:, columns], axis=1),
+        )
+        before = answers.get(answer.candidate)
+        answers[answer.candidate] = answer if before is None else _added(before, answer)
+    return list(answers.values())
+
+
+def _is_called(seen: Linearised, place: Place, name: str) -> bool:
+    """Whether a hypothesis is about the candidate that a name stands for, of those that are one and the same."""
+    return seen.candidates[place.candidate].family == name
+
+
+def _added(first: Answer, second: Answer) -> Answer:
+    return dataclasses.replace(
+        first,
+        amplitudes=first.amplitudes + second.amplitudes,
+        covariance=first.covariance + second.covariance,
+        explained=first.explained + second.explained,
+    )
+
+
+def _mixed(weight: Array, sizes: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return mean and covariance of a mixture of distributions with these means and covariances."""
+    means = np.array([mean for mean, _ in sizes])
+    mean = weight @ means
+    spread = sum(part * (own + np.outer(at - mean, at - mean)) for part, (at, own) in zip(weight, sizes, strict=True))
+    return mean, np.asarray(spread)

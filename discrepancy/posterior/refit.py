@@ -1,0 +1,110 @@
+"""Puts effects into the model and finds at which sizes logs pull them no more, what truly happened fitted anew."""
+
+import dataclasses
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.linearise import Linearised, linearise
+from discrepancy.posterior.priors import bounds_of
+from discrepancy.posterior.random_effects import together
+
+REFITS, SETTLED, HALVINGS = 6, 0.1, 4
+"""Rounds at most; the part of its standard error by which no size changes in the end; and how often a change is halved
+that no robot can have, or with which logs are explained worse."""
+
+WORSE = 2.0
+"""Times more noise, of slip along and across and of the reference together, with which logs are explained worse."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """A candidate of the catalogue and its amplitudes (columns,)."""
+
+    candidate: Candidate
+    amplitudes: Array
+
+    @property
+    def effect(self) -> Effect:
+        """The effect; raises ValueError for amplitudes that it cannot have."""
+        return self.candidate.effect(self.amplitudes)
+
+    def moved(self, by: Array) -> "Sized":
+        """Return the candidate with its amplitudes changed, within what they can be."""
+        amplitudes = self.amplitudes + by
+        if len(amplitudes) == 1:
+            amplitudes = np.clip(amplitudes, *bounds_of(self.candidate.kinds[0]))
+        return dataclasses.replace(self, amplitudes=amplitudes)
+
+
+def robot_with(robot: RobotDescription, named: Sequence[Sized]) -> RobotDescription:
+    """Return the robot with effects beside its own."""
+    return robot.with_effects(*(one.effect for one in named))
+
+
+def possible(robot: RobotDescription, named: Sequence[Sized]) -> bool:
+    """Whether the robot can have these effects together."""
+    try:
+        robot_with(robot, named).as_built()
+    except ValueError:  # an InputError is one
+        return False
+    return True
+
+
+def refitted(
+    robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], seen: Linearised, creep: Array | None
+) -> tuple[tuple[Sized, ...], Linearised]:
+    """Return effects as large as logs ask for, and what is seen beside them, of their own candidates only."""
+    none = tuple(one.moved(-one.amplitudes) for one in named)
+    now, seen = _nearer(robot, logs, none, tuple(named), seen, creep)
+    for _ in range(REFITS):
+        now = tuple(one for one in now if np.any(one.amplitudes))
+        if not now:
+            break
+        said = together(seen.logs)
+        columns = np.concatenate([seen.columns[seen.candidates.index(one.candidate)] for one in now])
+        information = said.information[np.ix_(columns, columns)]
+        changes = np.linalg.lstsq(information, said.score[columns], rcond=1e-9)[0]
+        errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
+        if np.all(np.abs(changes) < SETTLED * errors):
+            break
+        ends = np.cumsum([one.candidate.columns for one in now])[:-1]
+        moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
+        wanted = tuple(one.moved(by) for one, by in zip(now, moves, strict=True))
+        now, seen = _nearer(robot, logs, now, wanted, seen, creep)
+    return now, seen
+
+
+def _nearer(
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    now: tuple[Sized, ...],
+    wanted: tuple[Sized, ...],
+    seen: Linearised,
+    creep: Array | None,
+) -> tuple[tuple[Sized, ...], Linearised]:
+    """Return effects as large as wanted, or half-way there and so on, until logs are not explained worse."""
+    among = [one.candidate for one in wanted]
+    for _ in range(HALVINGS):
+        if possible(robot, wanted):
+            with suppress(np.linalg.LinAlgError):
+                found = linearise(robot_with(robot, wanted), logs, start=seen, creep=creep, among=among)
+                if _noise(found) < np.log(WORSE) + _noise(seen):
+                    return wanted, found
+        halves = zip(now, wanted, strict=True)
+        wanted = tuple(one.moved((other.amplitudes - one.amplitudes) / 2) for one, other in halves)
+    now = tuple(one for one in now if np.any(one.amplitudes))
+    among = [one.candidate for one in now]
+    return now, linearise(robot_with(robot, now), logs, start=seen, creep=creep, among=among)
+
+
+def _noise(seen: Linearised) -> float:
+    """Return the logarithm of the product of all sizes of noise."""
+    return float(np.sum(np.log(astuple(seen.noise))))

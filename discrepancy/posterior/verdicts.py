@@ -1,0 +1,89 @@
+"""What is said of an answer: it follows from its probabilities, from held-out logs, and from what it costs in use."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from discrepancy.posterior.answers import Answer, Verdict
+from discrepancy.posterior.calibrated import CREDIBLE
+from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.random_effects import GoodOrder
+from discrepancy.posterior.refit import Sized
+
+WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
+
+WIDE = 1.96
+"""Standard deviations to either side of a 95 % interval."""
+
+
+class Material(NamedTuple):
+    """What matters in use: m after 10 m, and rad after a turn."""
+
+    position: float = 1e-3
+    heading: float = 1e-3
+
+
+MATERIAL = Material()
+
+
+def judged(
+    answer: Answer,
+    named: Sequence[Sized],
+    held_out: Sequence[Linearised] | None,
+    order: GoodOrder | None,
+    material: Material,
+) -> Answer:
+    """Return the answer with its verdict.
+
+    named: all effects that are in the model. held_out: what held-out logs say without and with these, of these alone;
+    order: what robots in good order show of them.
+    """
+    verdict, reason = _judgement(answer, named, held_out, order, material)
+    return dataclasses.replace(answer, verdict=verdict, reason=reason)
+
+
+def verdict_of(answers: Sequence[Answer]) -> Verdict:
+    """Return the verdict of all answers: the weakest of what matters."""
+    verdicts = [answer.verdict for answer in answers if answer.verdict != "negligible"]
+    if verdicts:
+        return next(verdict for verdict in WEAKEST_FIRST if verdict in verdicts)
+    return "negligible" if answers else "no discrepancy"
+
+
+def _judgement(
+    answer: Answer,
+    named: Sequence[Sized],
+    held_out: Sequence[Linearised] | None,
+    order: GoodOrder | None,
+    material: Material,
+) -> tuple[Verdict, str]:
+    what, most = answer.candidate.what, (abs(answer.size) + WIDE * answer.error) * answer.cost
+    if np.all(most < np.array(material)):
+        return "negligible", f"{what} costs less than matters"
+    if answer.unnamed and answer.effect is None and len(answer.credible) == 1:
+        return "unexplained", f"no effect of the catalogue explains it; it looks like: {what}"
+    if len(answer.credible) > 1:
+        verdict: Verdict = "ambiguous" if answer.effect is not None else "unexplained"
+        return verdict, f"these motions cannot distinguish: {'; '.join(answer.credible)}"
+    if answer.effect is None:
+        return "unexplained", f"{what} looks most like it, and cannot be as large"
+    if held_out is not None and order is not None:
+        without, with_it = held_out
+        if _log_odds(answer, named, with_it, order) < np.log(CREDIBLE / (1 - CREDIBLE)):
+            return "unconfirmed", f"the held-out logs do not confirm {what}"
+        if without.gap is not None and with_it.gap is not None and with_it.gap[0] > without.gap[0]:
+            return "unconfirmed", f"the held-out gap does not shrink with {what}"
+    return "named", what
+
+
+def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Linearised, order: GoodOrder) -> float:
+    """Return by how much (natural logarithm) an effect, as large as found, makes held-out logs more likely."""
+    if answer.candidate not in held_out.candidates:
+        return 0.0
+    size = np.zeros(len(held_out.logs[0].score))
+    amplitudes = next((one.amplitudes for one in named if one.candidate == answer.candidate), answer.amplitudes)
+    size[held_out.columns[held_out.candidates.index(answer.candidate)]] = amplitudes
+    said = order.beyond([log.at(-size) for log in held_out.logs])
+    return float(said.score @ size - size @ said.information @ size / 2)

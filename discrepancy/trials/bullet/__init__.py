@@ -1,0 +1,1 @@
+"""Logs from another simulator: PyBullet, with rigid contacts in 3-D."""

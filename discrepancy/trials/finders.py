@@ -1,0 +1,172 @@
+"""The finders that a trial can judge, and what each of them says, in one form."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from castor_envs.effects.catalogue import EFFECTS, catalogue
+from castor_envs.errors import InputError
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.diagnose import examine, posterior_of
+from discrepancy.hypotheses.candidates import family_of
+from discrepancy.inference.findings import Finding
+from discrepancy.posterior.answers import Answer
+from discrepancy.preflight import Mistake
+from discrepancy.trials.strength.separation import class_of
+
+FinderName = Literal["selection", "posterior"]
+
+NORMAL = 1.959964
+"""Standard deviations to either side of a 95 % interval."""
+
+WEAKEST_FIRST = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible", "no discrepancy")
+"""Verdicts on single effects; that of the whole is the weakest."""
+
+QUIET = ("negligible", "no discrepancy")
+"""Verdicts that are no alarm."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """The size of an effect that was named, and its 95 % interval; None where none was told."""
+
+    class_name: str
+    effect: Effect
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a finder said, in classes (`strength.separation.class_of`).
+
+    verdict: of the whole. named: those that it is sure of, each with its probability. credible: the sets of 95 %, what
+    has no name left out. unnamed: whether among these is an alternative without a name. probabilities: of every class
+    that may be there. sizes: of those named. effects: what it adds to the robot.
+    """
+
+    verdict: str
+    named: Mapping[str, float] = field(default_factory=dict)
+    credible: tuple[tuple[str, ...], ...] = ()
+    unnamed: bool = False
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    sizes: tuple[Size, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Single:
+    """What a finder said of one effect. probabilities: of classes, and of what has no name (None)."""
+
+    verdict: str
+    probabilities: Mapping[str | None, float]
+    credible: tuple[str | None, ...]
+    effect: Effect | None = None
+    error: float | None = None
+
+
+Logs = Mapping[str, Log]
+Finder = Callable[[RobotDescription, Logs, Logs, Logs], Said]
+"""Called with a robot, logs, held-out logs and clean ones, by their names."""
+
+
+def finder(name: str) -> Finder:
+    """Return a finder; raises InputError for an unknown one."""
+    known: dict[str, Finder] = {"selection": _selection, "posterior": _posterior}
+    if name not in known:
+        raise InputError(f"unknown finder {name!r}; there are {' and '.join(known)}")
+    return known[name]
+
+
+def said_of(singles: Sequence[Single], reason: str = "") -> Said:
+    """Return what a finder said of all effects together."""
+    sure = [single for single in singles if single.verdict == "named"]
+    absent: dict[str, float] = {}
+    for single in singles:
+        for name, probability in single.probabilities.items():
+            if name is not None:
+                absent[name] = absent.get(name, 1.0) * (1.0 - min(probability, 1.0))
+    return Said(
+        min((single.verdict for single in singles), key=WEAKEST_FIRST.index, default="no discrepancy"),
+        {name: single.probabilities[name] for single in sure for name in single.credible if name is not None},
+        tuple(tuple(name for name in single.credible if name is not None) for single in singles),
+        any(None in single.credible for single in singles),
+        {name: 1.0 - part for name, part in absent.items()},
+        tuple(_size(single.effect, single.error) for single in sure if single.effect is not None),
+        tuple(single.effect for single in sure if single.effect is not None),
+        reason,
+    )
+
+
+def _size(effect: Effect, error: float | None) -> Size:
+    ends = (None, None) if error is None else (effect.value - NORMAL * error, effect.value + NORMAL * error)
+    return Size(class_of(effect), effect, *ends)
+
+
+def _posterior(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
+    """Ask the posterior of single effects."""
+    mistakes, found = posterior_of(robot, logs, held_out, clean)
+    singles = [*_of_mistakes(mistakes), *(_single(robot, answer) for answer in found.answers)]
+    reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in found.answers)]
+    undone = [effect for mistake in mistakes if not mistake.alternatives for effect in mistake.effects]
+    said = said_of(singles, "; ".join(reasons))
+    return dataclasses.replace(said, effects=(*said.effects, *undone))
+
+
+def _of_mistakes(mistakes: Sequence[Mistake]) -> list[Single]:
+    """Return what gross mistakes are told to be."""
+    singles = []
+    for mistake in mistakes:
+        sure = "ambiguous" if mistake.alternatives else "named"
+        singles += [Single(sure, {class_of(effect): 1.0}, (class_of(effect),)) for effect in mistake.effects]
+    return singles
+
+
+def _single(robot: RobotDescription, answer: Answer) -> Single:
+    classes = {family_of(effect): class_of(effect) for effect in catalogue(robot)}
+    probabilities: dict[str | None, float] = {}
+    for name, probability in answer.probabilities.items():
+        if name != "nothing":
+            known = _class_named(name, classes)
+            probabilities[known] = probabilities.get(known, 0.0) + probability
+    credible = tuple(dict.fromkeys(_class_named(name, classes) for name in answer.credible))
+    way = answer.amplitudes / (np.linalg.norm(answer.amplitudes) or 1.0)
+    error = math.sqrt(max(float(way @ answer.covariance @ way), 0.0))
+    return Single(answer.verdict, probabilities, credible, answer.effect, error)
+
+
+def _class_named(family: str, classes: Mapping[str, str]) -> str | None:
+    """Return the class of a family, or of something at a place on the floor; None of what has no name."""
+    name, *_ = family.split()
+    return classes.get(family, name if name in EFFECTS else None)
+
+
+def _selection(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
+    """Ask the forward selection. It tells no probabilities: they are what its deviances say of the names it gives."""
+    examined = examine(robot, logs, held_out, clean, replayed=False)
+    singles = _of_mistakes(examined.mistakes)
+    singles += [_of_finding(finding) for finding in examined.diagnosis.findings]
+    said = said_of(singles, str(examined.data["reason"]))
+    effects = () if examined.found is None else examined.found.effects[len(robot.effects) :]
+    return dataclasses.replace(said, verdict=examined.data["verdict"], effects=effects)
+
+
+def _of_finding(finding: Finding) -> Single:
+    most = max((rank.gain for rank in finding.chosen), default=0.0)
+    weights: dict[str | None, float] = {}
+    for rank in finding.chosen:
+        kinds = rank.candidate.kinds if finding.verdict != "unexplained" else ()
+        name = class_of(kinds[0]) if kinds else None
+        weights[name] = max(weights.get(name, 0.0), math.exp((rank.gain - most) / 2))
+    if finding.verdict in ("named", "unconfirmed") and finding.effect is not None:
+        weights = {class_of(finding.effect): 1.0}
+    total = sum(weights.values())
+    probabilities = {name: weight / total for name, weight in weights.items()}
+    return Single(finding.verdict, probabilities, tuple(weights), finding.effect, finding.error)

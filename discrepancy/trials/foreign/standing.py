@@ -1,0 +1,66 @@
+"""How a robot stands in 3-D: where its wheels carry it, skids where these do not hold it upright, and its loads."""
+
+import math
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.robot import Castor, RobotDescription
+from discrepancy.trials.foreign.build import Build
+
+SKID_SHARE = 0.1
+"""What a skid carries, over what a wheel carries."""
+
+LIGHTEST = 0.2
+"""Least part of a castor's mass and inertia that is left to its fork beside the wheels."""
+
+ACROSS = 0.55
+"""Inertia of a wheel about its diameter over that about its axle: a disc's, and a little for its width."""
+
+
+def supports(build: Build) -> Array:
+    """Return where wheels stand (w, 2), in B: those of castors that turn, below the pivot."""
+    c, s = np.cos(build.angle[build.castor]), np.sin(build.angle[build.castor])
+    ahead = np.where(build.turning[build.castor], 0.0, -build.offset[build.castor])
+    aside = np.where(build.turning[build.castor], 0.0, build.lateral)
+    return build.pivot[build.castor] + np.column_stack([c * ahead - s * aside, s * ahead + c * aside])
+
+
+def skids_of(robot: RobotDescription, build: Build) -> Array:
+    """Return where skids stand (4, 2), or none (0, 2) where wheels hold the robot upright whichever way they turn."""
+    wheels, center = supports(build), np.array(robot.center_of_mass)
+    reach = float(np.max(build.offset + 1e-3))
+    around = np.linspace(0, 2 * math.pi, 72, endpoint=False)
+    out = (wheels - center) @ np.array([np.cos(around), np.sin(around)])
+    if np.all(out.max(axis=0) > reach):
+        return np.empty((0, 2))
+    half = max(0.25, float(np.abs(wheels - center).max()))
+    return center + half * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+
+
+def static_loads(robot: RobotDescription, build: Build, gravity: float, skids: Array) -> Array:
+    """Return the loads of wheels and skids, N: level, and as even as can be."""
+    places = np.vstack([supports(build), skids])
+    share = np.concatenate([np.ones(len(build.radius)), np.full(len(skids), SKID_SHARE)])
+    masses = np.array([robot.mass, *(castor.mass for castor in robot.castors)])
+    centers = np.vstack([np.array(robot.center_of_mass), build.pivot])
+    weight = gravity * np.array([masses.sum(), *(masses @ centers)])
+    rows = np.vstack([np.ones(len(places)), places.T])
+    load = share * (rows.T @ np.linalg.lstsq(rows @ (share[:, None] * rows.T), weight, rcond=None)[0])
+    if load.min() < 0.02 * load.max():
+        raise InputError(f"robot {robot.name!r} does not stand on its wheels: its centre of mass is too far out")
+    return load
+
+
+def wheel_mass(inertia: float, radius: float) -> float:
+    """Return the mass of a solid disc of some spin inertia, kg."""
+    return 2 * inertia / radius**2
+
+
+def fork(castor: Castor) -> tuple[float, float]:
+    """Return mass and inertia of a castor without its wheels, kg and kg m2."""
+    wheels = [(wheel_mass(wheel.inertia, wheel.radius), wheel.inertia, wheel.lateral) for wheel in castor.wheels]
+    mass = castor.mass - sum(m for m, _, _ in wheels)
+    inertia = castor.inertia - sum(m * y**2 + ACROSS * spin for m, spin, y in wheels)
+    return max(mass, LIGHTEST * castor.mass), max(inertia, LIGHTEST * castor.inertia)

@@ -1,0 +1,91 @@
+"""Hidden effects, what the posterior says of them, and that calibration says the same."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.finder import diagnose
+from discrepancy.posterior.verdicts import Material
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("asoc-prototype")
+RADIUS, BIAS = WheelRadius(castor=1, wheel=1, value=0.02), PivotBias(castor=2, value=0.02)
+
+
+@cache
+def driven(robot, seed, *effects):
+    described = preset(robot)
+    motion = wander(
+        np.random.default_rng([seed, 1]), duration=25.0, holonomic=robot not in ("differential", "tricycle")
+    )
+    return drive(described.with_effects(*effects), motion, seed, duration=25.0)
+
+
+@cache
+def found(robot, *effects):
+    return diagnose(preset(robot), [driven(robot, 3, *effects)], [driven(robot, 4, *effects)])
+
+
+@pytest.mark.parametrize("robot", ["asoc-prototype", "swerve", "differential"])
+def test_a_robot_in_good_order_raises_no_alarm(robot):
+    assert diagnose(preset(robot), [driven(robot, 3)]).verdict in ("no discrepancy", "negligible")
+
+
+@pytest.mark.parametrize(
+    "effect", [RADIUS, PivotBias(castor=2, value=0.01), EncoderLatency(castor=1, wheel=1, value=0.01)]
+)
+def test_an_effect_is_named_within_its_interval_and_the_gap_shrinks(effect):
+    diagnosis = found("asoc-prototype", effect)
+    (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
+    assert (answer.verdict, type(answer.effect)) == ("named", type(effect))
+    assert abs(answer.size - effect.value) < 3 * answer.error
+    assert answer.probability > 0.95
+    assert diagnosis.held_out is not None
+    before, after = (seen.gap for seen in diagnosis.held_out)
+    assert before is not None
+    assert after is not None
+    assert after[0] < before[0]
+    assert diagnosis.inclusion[answer.credible[0]] > 0.95
+    assert diagnosis.found.effects == (answer.effect,)
+
+
+@pytest.mark.parametrize("robot", ["swerve", "powered-caster", "tricycle"])
+def test_a_wheel_of_any_robot_is_named_not_a_latency_that_looks_like_it(robot):
+    diagnosis = diagnose(preset(robot), [driven(robot, 1, RADIUS)])
+    (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
+    assert (answer.verdict, answer.credible) == ("named", ("wheel_radius 1 1",))
+    assert abs(answer.size - RADIUS.value) < 2 * answer.error
+    assert answer.error < 0.1 * RADIUS.value
+
+
+def test_two_effects_are_named_together():
+    effects = RADIUS, PivotBias(castor=2, value=0.02)
+    diagnosis = found("asoc-prototype", *effects)
+    assert {type(answer.effect) for answer in diagnosis.answers if answer.verdict == "named"} == {
+        WheelRadius,
+        PivotBias,
+    }
+
+
+def test_what_costs_less_than_matters_is_negligible():
+    log = driven("asoc-prototype", 3, RADIUS)
+    diagnosis = diagnose(ROBOT, [log], material=Material(1.0, 1.0))
+    assert diagnosis.verdict == "negligible"
+    assert not diagnosis.found.effects
+
+
+def test_logs_of_another_robot_do_not_confirm_a_name():
+    diagnosis = diagnose(ROBOT, [driven("asoc-prototype", 3, RADIUS)], [driven("asoc-prototype", 4)])
+    (answer,) = (answer for answer in diagnosis.answers if answer.effect is not None)
+    assert answer.verdict == "unconfirmed"
+
+
+def test_clean_logs_that_have_the_effect_too_make_it_good_order():
+    clean = [driven("asoc-prototype", seed, RADIUS) for seed in (5, 6)]
+    diagnosis = diagnose(ROBOT, [driven("asoc-prototype", 3, RADIUS)], clean=clean)
+    assert not [answer for answer in diagnosis.answers if answer.verdict == "named"]

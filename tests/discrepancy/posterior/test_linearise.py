@@ -1,0 +1,70 @@
+"""What logs say of candidates: against finite differences of an independent odometry, and of robots of symmetry."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.priors import bounds_of, same_effects
+from discrepancy.trials.pymunk_generator import drive
+from discrepancy.validation.cost import cost_of
+
+ROBOT = preset("asoc-prototype")
+NAMES = ["wheel_radius", "track", "pivot_offset", "pivot_bias", "encoder_latency", "pivot_gain", "pivot_eccentricity"]
+
+
+@cache
+def seen():
+    log = drive(ROBOT, wander(np.random.default_rng([3, 1]), duration=20.0), 3, duration=20.0)
+    return log, linearise(ROBOT, [log])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_linear_cost_of_a_column_is_what_odometry_is_off_with_the_effect(name):
+    log, linear = seen()
+    candidate, columns = next(
+        (candidate, columns)
+        for candidate, columns in zip(linear.candidates, linear.columns, strict=True)
+        if candidate.kinds and candidate.kinds[0].name == name
+    )
+    kind = candidate.kinds[0]
+    assert kind.step * linear.cost[0, columns[0]] == pytest.approx(cost_of(ROBOT, kind, [log]), rel=0.02)
+
+
+def test_information_is_positive_semidefinite_and_finite():
+    (said,) = seen()[1].logs
+    assert np.isfinite(said.score).all()
+    scale = np.sqrt(np.maximum(np.diag(said.information), 1e-30))
+    assert np.linalg.eigvalsh(said.information / np.outer(scale, scale)).min() > -1e-6
+
+
+def test_a_robot_in_good_order_has_a_gap_of_the_reference_s_noise():
+    gap = seen()[1].gap
+    assert gap is not None
+    assert all(5e-4 < error < 3e-3 for error in gap)
+
+
+@pytest.mark.parametrize(
+    ("robot", "same", "unseen"),
+    [
+        ("tricycle", {"all_wheel_radius": "wheel_radius 1 1", "pivot_position_x 2": "pivot_position_x 1"}, "track 2"),
+        ("differential", {}, "pivot_position_x 1"),
+        ("asoc-prototype", {}, None),
+    ],
+)
+def test_effects_that_are_one_and_the_same_on_a_robot_have_one_name(robot, same, unseen):
+    stands, hidden = same_effects(preset(robot))
+    assert stands == same
+    assert (unseen in hidden) if unseen else not hidden
+
+
+def test_no_encoder_foretells_and_what_is_there_or_not_is_about_one():
+    linear = seen()[1]
+    kinds = {candidate.kinds[0].name: candidate.kinds[0] for candidate in linear.candidates if candidate.kinds}
+    assert bounds_of(kinds["encoder_latency"]) == (0.0, 1.0)
+    assert bounds_of(kinds["pivot_backlash"])[0] == 0.0
+    least, most = bounds_of(kinds["lost_remainders"])
+    assert least < 1 < most

@@ -1,0 +1,156 @@
+"""What finders say, in one form: classes, probabilities, credible sets and sizes."""
+
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import Track, WheelRadius
+from castor_envs.effects.encoders import WheelEccentricity
+from castor_envs.effects.floor import Bump
+from castor_envs.effects.wiring import EncodersSwapped
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import Candidate, family_of
+from discrepancy.inference.findings import Finding, Rank
+from discrepancy.posterior.answers import Answer
+from discrepancy.preflight import Mistake
+from discrepancy.trials import finders
+from discrepancy.trials.finders import NORMAL, Said, Single, finder, said_of
+
+ROBOT = preset("asoc-prototype")
+TRACK, RADIUS = Track(castor=1, value=1e-3), WheelRadius(castor=1, wheel=2, value=2e-3)
+
+
+def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitudes=(1e-3,), covariance=((0.0,),)):
+    """An answer of the posterior, made by hand."""
+    candidate = Candidate("something") if kind is None else Candidate("an effect", (kind,), len(amplitudes))
+    sizes = np.array(amplitudes), np.array(covariance)
+    return Answer(probabilities, credible, kind is None, candidate, *sizes, 0.0, 9.0, np.zeros(2), verdict, "so")
+
+
+def posterior_says(monkeypatch, *answers, mistakes=()):
+    monkeypatch.setattr(finders, "posterior_of", lambda *_: (mistakes, cast("Any", Answers(list(answers)))))
+    return finder("posterior")(ROBOT, {}, {}, {})
+
+
+@dataclass
+class Answers:
+    answers: list
+
+
+def test_nothing_said_is_no_discrepancy(monkeypatch):
+    assert posterior_says(monkeypatch) == said_of([]) == Said("no discrepancy")
+
+
+def test_a_single_name_is_sure_and_has_a_size(monkeypatch):
+    told = {"track 1": 0.97, "wheel_radius 1 2": 0.02, "nothing": 0.01}
+    sure = answer(told, ("track 1",), TRACK, covariance=[[1e-10]])
+    said = posterior_says(monkeypatch, sure)
+    assert (said.verdict, said.named, said.credible, said.unnamed) == (
+        "named",
+        {"track 1": 0.97},
+        (("track 1",),),
+        False,
+    )
+    assert said.probabilities == pytest.approx({"track 1": 0.97, "wheel_radius 1 2": 0.02})
+    (size,) = said.sizes
+    assert (size.low, size.high) == pytest.approx((1e-3 - NORMAL * 1e-5, 1e-3 + NORMAL * 1e-5))
+    assert said.effects == (TRACK,)
+
+
+def test_several_names_or_none_are_not_sure(monkeypatch):
+    names, drift = ("track 1", "wheel_radius 1 2"), "wheel_1l drifts with time"
+    said = posterior_says(monkeypatch, answer(dict.fromkeys(names, 0.5), names, TRACK, "ambiguous"))
+    assert (said.verdict, said.named, said.sizes) == ("ambiguous", {}, ())
+    said = posterior_says(
+        monkeypatch, answer({drift: 0.9, "wheel_1l jumps at 3.0 s": 0.1}, (drift,), None, "unexplained")
+    )
+    assert (said.verdict, said.credible, said.unnamed, said.probabilities) == ("unexplained", ((),), True, {})
+    mixed = answer({"track 1": 0.5, drift: 0.5}, ("track 1", drift), TRACK, "ambiguous")
+    said = posterior_says(monkeypatch, mixed)
+    assert (said.verdict, said.credible, said.unnamed) == ("ambiguous", (("track 1",),), True)
+
+
+def test_probabilities_of_several_answers_add_up_as_of_independent_ones(monkeypatch):
+    first, second = (answer({"track 1": one, "nothing": 1 - one}, ("track 1",), TRACK) for one in (0.5, 0.8))
+    assert posterior_says(monkeypatch, first, second).probabilities == pytest.approx({"track 1": 0.9})
+
+
+def test_a_wave_has_an_error_along_its_phase(monkeypatch):
+    wave = WheelEccentricity(castor=1, wheel=1, value=5e-3, phase=float(np.arctan2(4, 3)))
+    covariance = np.outer([4, -3], [4, -3]) * 1e-8 + np.outer([3, 4], [3, 4]) / 25 * 1e-10
+    told = answer({family_of(wave): 1.0}, (family_of(wave),), wave, amplitudes=[3e-3, 4e-3], covariance=covariance)
+    (size,) = posterior_says(monkeypatch, told).sizes
+    assert size.high is not None
+    assert size.high == pytest.approx(5e-3 + NORMAL * 1e-5)
+
+
+def test_names_at_a_place_on_the_floor_are_of_their_class(monkeypatch):
+    bump = Bump(x=0.12, y=0.3, direction=1.5, value=2e-3)
+    assert posterior_says(monkeypatch, answer({family_of(bump): 1.0}, (family_of(bump),), bump)).named == {"bump": 1.0}
+
+
+def test_what_is_negligible_is_not_sure(monkeypatch):
+    said = posterior_says(monkeypatch, answer({"track 1": 1.0}, ("track 1",), TRACK, "negligible"))
+    assert (said.verdict, said.named, said.credible, said.effects) == ("negligible", {}, (("track 1",),), ())
+
+
+def test_the_whole_is_as_sure_as_its_weakest_part():
+    parts = {verdict: Single(verdict, {}, ()) for verdict in ("named", "negligible", "unconfirmed", "unexplained")}
+    for fewer, expected in ((4, "unexplained"), (3, "unconfirmed"), (2, "named"), (1, "named")):
+        assert said_of(list(parts.values())[:fewer]).verdict == expected
+
+
+@dataclass
+class Diagnosed:
+    findings: tuple = ()
+
+
+@dataclass
+class Examined:
+    data: dict
+    diagnosis: Diagnosed = field(default_factory=Diagnosed)
+    mistakes: tuple = ()
+    found: object = None
+
+
+def selection_says(monkeypatch, verdict, findings=(), mistakes=(), found=None):
+    examined = Examined({"verdict": verdict, "reason": "so"}, Diagnosed(findings), mistakes, found)
+    monkeypatch.setattr(finders, "examine", lambda *_, **__: cast("Any", examined))
+    return finder("selection")(ROBOT, {}, {}, {})
+
+
+def rank(kind=None, gain=40.0):
+    candidate = Candidate("something") if kind is None else Candidate("an effect", (kind,))
+    return Rank(candidate, gain, gain, 0.0, (1e-3,), (1e-4,))
+
+
+def test_what_the_forward_selection_says(monkeypatch):
+    sure = Finding("named", "", (rank(TRACK),), (), TRACK, 1e-4)
+    said = selection_says(monkeypatch, "named", (sure,), found=ROBOT.with_effects(TRACK))
+    assert (said.named, said.credible, said.effects) == ({"track 1": 1.0}, (("track 1",),), (TRACK,))
+    unsure = Finding("ambiguous", "", (rank(RADIUS), rank(TRACK, 40.0 - 2 * np.log(3))), ())
+    said = selection_says(monkeypatch, "ambiguous", (unsure,))
+    assert said.named == {}
+    assert said.probabilities == pytest.approx({"wheel_radius 1 2": 0.75, "track 1": 0.25})
+    assert selection_says(monkeypatch, "ambiguous", (Finding("ambiguous", "", (rank(TRACK), rank()), ()),)).unnamed
+    said = selection_says(monkeypatch, "unexplained", (Finding("unexplained", "", (rank(TRACK),), ()),))
+    assert (said.unnamed, said.credible) == (True, ((),))
+    unconfirmed = selection_says(
+        monkeypatch, "unconfirmed", (Finding("unconfirmed", "", (rank(TRACK),), (), TRACK, 1e-4),)
+    )
+    assert (unconfirmed.named, unconfirmed.credible) == ({}, (("track 1",),))
+
+
+def test_wiring_is_named_unless_it_may_be_something_else(monkeypatch):
+    swapped = EncodersSwapped(castor=1)
+    surely, maybe = (Mistake("so", (swapped,)),), (Mistake("so", (swapped,), ("or not",)),)
+    for said in (
+        selection_says(monkeypatch, "named", mistakes=surely, found=ROBOT.with_effects(swapped)),
+        posterior_says(monkeypatch, mistakes=surely),
+    ):
+        assert (said.verdict, said.named, said.sizes) == ("named", {"encoders_swapped 1": 1.0}, ())
+        assert said.effects == (swapped,)
+    for said in (selection_says(monkeypatch, "ambiguous", mistakes=maybe), posterior_says(monkeypatch, mistakes=maybe)):
+        assert (said.verdict, said.named, said.effects) == ("ambiguous", {}, ())
