@@ -120,7 +120,7 @@ class UMBmarkEnv(RobotEnv):
         terminated = self._sample == self._samples
         if not terminated:
             middle = (self._sample + 0.5) * self.robot.sample_period
-            twist = self.trajectory.at(middle)[1]
+            twist = self.trajectory.twist_at(middle)
             commands = self._controller.commands(self._sensed.measured_castor_angles(), twist)
             self._sensed.advance(commands)
             self._sample += 1

@@ -93,6 +93,16 @@ class Geometry:
         return (self.offset > 0) & held
 
     @cached_property
+    def sensed(self) -> NDArray[np.intp]:
+        """The castors with a pivot encoder, by their indices."""
+        return np.flatnonzero(~np.isnan(self.pivot_counts_per_rev))
+
+    @cached_property
+    def known_angle(self) -> Array:
+        """The angles (..., n) of fixed castors, rad; NaN of others."""
+        return np.where(self.fixed, self.angle, np.nan)
+
+    @cached_property
     def trail(self) -> Array:
         """The offsets (..., n) of castors that the floor turns, m; NaN of others."""
         return np.where(self.trailing, self.offset, np.nan)

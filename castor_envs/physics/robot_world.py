@@ -113,7 +113,8 @@ class RobotWorld:
         robot = self.robot
         limit = robot.max_wheel_speed if drive == "servo" else 1.0
         self._simulation.command(self._driven_wheels, wheel_command, limit, drive)
-        self._simulation.command(self._held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
+        if self._held_wheels.size:
+            self._simulation.command(self._held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
         rates = np.broadcast_to(np.asarray(steering_command, dtype=float), len(self._motors))
         for motor, rate in zip(self._motors, rates, strict=True):
             motor.rate = -float(np.clip(rate, -robot.max_steering_speed, robot.max_steering_speed))

@@ -62,7 +62,7 @@ class Simulation:
     def command(self, wheels: NDArray[np.intp], command: ArrayLike, limit: ArrayLike, drive: Drive) -> None:
         """Set the mode of some wheels' motors, and their command within +-limit."""
         self.wheels["drive"][wheels] = _DRIVES[drive]
-        self.wheels["command"][wheels] = np.clip(command, -np.asarray(limit), limit)
+        self.wheels["command"][wheels] = np.minimum(np.maximum(command, -np.asarray(limit)), limit)
 
     def advance(self) -> None:
         """Run one sample period; raises InputError where physics becomes unstable."""

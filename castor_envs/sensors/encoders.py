@@ -42,10 +42,11 @@ def castor_angles(geometry: Geometry, pivot_counts: ArrayLike) -> Array:
 
     Wrapped as the counts are. Castors without an encoder and not fixed are NaN.
     """
-    sensed = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
+    sensed = geometry.sensed
     counts = np.asarray(pivot_counts, dtype=float)
     shape = np.broadcast_shapes(counts.shape[:-1], geometry.pivot_zero.shape[:-1])
-    theta = np.broadcast_to(np.where(geometry.fixed, geometry.angle, np.nan), (*shape, geometry.n_castors)).copy()
+    theta = np.empty((*shape, geometry.n_castors))
+    theta[...] = geometry.known_angle
     turn = geometry.pivot_counts_per_rev[sensed]
     theta[..., sensed] = counts * (2 * np.pi / turn) - geometry.pivot_zero[..., sensed]
     return theta
