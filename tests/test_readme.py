@@ -61,6 +61,7 @@ def test_the_train_blocks_run(tmp_path):
     assert done.stdout.startswith("axle 3, CON1 0.622, CON2 0.022;")  # as Table 1 prints
 
 
+@pytest.mark.slow
 def test_robots_floors_logs_and_videos(tmp_path):
     pytest.importorskip("moviepy")
     short = block("RecordLog").replace("render_mode=", "side=0.05, corners='fixed', render_mode=")

@@ -155,6 +155,7 @@ class Mine(TrainOdometry):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SCRIPT.exists(), reason="castor-bench is not installed")
 def test_the_script_works_in_a_folder_with_a_benchmarks_of_its_own(tmp_path):
     """Workers too: nothing there shadows the installed packages, and a plug-in's own modules are found."""

@@ -25,6 +25,7 @@ def test_estimators_get_the_nominal_robot_and_the_world_another():
         assert episode(0, replace(assumed, **change)).digest != driven.digest
 
 
+@pytest.mark.slow
 def test_means_over_robots_come_beside_the_paper_and_three_castors_beat_two():
     (source,) = select_tables(["doebbler-3"])
     table = source.compute(Effort(sets=4))

@@ -52,6 +52,7 @@ def wait_until(condition, process=None):
     raise AssertionError("waited for a minute")
 
 
+@pytest.mark.slow
 def test_a_killed_run_is_continued(tmp_path, plugin, fake_tasks, in_this_process):
     """Kill -9 of all its processes, once while episodes are recorded, once while an estimator runs."""
     results, whole = tmp_path / "results", tmp_path / "whole"

@@ -79,7 +79,18 @@ def test_official_calibration_tasks_name_their_odometry():
     }
 
 
-@pytest.mark.parametrize("task", [t for t in calibration_tasks() if t.missing is None], ids=lambda task: task.name)
+SLOW = {"calibration-pivoting", "calibration-physics"}
+"""Tasks that take seconds to record; that of squares is quicker."""
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        pytest.param(task, id=task.name, marks=[pytest.mark.slow] * (task.name in SLOW))
+        for task in calibration_tasks()
+        if task.missing is None
+    ],
+)
 def test_a_case_repeats_and_another_differs_in_recordings_too(task, tmp_path, recorded):
     first, second = (recorded(task, case) for case in task.cases(2))
     assert task.record(0).digest == first.digest != second.digest

@@ -80,6 +80,7 @@ def unseen_with_pivots(with_pivots):
     return unseen_of(with_pivots)
 
 
+@pytest.mark.slow
 def test_four_changes_are_seen_by_no_encoder_and_have_names(with_pivots, unseen_with_pivots):
     left = {one.what: one.shown_by for one in unseen_with_pivots}
     assert set(left) == {
@@ -104,6 +105,7 @@ def test_words_say_what_would_help():
     assert "a drive would show it" in str(Unseen("x", "a drive", moves))
 
 
+@pytest.mark.slow
 def test_what_nobody_saw_is_in_no_interval_unsaid(with_pivots, unseen_with_pivots):
     """The file's scale is off: intervals that do not know of it miss; with what they are told to rest on, they hold."""
     found, unseen = with_pivots, unseen_with_pivots
@@ -158,6 +160,7 @@ def proposed(robot, words):
     return [rolled(robot, drive, poses=POSES[poses]) for drive in DRIVES[words.removesuffix(poses)](robot)]
 
 
+@pytest.mark.slow
 def test_a_straight_line_shows_radii_against_each_other_and_nothing_of_offsets():
     described = n_castor(3)
     true = built(described, 4)

@@ -98,6 +98,7 @@ def test_careful_plugin_passes(train):
     assert {"drives round where the train does", "survives missing relative poses"} <= {f.name for f in findings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cfmmr-2", "cfmmr-3"])
 def test_builtins_pass(name):
     train = load_vehicle(name)
