@@ -18,6 +18,8 @@ from discrepancy.inference.forward_selection import HIDDEN, diagnose
 from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration.log_likelihood import Noise
 
+pytestmark = pytest.mark.slow
+
 ROBOT = preset("asoc-prototype")
 
 

@@ -27,6 +27,8 @@ from discrepancy.inference.forward_selection import diagnose
 from discrepancy.report.text import as_data
 from discrepancy.trials.pymunk_generator import drive
 
+pytestmark = pytest.mark.slow
+
 ROBOT = preset("asoc-prototype")
 CABLE = Bump(x=-0.3, y=-0.4, direction=0.7, value=0.004)
 PATCH = FrictionPatch(x=-0.4, y=-0.6, length=0.5, width=0.5, angle=0.3, value=0.94)

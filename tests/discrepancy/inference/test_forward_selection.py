@@ -38,6 +38,8 @@ from discrepancy.trials.pymunk_generator import drive
 from discrepancy.validation.cost import cost_of
 from discrepancy.validation.discriminating_drive import separating_drive
 
+pytestmark = pytest.mark.slow
+
 ROBOT = preset("asoc-prototype")
 
 

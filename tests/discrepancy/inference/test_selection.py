@@ -34,6 +34,8 @@ from discrepancy.inference.selection import (
 )
 from discrepancy.trials.pymunk_generator import drive
 
+pytestmark = pytest.mark.slow
+
 ROBOT = preset("asoc-prototype")
 RADIUS = WheelRadius(castor=2, wheel=1, value=3e-4)
 LOSS = TickLoss(castor=2, wheel=1, value=2e-3, above=5.0)

@@ -13,6 +13,8 @@ from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
 from discrepancy.trials.pymunk_generator import drive
 
+pytestmark = pytest.mark.slow
+
 ROBOT = preset("asoc-prototype")
 RADIUS, BIAS = WheelRadius(castor=1, wheel=1, value=0.02), PivotBias(castor=2, value=0.02)
 
