@@ -1,7 +1,7 @@
-"""Every number of the inference, with its reason and the command that checks it; there are no others.
+"""The numbers of the inference, each with its reason.
 
-Checked by `castor-diagnose trial` (rates, reliability diagram, expected calibration error) over presets, generators and
-seeds that none of them was set on, and by `pytest tests/discrepancy/posterior`, which draws data from the model itself.
+`castor-diagnose trial --finder posterior` judges them together: rates, reliability diagram, expected calibration error.
+What contacts and trackers are like is stated where logs are linearised, what robots are like by each effect class.
 """
 
 CREDIBLE = 0.95
@@ -13,7 +13,7 @@ NOTHING = 0.8
 people ask about robots that have something. Twice the odds change a log-likelihood ratio by 0.7."""
 
 MOST = 5
-"""Single effects in the sum. Diagnoses of robots with three effects do not change with more; each costs time."""
+"""Single effects in the sum: more than robots are expected to miss at once; each costs time."""
 
 FAULT = 10.0
 """A fault, as a multiple of what robots in good order show (an effect's tolerance), is as often larger as smaller; its
@@ -25,5 +25,5 @@ much as what the catalogue states."""
 
 SIGNATURE, REFITTED = 0.05, 0.01
 """Part by which the signature of an effect is wrong, in any direction that other effects span: standard deviations, of
-effects looked at from afar, linearly, and of those in the model. What is left beside effects of z standard deviations,
-over z, in logs of other simulators."""
+effects looked at from afar, linearly, and of those in the model. Set on a few logs of the own simulator; no trial has
+borne it out yet."""

@@ -115,7 +115,7 @@ def _answers(
     there = sizes_of(candidates, [one.amplitudes for one in named], seen.parts[CREEPS:].tolist(), seen)
     single, posterior, score = _posterior(hypotheses, order, seen, there, there)
     quiet = seen.quieter(_likeliest(seen, posterior, places))
-    if quiet.noise != seen.noise:
+    if quiet is not seen:
         seen = quiet
         single, posterior, score = _posterior(hypotheses, order, seen, there, there)
     believed = np.sum([component.mean for component in posterior.components], axis=0)

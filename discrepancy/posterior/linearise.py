@@ -48,8 +48,8 @@ class Linearised:
 
     usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. cost (2, C): what a unit of
     each makes odometry wrong by on these drives (`cost_of_sizes`). parts: of the creep that is predicted, and of what
-    wheels hide of each of the robot's effects. slips (K - 1, w) of each log: of wheels beyond what is expected, m. gap:
-    rms of what odometry is off the reference, m and rad; None without one.
+    wheels hide of each of the robot's effects. gap: rms of what odometry is off the reference, m and
+    rad; None without one.
     """
 
     candidates: tuple[Candidate, ...]
@@ -60,7 +60,6 @@ class Linearised:
     state: State
     noise: Noise
     parts: Array
-    slips: tuple[Array, ...]
     gap: tuple[float, float] | None
     designs: tuple[Columns, ...]
     shared: Shared
@@ -72,6 +71,8 @@ class Linearised:
         """
         found = quieter(self.designs, effects, self.shared, self.noise)
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
+        if noise == self.noise:
+            return self
         return replace(self, noise=noise, logs=_said(self.designs, self.shared, noise, self.candidates, self.columns))
 
 
@@ -129,7 +130,6 @@ def linearise(
         state=at,
         noise=noise,
         parts=shared.parts,
-        slips=beyond,
         gap=gap_of(models, geometry, at),
         designs=tuple(designs),
         shared=shared,

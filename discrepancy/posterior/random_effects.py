@@ -1,7 +1,8 @@
 """What a robot in good order shows of each effect, differently in each log, and how logs speak beside that.
 
 Sizes in log l are ``b + beta_l``, with ``beta_l ~ N(background, scatter)``: no model is right, and no motion the same.
-Before clean logs are seen, the scatter of an effect is its tolerance and the background is none; clean logs tell both.
+Before clean logs are seen, background and scatter each have half of the variance that an effect's tolerance states, and
+the background is expected to be none; clean logs tell both.
 Every log comes as information and score, of the log-likelihood ``score . b - b . information b / 2``.
 """
 

@@ -20,7 +20,7 @@ SCALES = 2.0 ** np.arange(-1, 11)
 LOG_WEIGHTS: Array = -np.log(SCALES) - SCALES**-2 / 2
 LOG_WEIGHTS = LOG_WEIGHTS - np.logaddexp.reduce(LOG_WEIGHTS)
 """A Cauchy distribution of scale 1 is a mixture of normal ones whose standard deviations have density exp(-1 / (2 s^2))
-/ s^2; these are a few of them, by which its density is met within 1 % up to 500."""
+/ s^2; these are a few of them, by which its density is met within 1.1 % up to 100, and 5 % up to 500."""
 
 ROUNDS, SETTLED = 200, 1e-4
 """Most rounds over all components, and the change of a probability that is not yet the end."""

@@ -10,7 +10,7 @@ from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.verdicts import WIDE
+from estimators.calibration.identifiability import COVERAGE
 
 FORMAT = "castor-diagnosis/2"
 
@@ -65,7 +65,7 @@ def _answer(answer: Answer) -> Data:
         "effect": None if effect is None else {"name": effect.name} | _fields(effect),
         "size": answer.size,
         "unit": None if effect is None else effect.unit,
-        "interval": [answer.size - WIDE * answer.error, answer.size + WIDE * answer.error],
+        "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
         "cost": np.abs(answer.size * answer.cost).tolist(),
         "check": "" if effect is None else effect.check,
     }

@@ -11,11 +11,9 @@ from discrepancy.posterior.calibrated import CREDIBLE
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized
+from estimators.calibration.identifiability import COVERAGE
 
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
-
-WIDE = 1.96
-"""Standard deviations to either side of a 95 % interval."""
 
 
 class Material(NamedTuple):
@@ -59,7 +57,7 @@ def _judgement(
     order: GoodOrder | None,
     material: Material,
 ) -> tuple[Verdict, str]:
-    what, most = answer.candidate.what, (abs(answer.size) + WIDE * answer.error) * answer.cost
+    what, most = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
     if np.all(most < np.array(material)):
         return "negligible", f"{what} costs less than matters"
     if answer.unnamed and answer.effect is None and len(answer.credible) == 1:

@@ -7,11 +7,18 @@ import pytest
 from scipy.integrate import quad
 
 from discrepancy.posterior.calibrated import NOTHING
-from discrepancy.posterior.single_effects import Hypothesis, SingleEffects
+from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES, Hypothesis, SingleEffects
 
 
 def hypotheses(m, scale=1.0, **bounds):
     return [Hypothesis(f"effect {k}", np.eye(m)[:, [k]], scale, 1.0, **bounds) for k in range(m)]
+
+
+@pytest.mark.parametrize(("most", "off"), [(100, 0.011), (500, 0.05)])
+def test_the_mixture_of_normal_distributions_is_a_cauchy_distribution(most, off):
+    size = np.append(0.0, np.geomspace(0.01, most, 300))[:, None]
+    each = np.exp(LOG_WEIGHTS - (size / SCALES) ** 2 / 2) / (SCALES * np.sqrt(2 * np.pi))
+    assert each.sum(axis=1) == pytest.approx(1 / (np.pi * (1 + size[:, 0] ** 2)), rel=off)
 
 
 @pytest.mark.parametrize("size", [0.5, 3.0, 40.0])
