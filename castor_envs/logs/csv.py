@@ -158,7 +158,7 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
     """Raise InputError for what single cells do not show: too few rows, unsorted times, jumps."""
     columns = LogColumns.of(vehicle)
     if len(log) < 2:
-        raise complaint(path, None, None, f"has {len(log)} rows of numbers; a log needs at least 2")
+        raise complaint(path, None, None, f"a log needs at least 2 rows of numbers, not {len(log)}")
     for part in (*REQUIRED, *OPTIONAL):
         values = getattr(log, part)
         if values is not None:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, Self, T
 from pydantic import Field, GetCoreSchemaHandler, TypeAdapter, ValidationInfo
 from pydantic_core import CoreSchema, core_schema
 
-from castor_envs.errors import did_you_mean
+from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion, Slip
@@ -167,8 +167,18 @@ class Effect(Generic[V]):
 
 def known_effects(scope: Scope) -> dict[str, type[Effect]]:
     """Return the effects of robots or of trains that are defined so far, by their names."""
-    by_name = {kind.__dataclass_fields__["name"].default: kind for kind in Effect.__subclasses__()}
-    return {name: kind for name, kind in by_name.items() if kind.scope == scope}
+    found: dict[str, type[Effect]] = {}
+    for kind in (kind for kind in Effect.__subclasses__() if kind.scope == scope):
+        name = kind.__dataclass_fields__["name"].default
+        other = found.setdefault(name, kind)
+        if _whole_name(other) != _whole_name(kind):
+            raise InputError(f"{_whole_name(kind)} has the name {name!r} of {_whole_name(other)}; give it another one")
+        found[name] = kind  # defined again, as in a notebook: the last one counts
+    return found
+
+
+def _whole_name(kind: type) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
 
 
 @dataclasses.dataclass(frozen=True)

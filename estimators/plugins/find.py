@@ -41,6 +41,9 @@ class PlugInKind:
     def built_in(self) -> dict[str, type]:
         """The classes of this project by their names, in alphabetical order."""
         found = [names for package in self.packages for names in offers(package, self.constant)]
+        for name, kind in (entry for names in found for entry in names.items()):
+            if not isinstance(kind, type):
+                raise InputError(f"{self.constant} offers as {name!r} {kind!r}, which is not a class; give the class")
         return dict(sorted((name, kind) for names in found for name, kind in names.items()))
 
     def names(self) -> list[str]:

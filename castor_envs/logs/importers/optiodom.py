@@ -231,7 +231,7 @@ def _read_run(path: Path, kind: str) -> Log:
     names = (*_TRUTH, *columns.names)
     lines = read_lines(path)
     if len(lines) < 2:
-        raise complaint(path, None, None, f"has {len(lines)} rows; a run needs at least 2")
+        raise complaint(path, None, None, f"a run needs at least 2 rows, not {len(lines)}")
     rows = []
     for line in lines:
         check_width(path, line, len(names), "columns of a run")

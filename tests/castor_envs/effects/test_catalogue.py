@@ -6,6 +6,8 @@ import dataclasses
 import importlib.util
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -622,3 +624,30 @@ def test_the_page_is_up_to_date():
     assert module.with_tables(page) == page, "run python scripts/make_effects_table.py"
     for name in (*EFFECTS, *TRAIN_EFFECTS):
         assert page.count(f"\n| `{name}` |") == 1
+
+
+TWICE = """
+from pydantic.dataclasses import dataclass
+from castor_envs.effects.catalogue import catalogue
+from castor_envs.errors import InputError
+from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
+
+@dataclass(frozen=True)
+class Mine(Effect[RobotDescription]):
+    name: str = "wheel_radius"
+    value: float = 1.0
+
+try:
+    catalogue(preset("differential"))
+except InputError as error:
+    print(error)
+"""
+
+
+def test_a_name_that_another_effect_has_is_refused():
+    told = subprocess.run([sys.executable, "-c", TWICE], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == (
+        "__main__.Mine has the name 'wheel_radius' of castor_envs.effects.dimensions.WheelRadius; give it another one"
+    )

@@ -236,8 +236,8 @@ ROWS = "0,0,0,0,0,0\n0.05,5,5,0,0,0\n"
 MISTAKES = [
     ("", r"log.csv: is empty"),
     ("\n \n", r"log.csv: is empty"),
-    (HEADER, r"log.csv: has 0 rows of numbers; a log needs at least 2"),
-    (f"{HEADER}\n0,0,0,0,0,0\n", r"log.csv: has 1 rows of numbers; a log needs at least 2"),
+    (HEADER, r"log.csv: a log needs at least 2 rows of numbers, not 0"),
+    (f"{HEADER}\n0,0,0,0,0,0\n", r"log.csv: a log needs at least 2 rows of numbers, not 1"),
     ("t;wheel_1l;wheel_1r\n0;0;0\n1;1;1\n", r"log.csv:1: .* separate columns by commas"),
     ("t,wheel_1l\n0,0\n1,1\n", r"log.csv:1: column 'wheel_1r': is missing; the header has t, wheel_1l"),
     ("t,wheel_1l,wheel1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1r': is missing; did you mean 'wheel1r'"),

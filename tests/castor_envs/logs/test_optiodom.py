@@ -160,7 +160,7 @@ MISTAKES = [
     (changed(Di=[0.084]), RUN, r"1_metadata.csv:5: column 'Di': has 1 values; give 2"),
     (changed(N=[1.5]), RUN, r"1_metadata.csv:7: column 'N': 1.5 is not a whole number"),
     (changed(N=[2]), RUN, r"1_run-02.csv: cannot be read"),
-    (METADATA, RUN[:1], r"1_run-01.csv: has 1 rows; a run needs at least 2"),
+    (METADATA, RUN[:1], r"1_run-01.csv: a run needs at least 2 rows, not 1"),
     (METADATA, [*RUN, "0.2,0,0,0,1"], r"1_run-01.csv:5: 5 cells where the columns of a run are 6"),
     (METADATA, [*RUN, "0.2,0,0,zero,1,1"], r"1_run-01.csv:5: column 'heading': 'zero' is not a number"),
     (METADATA, [*RUN, "0.2,0,0,0,1,nan"], r"1_run-01.csv:5: column 'left increment': 'nan' is not finite"),

@@ -57,7 +57,7 @@ IMPOSSIBLE = [
     ("castors.2.steering", "loose", ["castors.2.steering", "'loose'"]),
     ("castors.2.offset", 0.0, ["castors.2", "offset"]),
     ("castors.2.offset", -0.1, ["castors.2.offset", "-0.1"]),
-    ("castors", [], ["castors"]),
+    ("castors", [], ["castors: needs at least 1 of them, has 0"]),
     ("sample_period", 0.0, ["sample_period"]),
     ("mass", True, ["mass"]),
     ("name", "", ["name"]),

@@ -1,5 +1,6 @@
 """Estimators are found by name, module or file; what is wrong with a spec is said in one line."""
 
+import dataclasses
 import pickle
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ import estimators
 from castor_envs.errors import Declined, InputError
 from castor_envs.vehicles.presets import cfmmr, preset, preset_names
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, builtin_names, load_estimator
-from estimators.plugins.registry import declines
+from estimators.plugins.registry import ESTIMATOR, declines
 from estimators.plugins.source_hash import source_files
 
 MINE = """
@@ -324,3 +325,10 @@ def test_what_only_the_other_kind_of_vehicle_has_declines_it():
     assert declines(KeyError("castors"), train) is None
     assert declines(InputError("the poses to start at are not finite"), train) is None
     assert declines(Declined("needs\n robots"), train) == "needs robots"
+
+
+def test_what_a_module_offers_must_be_a_class(monkeypatch):
+    role = dataclasses.replace(ESTIMATOR, packages=("offering",))
+    monkeypatch.setattr("estimators.plugins.find.offers", lambda package, constant: [{"mine": np.zeros}])
+    with pytest.raises(InputError, match=r"ESTIMATORS offers as 'mine' .*, which is not a class; give the class"):
+        role.built_in  # noqa: B018
