@@ -9,13 +9,15 @@ changes slips by A delta, and Newton's law, M q'' = A' F + gravity, says which s
 power. How far wheels disagree does not change with delta, so it is known from what they roll, however well the body's
 motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
 
-Left out are friction limits, and bristles that have yet to build up their force (a relaxation length of rolling, as
+Where a contact's force would be beyond the friction circle it yields as much more as brings it back there. Left out are
+bristles that have yet to build up their force (a relaxation length of rolling, as
 after reversals).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
@@ -27,6 +29,9 @@ from castor_envs.vehicles.weight import castor_center, chassis, wheel_loads
 
 LEAST = 0.02
 """Of the fastest wheel's speed: no contact is taken to roll slower, as bristles average over a relaxation length."""
+
+ROUNDS, SETTLED = 20, 1e-3
+"""In which sliding contacts' yields are found, at most, and the relative change that ends them."""
 
 STANDING = 1e-6
 """m/s: rolling speed of a robot at rest, to divide by."""
@@ -101,20 +106,46 @@ def creep(
     contact, loads = robot.contact, wheel_loads(robot, floor.normal_gravity)
     stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
     yields = (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
-    scale = yields.min(axis=1)[:, None]
-    held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
     seen = path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels)
     seen = seen if quick else smoothed(seen)
-    pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
-    deviation = np.linalg.pinv(held, rcond=1e-10, hermitian=True) @ -pull[..., None]
 
     slip = np.zeros_like(path)
-    slip[:, carrying] = (seen + (rows @ deviation)[..., 0]) * motion.period[:, None]
+    limits = (contact.friction * loads)[carrying % w]
+    slip[:, carrying] = _slipping(rows, seen, needed, yields, limits, carrying % w) * motion.period[:, None]
     side = np.zeros_like(motion.half_way)
     side[:, geometry.wheel_castor[geometry.standard]] = slip[:, w:][:, geometry.standard]
     return Slip(slip[:, :w], side)
+
+
+def _slipping(rows: Array, seen: Array, needed: Array, yields: Array, limits: Array, wheel: NDArray[np.intp]) -> Array:
+    """Return how fast contacts slip (k, rows), m/s: the `seen` slips less what a deviation of the robot takes away.
+
+    needed (k, e): forces on all that the rows (k, rows, e) move. yields (k, rows): m/s for each N while a contact
+    rolls. limits (rows,): friction times load of the wheel (rows,) that a row is of.
+    """
+    slip = _balanced(rows, seen, needed, yields)
+    sliding, slack, of_wheel = np.arange(len(rows)), np.ones_like(yields), wheel[:, None] == wheel
+    for _ in range(ROUNDS):
+        wanted = np.maximum(np.sqrt((slip[sliding] / yields[sliding]) ** 2 @ of_wheel) / limits, 1.0)
+        moved = np.any(np.abs(wanted / slack[sliding] - 1) > SETTLED, axis=1)
+        sliding = sliding[moved]
+        if not len(sliding):
+            break
+        slack[sliding] = wanted[moved]
+        parts = (part[sliding] for part in (rows, seen, needed, yields * slack))
+        slip[sliding] = _balanced(*parts)
+    return slip
+
+
+def _balanced(rows: Array, seen: Array, needed: Array, yields: Array) -> Array:
+    """Return the slips (k, rows) that leave the least power where contacts yield as they do."""
+    scale = yields.min(axis=1)[:, None]
+    held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
+    pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
+    deviation = np.linalg.pinv(held, rcond=1e-10, hermitian=True) @ -pull[..., None]
+    return seen + (rows @ deviation)[..., 0]
 
 
 def _needed(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:

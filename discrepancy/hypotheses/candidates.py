@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.effects.catalogue import catalogue, radii_of, readings
+from castor_envs.effects.clocks import AllLatency, EncoderLatency
 from castor_envs.effects.encoders import PivotEccentricity, TickLoss
 from castor_envs.effects.floor import Bump
+from castor_envs.effects.parts import channel
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion, Slip
@@ -173,6 +175,29 @@ class Channels:
             [(castor + turns)[:, self.sensed] + geometry.pivot_zero[self.sensed], wheel[:, self.driven]]
         )
         return seen * self.per_rev / (2 * np.pi)
+
+    def unread(self, robot: RobotDescription, log: Log, seen: Array, counts: Array) -> Array:
+        """Return nearer to the counts (K, s + d) of which a robot's encoders read `seen`, from counts that are near.
+
+        What is read more than of these is put right; of an encoder that is late, that much earlier: elsewhere it would
+        make quick motion worse.
+        """
+        more = seen - self.read(robot, log, counts)
+        for column, latency in enumerate(self._latencies(robot)):
+            if latency:
+                more[:, column] = np.interp(log.t + latency, log.t, more[:, column])
+        return counts + more
+
+    def _latencies(self, robot: RobotDescription) -> Array:
+        """Return by how much every encoder is read late (s + d,), s."""
+        columns = [*(len(robot.wheels) + self.sensed), *self.driven]
+        total = np.zeros(len(robot.wheels) + len(robot.castors))
+        for effect in robot.effects:
+            if isinstance(effect, AllLatency):
+                total += effect.value
+            elif isinstance(effect, EncoderLatency):
+                total[channel(robot, effect.castor, effect.wheel, effect.name)] += effect.value
+        return total[columns]
 
     def _rolled(self, robot: RobotDescription, wheel: Array, castor: Array) -> Array:
         """Return how far a robot's wheels (K, w) turn where those built here turn so far."""

@@ -4,6 +4,7 @@ Neither shows as an effect on angles: the mean of jitter is nothing, and the ref
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -39,6 +40,9 @@ STEADY, MEDIAN = 0.2, 0.455
 a squared normal number."""
 
 
+SPREAD = math.comb(2 * ORDER, ORDER)
+"""Times the variance of single samples that such differences have: the sum of squared binomial coefficients."""
+
 LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 18.0
 """s/s, and deviance, from which on clocks are said to run apart."""
 
@@ -61,26 +65,25 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Amount | None:
     Of differences of high order of all counts only what goes with the counts' own speeds is taken: what rounding leaves
     in it is known.
     """
-    delays = [_delays(robot, log) for log in logs]
+    delays = [delays_of(robot, log) for log in logs]
     every, expected, beside = (np.concatenate([one[k] for one in delays]) for k in range(3))
     neighbours = sum(float(one.late[1:] @ one.late[:-1]) for one in delays)
     if len(every) < 10 * ORDER or neighbours > ALIKE * float(every @ every):
         return None
     if np.mean(beside - expected) > BESIDE * np.mean(every**2 - expected):
         return None
-    size = float(np.sum(_binomial() ** 2))
-    variance = float(np.mean(every**2) - np.mean(expected)) / size
+    variance = float(np.mean(every**2) - np.mean(expected)) / SPREAD
     value = np.sqrt(max(variance, 0.0))
-    ratio = variance * size / expected
+    ratio = variance * SPREAD / expected
     gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
     if value < LEAST_JITTER:
         return None
     steadily = float(np.median(every**2)) / MEDIAN - float(np.mean(expected))
-    seldom = "" if steadily > STEADY * variance * size else _when(delays)
+    seldom = "" if steadily > STEADY * variance * SPREAD else _when(delays)
     return Amount(float(value), float(value * np.sqrt(ORDER / (2 * len(every)))), gain, seldom)
 
 
-def _when(delays: Sequence["_Delays"]) -> str:
+def _when(delays: Sequence["Delays"]) -> str:
     """Return in words when encoders are read most early or late."""
     worst = [float(np.abs(one.late).max(initial=0.0)) for one in delays]
     k = int(np.argmax(worst))
@@ -98,7 +101,7 @@ def skew_of(clocks: Array, errors: Array) -> Amount:
     return Amount(value, error, (value / error) ** 2)
 
 
-class _Delays(NamedTuple):
+class Delays(NamedTuple):
     """Of samples in which the robot moves: late, differences of the delay of all encoders together, s; what rounding
     alone leaves of their squares; the mean square of what is in the counts beside, in the same unit; and when, s."""
 
@@ -108,12 +111,13 @@ class _Delays(NamedTuple):
     t: Array
 
 
-def _delays(robot: RobotDescription, log: Log) -> _Delays:
+def delays_of(robot: RobotDescription, log: Log) -> Delays:
+    """Return by how much all encoders together were read early or late, in differences of order `ORDER`."""
     turn = Geometry.of(robot).pivot_counts_per_rev[list(robot.pivot_encoders)]
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
     if len(log) <= 2 * ORDER:
-        return _Delays(*np.zeros((4, 0)))
+        return Delays(*np.zeros((4, 0)))
     weights = _weights(log.t)
     rows = len(weights)
     jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
@@ -124,7 +128,7 @@ def _delays(robot: RobotDescription, log: Log) -> _Delays:
     jumps, speed, squared = jumps[moving], speed[moving], squared[moving]
     late = np.sum(speed * jumps, axis=1) / squared
     beside = (np.sum(jumps**2, axis=1) / squared - late**2) / max(counts.shape[1] - 1, 1)
-    return _Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside, log.t[ORDER // 2 :][:rows][moving])
+    return Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside, log.t[ORDER // 2 :][:rows][moving])
 
 
 def _weights(t: Array) -> Array:

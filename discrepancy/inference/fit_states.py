@@ -94,8 +94,8 @@ def _corrected(
     """Take off the counts what a robot's sensors make of the angles of a state, for what was taken off before."""
     channels, now = Channels(robot), []
     for model, log, state, before in zip(models, logs, at.states, off, strict=True):
-        counts = state[:, 3:]
-        now.append(channels.read(robot, log, counts) - counts)
+        seen = model.counts + before
+        now.append(seen - channels.unread(robot, log, seen, state[:, 3:]))
         model.correct(now[-1] - before)
     return now
 

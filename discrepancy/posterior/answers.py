@@ -27,7 +27,9 @@ class Answer:
     probabilities: of names, the likeliest first, and of "nothing". credible: names that hold it with 95 %. unnamed:
     whether one of these is an alternative without a name. candidate: the likeliest, with its amplitudes (c,), their
     covariance (c, c), and the part of it that wheels hide. explained: the deviance that it takes away. cost (2,): what
-    a unit of its amplitudes costs, m after 10 m and rad after a turn. verdict, reason: see `verdicts`.
+    a unit of its amplitudes costs, m after 10 m and rad after a turn. confirmed: by how much (natural logarithm) it
+    makes held-out logs more likely, where that is known otherwise than by their columns. verdict, reason: see
+    `verdicts`.
     """
 
     probabilities: dict[str, float]
@@ -39,6 +41,7 @@ class Answer:
     hidden: float
     explained: float
     cost: Array
+    confirmed: float | None = None
     verdict: Verdict = "named"
     reason: str = ""
 

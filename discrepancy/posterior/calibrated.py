@@ -23,7 +23,7 @@ FREEDOM = 4.0
 """Robots whose scatter an effect's stated tolerance stands for, as degrees of freedom: two clean logs count half as
 much as what the catalogue states."""
 
-SIGNATURE, REFITTED = 0.05, 0.01
+SIGNATURE, REFITTED = 0.05, 0.002
 """Part by which the signature of an effect is wrong, in any direction that other effects span: standard deviations, of
 effects looked at from afar, linearly, and of those in the model. Set on a few logs of the own simulator; no trial has
 borne it out yet."""

@@ -19,6 +19,7 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer, Verdict, answers_of
+from discrepancy.posterior.jitter import jitter_answer
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import Place, hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
@@ -33,7 +34,8 @@ BESIDE = 2
 """Effects beside which the size of noise is found."""
 
 SECOND = 0.2
-"""Part of what the largest new effect explains that another must, to be put into the model in the same round."""
+"""Part of what the largest new effect explains that another must, to be put into the model in the same round; where
+that leads nowhere new, all are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +85,11 @@ def diagnose(
     tried = [frozenset[str]()]
     while True:
         posterior, answers = _answers(robot, seen, good, named)
-        new = _taken_in(robot, answers, named)
-        families = frozenset(one.candidate.family for one in new)
+        for least in (SECOND, 0.0):
+            new = _taken_in(robot, answers, named, least)
+            families = frozenset(one.candidate.family for one in new)
+            if families not in tried:
+                break
         if families in tried or len(tried) > LOOKS:
             break
         tried.append(families)
@@ -93,6 +98,10 @@ def diagnose(
             (*places, *(one.candidate for one in named), *(c for c in first.candidates if c.at_a_place))
         )
         seen = linearise(robot_with(robot, named), logs, start=seen, creep=creep, places=tuple(more))
+    late = jitter_answer(robot, logs, held_out, clean, len(posterior.names))
+    inclusion = posterior.inclusion()
+    if late is not None:
+        answers, inclusion = [*answers, late], {late.credible[0]: late.probability} | inclusion
     held, order = None, None
     if held_out:
         among, found = [one.candidate for one in named], robot_with(robot, named)
@@ -101,8 +110,8 @@ def diagnose(
             linearise(found, held_out, creep=creep, among=among),
         )
         order = order_of(held[1], good)
-    answers = tuple(judged(answer, named, held, order, material) for answer in answers)
-    return Diagnosis(robot, verdict_of(answers), answers, posterior.inclusion(), first, seen, held)
+    answers = judged(answers, named, held, order, material)
+    return Diagnosis(robot, verdict_of(answers), answers, inclusion, first, seen, held)
 
 
 def _answers(
@@ -130,14 +139,16 @@ def _likeliest(seen: Linearised, posterior: Posterior, places: Sequence[Place]) 
     return list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
 
 
-def _taken_in(robot: RobotDescription, answers: Sequence[Answer], named: Sequence[Sized]) -> tuple[Sized, ...]:
-    """Return the effects to put into the model: those that stay, and new ones but for such as explain little beside the
-    largest of these, which may be what its linear signature is wrong by."""
+def _taken_in(
+    robot: RobotDescription, answers: Sequence[Answer], named: Sequence[Sized], least: float
+) -> tuple[Sized, ...]:
+    """Return the effects to put into the model: those that stay, and new ones but for such as explain less than such a
+    part of the largest of these, which may be what its linear signature is wrong by."""
     kept = {one.candidate for one in named}
     every = [(answer, Sized(answer.candidate, answer.amplitudes)) for answer in answers if answer.effect is not None]
     every = [(answer, one) for answer, one in every if possible(robot, [one])]
     largest = max((answer.explained for answer, one in every if one.candidate not in kept), default=0.0)
-    return tuple(one for answer, one in every if one.candidate in kept or answer.explained >= SECOND * largest)
+    return tuple(one for answer, one in every if one.candidate in kept or answer.explained >= least * largest)
 
 
 def _posterior(

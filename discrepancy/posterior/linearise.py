@@ -48,7 +48,8 @@ class Linearised:
 
     usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. cost (2, C): what a unit of
     each makes odometry wrong by on these drives (`cost_of_sizes`). parts: of the creep that is predicted, and of what
-    wheels hide of each of the robot's effects. gap: rms of what odometry is off the reference, m and
+    wheels hide of each of the robot's effects. log_evidence: how likely the logs are, sizes 0 and all else integrated
+    out (natural logarithm, up to a constant of the logs). gap: rms of what odometry is off the reference, m and
     rad; None without one.
     """
 
@@ -60,6 +61,7 @@ class Linearised:
     state: State
     noise: Noise
     parts: Array
+    log_evidence: float
     gap: tuple[float, float] | None
     designs: tuple[Columns, ...]
     shared: Shared
@@ -73,7 +75,8 @@ class Linearised:
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
         if noise == self.noise:
             return self
-        return replace(self, noise=noise, logs=_said(self.designs, self.shared, noise, self.candidates, self.columns))
+        logs, log_evidence = _said(self.designs, self.shared, noise, self.candidates, self.columns)
+        return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
 
 
 def linearise(
@@ -121,15 +124,17 @@ def linearise(
         cost = np.zeros((2, count))
         cost[:, there] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
         costs.append(cost)
+    said, log_evidence = _said(designs, shared, noise, candidates, columns)
     return Linearised(
         candidates=candidates,
         columns=columns,
-        logs=_said(designs, shared, noise, candidates, columns),
+        logs=said,
         usual=usual,
         cost=np.sqrt(np.mean(np.square(costs), axis=0)),
         state=at,
         noise=noise,
         parts=shared.parts,
+        log_evidence=log_evidence,
         gap=gap_of(models, geometry, at),
         designs=tuple(designs),
         shared=shared,
@@ -142,19 +147,22 @@ def _said(
     noise: Noise,
     candidates: Sequence[Candidate],
     columns: Sequence[NDArray[np.intp]],
-) -> tuple[Statistics, ...]:
-    """Return what each log says of all candidates, at sizes of noise."""
-    place, said = dict(zip(candidates, columns, strict=True)), []
+) -> tuple[tuple[Statistics, ...], float]:
+    """Return what each log says of all candidates, at sizes of noise; and how likely all are (`Linearised`)."""
+    place, said, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
     for design in designs:
         each = [place[candidate] for candidate in design.candidates]
         there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
-        said.append(_spread(_of_sizes(design, shared, noise), there, count))
-    return tuple(said)
+        statistics, log_likelihood = _of_sizes(design, shared, noise)
+        said.append(_spread(statistics, there, count))
+        log_evidence += log_likelihood
+    return tuple(said), log_evidence
 
 
-def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:
-    """Return what a log says of its candidates' sizes, all else integrated out: creep and the tracked point."""
+def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> tuple[Statistics, float]:
+    """Return what a log says of its candidates' sizes, all else integrated out: creep and the tracked point; and how
+    likely it is, sizes 0."""
     reduced = design.reduce(shared.mount, noise)
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
@@ -170,7 +178,10 @@ def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> Statistics:
     score[mount] -= shared.mount / MOUNT**2
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
     told = information[:n, :n] - information[:n, n:] @ both[:, :n]
-    return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n])
+    likely = reduced.log_evidence + (score[n:] @ both[:, n] - np.linalg.slogdet(information[n:, n:])[1]) / 2
+    likely -= np.sum(((shared.parts - shared.expected) / shared.doubt) ** 2) / 2 + np.sum(np.log(shared.doubt))
+    likely -= np.sum((shared.mount / MOUNT) ** 2) / 2
+    return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n]), float(likely)
 
 
 def _row_by_row(known: Array) -> Array:

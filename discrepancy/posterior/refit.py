@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,8 +20,9 @@ REFITS, SETTLED, HALVINGS = 6, 0.1, 4
 """Rounds at most; the part of its standard error by which no size changes in the end; and how often a change is halved
 that no robot can have, or with which logs are explained worse."""
 
-WORSE = 2.0
-"""Times more noise, of slip along and across and of the reference together, with which logs are explained worse."""
+WORSE = 0.5
+"""By how much (natural logarithm, for every sample) logs may be less likely and count as explained no worse: creep is
+predicted anew from what truly happened, so some is lost and won by chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +97,10 @@ def _nearer(
         if possible(robot, wanted):
             with suppress(np.linalg.LinAlgError):
                 found = linearise(robot_with(robot, wanted), logs, start=seen, creep=creep, among=among)
-                if _noise(found) < np.log(WORSE) + _noise(seen):
+                if found.log_evidence > seen.log_evidence - WORSE * sum(len(log) for log in logs):
                     return wanted, found
         halves = zip(now, wanted, strict=True)
         wanted = tuple(one.moved((other.amplitudes - one.amplitudes) / 2) for one, other in halves)
     now = tuple(one for one in now if np.any(one.amplitudes))
     among = [one.candidate for one in now]
     return now, linearise(robot_with(robot, now), logs, start=seen, creep=creep, among=among)
-
-
-def _noise(seen: Linearised) -> float:
-    """Return the logarithm of the product of all sizes of noise."""
-    return float(np.sum(np.log(astuple(seen.noise))))

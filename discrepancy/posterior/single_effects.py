@@ -71,6 +71,11 @@ class Posterior:
     components: tuple[Component, ...]
     bound: float
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All answers that there may be."""
+        return tuple(dict.fromkeys(hypothesis.name for hypothesis in self.hypotheses))
+
     def probabilities(self, component: Component) -> dict[str, float]:
         """Return the probability of every name in a component, the largest first."""
         found: dict[str, float] = {}

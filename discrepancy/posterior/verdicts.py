@@ -27,19 +27,23 @@ MATERIAL = Material()
 
 
 def judged(
-    answer: Answer,
+    answers: Sequence[Answer],
     named: Sequence[Sized],
     held_out: Sequence[Linearised] | None,
     order: GoodOrder | None,
     material: Material,
-) -> Answer:
-    """Return the answer with its verdict.
+) -> tuple[Answer, ...]:
+    """Return the answers with their verdicts.
 
     named: all effects that are in the model. held_out: what held-out logs say without and with these, of these alone;
     order: what robots in good order show of them.
     """
-    verdict, reason = _judgement(answer, named, held_out, order, material)
-    return dataclasses.replace(answer, verdict=verdict, reason=reason)
+    grows = held_out is not None and _grows(answers, *held_out)
+    verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
+    return tuple(
+        dataclasses.replace(answer, verdict=verdict, reason=reason)
+        for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
+    )
 
 
 def verdict_of(answers: Sequence[Answer]) -> Verdict:
@@ -56,6 +60,7 @@ def _judgement(
     held_out: Sequence[Linearised] | None,
     order: GoodOrder | None,
     material: Material,
+    grows: bool,
 ) -> tuple[Verdict, str]:
     what, most = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
     if np.all(most < np.array(material)):
@@ -68,12 +73,20 @@ def _judgement(
     if answer.effect is None:
         return "unexplained", f"{what} looks most like it, and cannot be as large"
     if held_out is not None and order is not None:
-        without, with_it = held_out
-        if _log_odds(answer, named, with_it, order) < np.log(CREDIBLE / (1 - CREDIBLE)):
+        log_odds = _log_odds(answer, named, held_out[1], order) if answer.confirmed is None else answer.confirmed
+        if log_odds < np.log(CREDIBLE / (1 - CREDIBLE)):
             return "unconfirmed", f"the held-out logs do not confirm {what}"
-        if without.gap is not None and with_it.gap is not None and with_it.gap[0] > without.gap[0]:
+        if grows:
             return "unconfirmed", f"the held-out gap does not shrink with {what}"
     return "named", what
+
+
+def _grows(answers: Sequence[Answer], without: Linearised, with_them: Linearised) -> bool:
+    """Whether effects make the held-out gap larger by more than what their own errors cost."""
+    if without.gap is None or with_them.gap is None:
+        return False
+    error = np.linalg.norm([COVERAGE * answer.error * answer.cost[0] for answer in answers])
+    return bool(with_them.gap[0] - without.gap[0] > error)
 
 
 def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Linearised, order: GoodOrder) -> float:

@@ -80,14 +80,17 @@ class Reduced(NamedTuple):
     """What one log says of P parameters, everything else eliminated, around a state.
 
     information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of drawn residuals in their place.
-    clock (2, 2): information on the clock, the parameters known. finish: from changes of the parameters (P, 1 + probes)
-    and the part of the step that is taken to the changed state and clock, and what is left over. squares: from any
-    geometry, state, clock and mount to the sum of squares there, weighed as around this state.
+    clock (2, 2): information on the clock, the parameters known. log_evidence: how likely the log is, the parameters
+    unchanged, state and clock integrated out (natural logarithm, up to a constant of the log). finish: from changes of
+    the parameters (P, 1 + probes) and the part of the step that is taken to the changed state and clock, and what is
+    left over. squares: from any geometry, state, clock and mount to the sum of squares there, weighed as around this
+    state.
     """
 
     information: Array
     gradient: Array
     clock: Array
+    log_evidence: float
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
 
@@ -186,6 +189,11 @@ class LogLikelihood:
     def wanted(self, state: Array) -> Array:
         """Return the slopes (K, s + d) of the log-likelihood by counts read more, at the most likely state."""
         return self._readings**2 * (self._counts - state[:, 3:])
+
+    @property
+    def counts(self) -> Array:
+        """The counts (K, s + d) as read, unwrapped, less what was taken off (`correct`)."""
+        return self._counts
 
     @property
     def rows(self) -> NDArray[np.intp]:
@@ -323,9 +331,16 @@ class LogLikelihood:
         factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
         (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
         half, _ = solve(factors, columns.reshape(-1, n + 1 + probes), trans="T")
+        least = sum(float(np.sum(rows.values**2)) for rows in kinds.values()) - float(half[:, n] @ half[:, n])
+        least += float(np.sum((clock / believed) ** 2))
         numbers_block -= _squared(half)[:n]
         clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
         reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
+        least -= float(numbers_block[p:, n] @ clocks[:, p])
+        log_evidence = -least / 2 - float(np.sum(np.log(factors.reshape(2 * size, -1)[-1])))
+        log_evidence -= float(np.linalg.slogdet(numbers_block[p:, p:n])[1]) / 2
+        for name, rows in kinds.items():
+            log_evidence += float(np.sum(np.log(np.broadcast_to(weights[name], rows.values.shape))))
 
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
@@ -347,7 +362,12 @@ class LogLikelihood:
             return float(sum(np.sum(part**2) for part in values.values()) + np.sum((clock / believed) ** 2))
 
         return Reduced(
-            (reduced[:, :p] + reduced[:, :p].T) / 2, reduced[:, p:], numbers_block[p:, p:n], finish, squares_at
+            (reduced[:, :p] + reduced[:, :p].T) / 2,
+            reduced[:, p:],
+            numbers_block[p:, p:n],
+            log_evidence,
+            finish,
+            squares_at,
         )
 
     def _weights(self, geometry: Geometry, state: Array, noise: Noise) -> dict[str, Array]:

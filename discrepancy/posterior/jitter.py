@@ -1,0 +1,102 @@
+"""Encoders that are read early or late at random, all together: how likely, and by how much.
+
+Jitter has no mean, so it is a variance and not a column of the linear problem. High-order differences of all counts,
+taken along the counts' speeds, hold little but rounding, whose variance is known, and jitter (`hypotheses.clocks`).
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from castor_envs.effects.clocks import SampleJitter
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate, described, family_of
+from discrepancy.hypotheses.clocks import ORDER, SPREAD, delays_of, jitter_of
+from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.calibrated import CREDIBLE, FAULT, NOTHING
+from discrepancy.validation.cost import cost_of
+
+SIZES = np.geomspace(0.01, 1000.0, 201)
+"""Of jitter, in tolerances: a grid to integrate over."""
+
+
+def jitter_answer(
+    robot: RobotDescription, logs: Sequence[Log], held_out: Sequence[Log], clean: Sequence[Log], names: int
+) -> Answer | None:
+    """Return the answer that samples jitter, beyond clean logs; None if it is not likely that they do.
+
+    names: of effects that may be there, each as likely before logs are seen.
+    """
+    seen = jitter_of(robot, logs)
+    if seen is None:
+        return None
+    found = jitter_of(robot, clean) if clean else None
+    usual, tolerance = 0.0 if found is None else found.value, SampleJitter.tolerance
+    log_odds, size, error = _told(_log_likelihood(robot, logs, usual))
+    probability = 1 / (1 + np.exp(-log_odds) * NOTHING * names / (1 - NOTHING))
+    if probability < CREDIBLE:
+        return None
+    (kind,) = SampleJitter.variants(robot)
+    effect = dataclasses.replace(kind, value=size * tolerance)
+    name = family_of(kind)
+    candidate = Candidate(described(kind), (kind,))
+    if seen.seldom:
+        name = f"all encoders are read early or late together at some times, most {seen.seldom}"
+        candidate = Candidate(name)
+    confirmed = None
+    if held_out:
+        confirmed = float(np.interp(size, SIZES, _log_likelihood(robot, held_out, usual)))
+        confirmed -= _averaged(_log_likelihood(robot, held_out, usual), _good_order())
+    cost = (cost_of(robot, effect, logs) or 0.0) / effect.value
+    return Answer(
+        probabilities={name: probability, "nothing": 1 - probability},
+        credible=(name,),
+        unnamed=bool(seen.seldom),
+        candidate=candidate,
+        amplitudes=np.array([effect.value]),
+        covariance=np.array([[(error * tolerance) ** 2]]),
+        hidden=0.0,
+        explained=seen.gain,
+        cost=np.array([cost, 0.0]),
+        confirmed=confirmed,
+    )
+
+
+def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) -> Array:
+    """Return how likely logs are (natural logarithm, up to a constant) with jitter of `SIZES` beside what is usual, s.
+
+    Neighbouring differences have all but one of their samples in common: so many of them count as one.
+    """
+    delays = [delays_of(robot, log) for log in logs]
+    squares, rounding = (
+        np.concatenate([one.late**2 for one in delays]),
+        np.concatenate([one.rounding for one in delays]),
+    )
+    variance = rounding + SPREAD * (usual**2 + (SIZES[:, None] * SampleJitter.tolerance) ** 2)
+    return -np.sum(np.log(variance) + squares / variance, axis=1) / 2 / ORDER
+
+
+def _told(log_likelihood: Array) -> tuple[float, float, float]:
+    """Return the log Bayes factor of a fault against good order, and a fault's size and standard error, in tolerances.
+
+    As of every other effect: in good order normal, with the tolerance as standard deviation; a fault is Cauchy
+    distributed.
+    """
+    fault = -np.log1p((SIZES / FAULT) ** 2)
+    log_odds = _averaged(log_likelihood, fault) - _averaged(log_likelihood, _good_order())
+    weight = np.exp(log_likelihood + fault - np.max(log_likelihood + fault)) * SIZES
+    size = float(np.average(SIZES, weights=weight))
+    return log_odds, size, float(np.sqrt(np.average((SIZES - size) ** 2, weights=weight)))
+
+
+def _good_order() -> Array:
+    return -(SIZES**2) / 2
+
+
+def _averaged(log_likelihood: Array, log_density: Array) -> float:
+    """Return the log of the mean likelihood of sizes that have this log density, up to a constant; even in log size."""
+    steps = np.log(SIZES)
+    return float(np.logaddexp.reduce(log_likelihood + log_density + steps) - np.logaddexp.reduce(log_density + steps))
