@@ -73,7 +73,7 @@ def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
     stated = good_order(tolerances(seen), PATTERN)
     if clean is None:
         return stated
-    told = good_order(tolerances(clean), PATTERN, clean.logs)
+    told = _told_by(clean)
     here, there = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
@@ -85,6 +85,11 @@ def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
     background[at] = told.background[of]
     doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = told.doubt[np.ix_(of, of)], told.scatter[np.ix_(of, of)]
     return GoodOrder(background, doubt, scatter)
+
+
+@lru_cache(maxsize=4)
+def _told_by(clean: Linearised) -> GoodOrder:
+    return good_order(tolerances(clean), PATTERN, clean.logs)
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
