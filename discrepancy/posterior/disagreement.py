@@ -4,6 +4,7 @@ Wheels that disagree creep until they come to terms, so that no slip is left to 
 do, for what drives them is told by the same description. How far they do is a size of noise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,12 +36,16 @@ class Disagreement:
 
     seen (W, rows): beyond what wheels hide of the robot's effects. by_size (W, rows, C): what a unit of each size adds.
     hidden (W, rows, e): what the robot's effects add where wheels hide them. along (rows,): rolling, not side slip.
+    t (W,): when windows begin, s. way (K - 1,): of every step, the mean of its window. steps (W,): of each window.
     """
 
     seen: Array
     by_size: Array
     hidden: Array
     along: NDArray[np.bool_]
+    t: Array
+    way: Array
+    steps: NDArray[np.intp]
 
     @classmethod
     def of(cls, design: Columns, log: Log, hiding: Array, parts: Array) -> "Disagreement":
@@ -51,15 +56,33 @@ class Disagreement:
         samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
-        rolled = np.hypot(rolled, np.median(rolled) / 4)  # at rest, nothing says how far
+        rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
         parts_of = (seen - hiding @ parts, by_size, hiding)
         sums = [np.add.reduceat(part, starts, axis=0) for part in parts_of]
         scaled = [part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums]
-        return cls(scaled[0], scaled[1], scaled[2], model.rows < len(design.geometry.radius))
+        steps = np.diff([*starts, len(way)])
+        along = model.rows < len(design.geometry.radius)
+        return cls(scaled[0], scaled[1], scaled[2], along, log.t[starts], np.repeat(rolled / steps, steps), steps)
 
     def sizes(self) -> Sizes:
         """Return how far wheels disagree most of the time, whatever there is at others."""
         return _size(self.seen[:, self.along]), _size(self.seen[:, ~self.along])
+
+    def beside(self, columns: Sequence[int]) -> Array:
+        """Return by how many sizes wheels disagree (W, rows) beside the sizes of columns that suit best."""
+        scale = np.where(self.along, *self.sizes())
+        left = (self.seen / scale).reshape(-1)
+        if len(columns):
+            by_size = (self.by_size[..., list(columns)] / scale[:, None]).reshape(len(left), len(columns))
+            left = left - by_size @ np.linalg.lstsq(by_size, left, rcond=1e-9)[0]
+        return left.reshape(self.seen.shape)
+
+    def slips(self, row: int, size: Array) -> Array:
+        """Return the slips of every step (K - 1, rows, 1), m, of a row that disagrees by size (W,), as a part of the
+        way."""
+        slips = np.zeros((len(self.way), len(self.along), 1))
+        slips[:, row, 0] = np.repeat(size, self.steps) * self.way
+        return slips
 
     def told(self, sizes: Sizes) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,), of what wheels hide of each (C,) and of parts (e,), and how

@@ -19,6 +19,7 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer, Verdict, answers_of
+from discrepancy.posterior.at_times import at_times
 from discrepancy.posterior.jitter import jitter_answer
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import Place, hypotheses_of, order_of, sizes_of
@@ -99,9 +100,9 @@ def diagnose(
         )
         seen = linearise(robot_with(robot, named), logs, start=seen, creep=creep, places=tuple(more))
     late = jitter_answer(robot, logs, held_out, clean, len(posterior.names))
-    inclusion = posterior.inclusion()
-    if late is not None:
-        answers, inclusion = [*answers, late], {late.credible[0]: late.probability} | inclusion
+    beside = [*([] if late is None else [late]), *at_times(robot, seen, good, answers, len(posterior.names))]
+    inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
+    answers = [*answers, *beside]
     held, order = None, None
     if held_out:
         among, found = [one.candidate for one in named], robot_with(robot, named)
