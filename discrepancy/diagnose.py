@@ -284,9 +284,9 @@ def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log
     turn, per_rev = geometry.pivot_counts_per_rev[sensed], geometry.counts_per_rev[driven]
     wheel, castor = np.zeros((len(log), len(robot.wheels))), np.zeros((len(log), len(robot.castors)))
     wheel[:, driven] = log.wheel * 2 * np.pi / per_rev
-    unwrapped = np.column_stack(
-        [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
-    ).reshape(len(log), -1)
+    unwrapped = np.zeros_like(log.pivot, dtype=np.float64)
+    for k, (column, period) in enumerate(zip(log.pivot.T, turn, strict=True)):
+        unwrapped[:, k] = np.unwrap(column, period=period)
     castor[:, sensed] = unwrapped * 2 * np.pi / turn - geometry.pivot_zero[sensed]
     for effect in reversed(wiring):
         wheel, castor = readings(robot.with_effects(effect), log.t, wheel, castor)

@@ -35,10 +35,10 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
     trifles = [answer for answer in mappings(data.get("answers")) if answer.get("verdict") == "negligible"]
     cards = "".join(_card(data, answer) for answer in sentences.material(data))
     sections = [
-        section("Mistakes of wiring and units", _preflight(data)),
+        section("Wiring and units", _preflight(data)),
         section("What is missing", cards + figures(shown, "probabilities")),
         section("Too small to matter", _trifles(trifles)),
-        section("The gap, before and after", _gap(data) + figures(shown, "drift")),
+        section("The gap", _gap(data) + figures(shown, "drift")),
         section("The same in full simulation", _replay(mapping(data.get("replay"))) + figures(shown, "replay")),
         section("Where slip is left", _where(mapping(data.get("where"))) + figures(shown, "slip", "floor")),
         section("Robot file", _robot_file(data)),
@@ -60,7 +60,7 @@ def _preflight(data: Data) -> str:
 
 def _card(data: Data, answer: Data) -> str:
     others = sentences.others_of(data, answer)
-    reason = answer.get("reason") if answer.get("verdict") != "named" else None
+    reason = sentences.reason_of(data, answer) if answer.get("verdict") != "named" else None
     rows = {
         "probability": sentences.percent(answer.get("probability")),
         "or else": sentences.listed(others),

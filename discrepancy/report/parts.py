@@ -64,7 +64,11 @@ def logs_line(data: Data) -> str:
     """Return the line of all logs' names."""
     groups = (("", data.get("logs")), ("held out: ", data.get("held_out_logs")), ("clean: ", data.get("clean_logs")))
     called = names_apart(path for _, paths in groups for path in paths or ())
-    names = [f"{kind}{text(called[str(path)])}" for kind, paths in groups for path in paths or ()]
+    names = [
+        f"{kind}{f'log {k}: ' if not kind and len(paths) > 1 else ''}{text(called[str(path)])}"
+        for kind, paths in groups
+        for k, path in enumerate(paths or (), 1)
+    ]
     return f'<p class="logs">{", ".join(names)}</p>' if names else ""
 
 
@@ -89,21 +93,24 @@ def replayed(summary: Data) -> str:
 
 
 def before_after(caption: str, four: Sequence[Data], rows: Iterable[tuple[str, str, str]], scale: float) -> str:
-    """Return a table of gaps before and after, on the logs and on held-out ones, and what part is left."""
-    held_out = any(four[2:])
+    """Return a table of gaps before and, if any, after, on the logs and on held-out ones, and what part is left."""
+    held_out, found = any(four[2:]), any(four[1::2])
     body = []
     for key, label, unit in rows:
         values = [gap.get(key) for gap in four]
         if all(value is None for value in values):
             continue
         pairs = [values[:2], values[2:]] if held_out else [values[:2]]
-        cells = [cell for pair in pairs for cell in (*(number(value, scale, 2) for value in pair), left(*pair))]
+        cells = []
+        for before, after in pairs:
+            now = f'<b class="after">{number(after, scale, 2)}</b>'
+            cells += [number(before, scale, 2), *([now, left(before, after)] if found else [])]
         body.append([f'{label} <span class="unit">{unit}</span>', *cells, ""])
     if not body:
         return ""
-    columns = ["before", "after", "left"] * (2 if held_out else 1)
-    groups = [("", 1), ("these logs", 3), ("held-out logs", 3)] if held_out else None
-    return table(["", *columns], body, caption, groups)
+    columns = ["before", "after", "left"] if found else ["as described"]
+    groups = [("", 1), ("these logs", len(columns)), ("held-out logs", len(columns))] if held_out else None
+    return table(["", *columns * (2 if held_out else 1)], body, caption, groups)
 
 
 def left(before: Any, after: Any) -> str:

@@ -143,6 +143,7 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
         every[1, 0].set_ylabel("heading, mrad")
         _legend_above(every[0, 0])
         svg = _svg(figure, "drift")
+    found = any(afters for _, afters in seen.values())
     said = [
         f"{title}, {_ends(first, second)}"
         for title, (befores, afters) in seen.items()
@@ -151,10 +152,14 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
     return Picture(
         "drift",
         svg,
-        f"How far dead reckoning is off the reference along the way, as described and with robot.json: "
+        f"How far dead reckoning is off the reference along the way, as described{' and with robot.json' * found}: "
         f"{'; '.join(said)}.",
-        "How far dead reckoning from the counts is off the reference, against the distance driven; a line for each "
-        "log. Grey: the robot file as given; blue: with what is named.",
+        "How far dead reckoning from the counts is off the reference, against the distance driven; a line for each log."
+        + (
+            " Grey: the robot file as given; blue: with what is named."
+            if any(pair[1] for pair in seen.values())
+            else ""
+        ),
     )
 
 

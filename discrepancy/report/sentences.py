@@ -12,6 +12,9 @@ HALF = 0.5
 TOLD, MOST = 0.01, 3
 """Probability from which on another name is told, and how many are at most."""
 
+WHOLE = 3
+"""Answers that one sentence tells; of more, it tells the costliest of each verdict."""
+
 SHOWN = 0.05
 """Probability from which on a name stands in the picture: many are as likely as they were before logs were seen."""
 
@@ -29,12 +32,17 @@ SAYS = {
 def sentence(data: Data) -> str:
     """Return what is missing, how sure, and what it costs; before that, if most of the gap stays."""
     answers = material(data)
-    mistakes = [f"{says[:1].upper()}{says[1:]}." for says in (_title(one) for one in mappings(data.get("mistakes")))]
+    mistakes = [f"Gross mistake: {_title(mistake)}." for mistake in mappings(data.get("mistakes"))]
     parts = [stays(data), *mistakes]
     for verdict, says in SAYS.items():
-        several = [_told(data, answer) for answer in answers if answer.get("verdict") == verdict]
+        of = [answer for answer in answers if answer.get("verdict") == verdict]
+        of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer.get("cost") or ()), default=0.0))
+        several = [_told(data, answer) for answer in (of if len(answers) <= WHOLE else of[:1])]
+        several += [f"{len(of) - len(several)} more"] if len(several) < len(of) else []
         parts += [says.format("; and ".join(several))] if several else []
-    if not answers and not mistakes:
+    if not answers and mistakes:
+        parts.append("Nothing else that matters is missing.")
+    elif not answers:
         trifles = [str(answer.get("what")) for answer in mappings(data.get("answers"))]
         nothing = f"Nothing that matters is missing: {', '.join(trifles)} costs too little." if trifles else ""
         parts.append(nothing or "The robot's file explains these logs: nothing is missing.")
@@ -50,7 +58,7 @@ def as_lines(data: Data) -> list[str]:
         if size := size_of(answer):
             lines[-1] += f": {size}"
         if answer["verdict"] != "named":
-            lines.append(f"  {answer['reason']}")
+            lines.append(f"  {reason_of(data, answer)}")
         if others := others_of(data, answer):
             lines.append(f"  or: {listed(others)}")
         lines.append(f"  costs {cost_of(answer) or 'nothing on these drives'}")
@@ -123,6 +131,14 @@ def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
     return sorted(others, key=lambda other: -other[1])[:MOST]
 
 
+def reason_of(data: Data, answer: Data) -> str:
+    """Return why an answer is not named, in words."""
+    names, told = mapping(data.get("names")), list(answer.get("credible_set") or ())
+    if answer.get("verdict") == "ambiguous" and told:
+        return f"these motions cannot distinguish: {'; '.join(str(names.get(name, name)) for name in told)}"
+    return str(answer.get("reason") or "").partition("; it looks like")[0]
+
+
 def listed(others: Sequence[tuple[str, float]]) -> str:
     """Return names with their probabilities."""
     return ", ".join(f"{name} ({percent(part)})" for name, part in others)
@@ -151,12 +167,13 @@ def missed(summary: Mapping[str, Any]) -> str:
 
 def _told(data: Data, answer: Data) -> str:
     """Return an answer in a sentence: its names, how sure, how large, and what it costs."""
-    what, sure = str(answer.get("what")), percent(answer.get("probability"))
+    what, sure = str(answer.get("what")), f"{percent(answer.get('probability'))} sure"
+    sure += " by these logs alone" if answer.get("verdict") == "unconfirmed" else ""
     if answer.get("verdict") == "ambiguous" and (others := others_of(data, answer)):
         names = " or ".join(f"{name} ({percent(part)})" for name, part in [(what, answer.get("probability")), *others])
     else:
         size = size_of(answer).partition(" (")[0]
-        names = f"{what} ({f'{size}, ' if size else ''}{sure} sure)"
+        names = f"{what} ({f'{size}, ' if size else ''}{sure})"
     cost = cost_of(answer)
     return f"{names}, which costs {cost}" if cost else names
 
