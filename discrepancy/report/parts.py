@@ -62,12 +62,13 @@ def names_apart(paths: Iterable[Any]) -> dict[str, str]:
 
 def logs_line(data: Data) -> str:
     """Return the line of all logs' names."""
-    groups = (("", data.get("logs")), ("held out: ", data.get("held_out_logs")), ("clean: ", data.get("clean_logs")))
-    called = names_apart(path for _, paths in groups for path in paths or ())
+    kinds = (("", "logs"), ("held out: ", "held_out_logs"), ("clean: ", "clean_logs"))
+    groups = [(kind, list(data.get(key) or ())) for kind, key in kinds]
+    called = names_apart(path for _, paths in groups for path in paths)
     names = [
         f"{kind}{f'log {k}: ' if not kind and len(paths) > 1 else ''}{text(called[str(path)])}"
         for kind, paths in groups
-        for k, path in enumerate(paths or (), 1)
+        for k, path in enumerate(paths, 1)
     ]
     return f'<p class="logs">{", ".join(names)}</p>' if names else ""
 
