@@ -64,7 +64,7 @@ def _card(data: Data, answer: Data) -> str:
     rows = {
         "probability": sentences.percent(answer.get("probability")),
         "or else": sentences.listed(others),
-        "size, with 95 % interval": sentences.size_of(answer),
+        "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
         "not named, because": reason,
         "to check": answer.get("check"),

@@ -253,7 +253,8 @@ def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] 
         "probabilities",
         svg,
         f"Bars of the probability of every name: {told}.",
-        "How likely it is that each of these is among what is missing. Blue: what is named.",
+        "How likely it is that each of these is among what is missing."
+        + (" Blue: what is named." if any(name in named for name, _, _ in best) else ""),
     )
 
 
