@@ -7,6 +7,7 @@ robot file that is written: encoders are exchanged after all else that they do.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -138,7 +139,7 @@ class Examined:
             shown.append(pictures.replays(*self.replays))
         try:
             traces = {of: self._traces(*left) for of, left in self.seen.items()}
-        except InputError:  # a castor without an encoder: where it points, and so the path, is not measured
+        except InputError:  # where a castor without an encoder points, and so the path, is not measured
             return answers.html_of(data, [picture for picture in shown if picture is not None])
         shown.append(pictures.drift(traces))
         if data["where"] is not None:
@@ -199,7 +200,8 @@ def examine_by_posterior(
     if sentences.unexplained(data):
         log_set, before, after = seen["these logs"]
         last = (nominal, before) if after is None else (explained_now, after)
-        data["where"] = _where(last[0], log_set, last[1].state)
+        with suppress(InputError):  # where a castor without an encoder points is not measured
+            data["where"] = _where(last[0], log_set, last[1].state)
     return Examined(_finite(data), found, seen, nominal, explained_now, replays)
 
 
