@@ -152,7 +152,8 @@ def find(
     """Name the effects that the robot file lacks; the word `find` may be left out.
 
     Verdicts: named; ambiguous (these motions cannot distinguish several effects); unconfirmed (the held-out logs do not
-    confirm it); unexplained (no effect of the catalogue explains the logs); no discrepancy.
+    confirm it); unexplained (no effect of the catalogue explains the logs); no discrepancy; and, of the finder
+    posterior, negligible (it costs less than --material).
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")

@@ -54,7 +54,8 @@ def _checks(data: Data) -> str:
 
 def _preflight(data: Data) -> str:
     lines = "".join(f"<li>{text(line)}</li>" for line in data.get("preflight") or ())
-    undone = "<p>They are undone in all that follows.</p>" if data.get("mistakes") else ""
+    undone = "<p>They are undone in all that follows, and in the robot file where they are certain.</p>"
+    undone *= bool(data.get("mistakes"))
     return f'<ul class="loud">{lines}</ul>{undone}' if lines else ""
 
 

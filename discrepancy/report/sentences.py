@@ -1,5 +1,6 @@
 """A diagnosis by posterior in words, from its data (castor-diagnosis/2): what is missing, how sure, what it costs."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -82,23 +83,22 @@ def as_lines(data: Data) -> list[str]:
 
 def stays(data: Data) -> str:
     """Return what stays of the gap with the robot that is written, if that is half or more; else nothing."""
-    replays = mapping(data.get("replay"))
-    counted = [mapping(replays.get(when)).get("wheels_rms_mm") for when in ("before", "after")]
-    gaps = [("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))]
-    gaps = [(where, [None if of is None else 1e3 * of[0] for of in pair]) for where, pair in gaps if pair]
-    for where, (before, after) in gaps or [(" between simulated and measured wheel counts", counted)]:
-        if before is None or after is None or after < HALF * before:
-            continue
-        if after >= before:
-            return f"What is named does not shrink the gap{where}: {after:.3g} instead of {before:.3g} mm (rms)."
-        part = f"{100 * after / before:.0f} % of the gap{where} stays unexplained"
-        return f"{part}: {after:.3g} of {before:.3g} mm (rms)."
-    return ""
+    if (staying := _staying(data)) is None:
+        return ""
+    where, before, after, noise = staying
+    if noise:
+        share = f"{100 * after / before:.0f} % of the gap{where} stays, {after:.3g} of {before:.3g} mm (rms)"
+        return f"{share}; the reference's own noise is about {noise:.2g} mm."
+    if after >= before:
+        return f"What is named does not shrink the gap{where}: {after:.3g} instead of {before:.3g} mm (rms)."
+    return f"{100 * after / before:.0f} % of the gap{where} stays unexplained: {after:.3g} of {before:.3g} mm (rms)."
 
 
 def unexplained(data: Data) -> bool:
-    """Whether something that matters has no name, or half of the gap stays."""
-    return bool(stays(data)) or any(answer.get("verdict") != "named" for answer in material(data))
+    """Whether something that matters has no name, or half of the gap stays and is no noise."""
+    staying = _staying(data)
+    named = all(answer.get("verdict") == "named" for answer in material(data))
+    return not named or (staying is not None and not staying[3])
 
 
 def material(data: Data) -> list[Data]:
@@ -178,8 +178,27 @@ def _told(data: Data, answer: Data) -> str:
     return f"{names}, which costs {cost}" if cost else names
 
 
+def _staying(data: Data) -> tuple[str, float, float, float] | None:
+    """Return the first gap of which half or more stays: where, mm before and after, and the reference's own noise, mm,
+    if that is half of it or more; None if there is none."""
+    replays, position = mapping(data.get("replay")), mapping(data.get("noise")).get("position_m")
+    gaps = [("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))]
+    gaps = [(where, [None if of is None else 1e3 * of[0] for of in pair]) for where, pair in gaps if pair]
+    if not gaps:
+        counted = [mapping(replays.get(when)).get("wheels_rms_mm") for when in ("before", "after")]
+        gaps, position = [(" between simulated and measured wheel counts", counted)], None
+    for where, (before, after) in gaps:
+        if before and after is not None and after >= HALF * before:
+            noise = 1e3 * math.sqrt(2) * (position or 0.0)  # along both axes
+            return where, before, after, noise if noise >= HALF * after else 0.0
+    return None
+
+
 def _title(mistake: Data) -> str:
-    return str(mistake.get("what") or "").partition(":")[0]
+    """Return a gross mistake in a few words, and what else it may be."""
+    others = [str(other) for other in mistake.get("alternatives") or ()]
+    title = str(mistake.get("what") or "").partition(":")[0]
+    return f"{title}, or else {'; or '.join(others)}" if others else title
 
 
 def _part(before: Sequence[float], after: Sequence[float]) -> str:

@@ -139,6 +139,19 @@ def test_it_says_first_that_half_of_the_gap_or_more_stays(more, first):
     assert not sentences.stays(DATA)
 
 
+def test_of_a_gap_that_is_noise_it_says_so():
+    data = DATA | {"gap": [[0.0013, 0.001], [0.0011, 0.001]], "noise": {"position_m": 0.0008, "heading_rad": 0.001}}
+    says = "85 % of the gap stays, 1.1 of 1.3 mm (rms); the reference's own noise is about 1.1 mm."
+    assert sentences.sentence(data).startswith(says)
+    assert not sentences.unexplained(data)
+
+
+def test_a_gross_mistake_is_told_with_what_else_it_may_be():
+    mistake = {"verdict": "ambiguous", "what": "pivot_1 is reversed: see", "alternatives": ["wheel_1l is reversed"]}
+    text = sentences.sentence(answered(mistakes=[mistake]))
+    assert text.startswith("Gross mistake: pivot_1 is reversed, or else wheel_1l is reversed.")
+
+
 @pytest.mark.parametrize(
     ("data", "part"),
     [

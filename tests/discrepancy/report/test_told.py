@@ -90,6 +90,20 @@ def test_wiring_that_is_undone_is_in_the_robot_and_the_verdict(tmp_path, capsys)
     assert sentences.sentence(data) == "Gross mistake: wheel_1r counts backwards. Nothing else that matters is missing."
 
 
+def test_what_is_not_confirmed_is_not_written_and_slip_is_shown(log, tmp_path, capsys):
+    (tmp_path / "good").mkdir()
+    held_out = write(tmp_path / "good" / "log.csv", ROBOT, seed=2)
+    code, text, err = command(capsys, log, "--holdout", held_out, "--out", tmp_path / "found")
+    assert code == 0, err
+    assert not (tmp_path / "found" / "robot.json").exists()
+    data, page = json.loads((tmp_path / "found" / "diagnosis.json").read_text()), tmp_path / "found" / "report.html"
+    assert (data["verdict"], data["effects"], data["robot_file"]) == ("unconfirmed", [], None)
+    assert data["held_out_gap"][1] is None
+    assert "with robot.json" not in text
+    assert "Where slip is left" in page.read_text()
+    assert f"{log.parent.name}/log.csv, held out: good/log.csv" in page.read_text()
+
+
 def test_a_finder_that_there_is_not_is_one_line(log, capsys):
     with pytest.raises(SystemExit) as end:
         command_line.run(cli.app, ["find", str(log), "--robot", "differential", "--finder", "guess"])
