@@ -44,7 +44,8 @@ class Diagnosis:
     """What logs say is missing. verdict: of all answers, the most certain first.
 
     before, after: what is left of the logs without and with the effects in `answers` that have a name; held_out: the
-    same of held-out logs. inclusion: probability of every name to be among what is missing.
+    same of held-out logs. inclusion: probability of every name to be among what is missing. creep: parts of predicted
+    creep in clean logs, if there are any.
     """
 
     robot: RobotDescription
@@ -54,6 +55,7 @@ class Diagnosis:
     before: Linearised
     after: Linearised
     held_out: tuple[Linearised, Linearised] | None
+    creep: Array | None = None
 
     @property
     def found(self) -> RobotDescription:
@@ -112,7 +114,7 @@ def diagnose(
         )
         order = order_of(held[1], good)
     answers = judged(answers, named, held, order, material)
-    return Diagnosis(robot, verdict_of(answers), answers, inclusion, first, seen, held)
+    return Diagnosis(robot, verdict_of(answers), answers, inclusion, first, seen, held, creep)
 
 
 def _answers(
@@ -122,7 +124,9 @@ def _answers(
     hypotheses, places = hypotheses_of(robot, seen)
     order = order_of(seen, good)
     candidates = [seen.candidates.index(one.candidate) for one in named]
-    there = sizes_of(candidates, [one.amplitudes for one in named], seen.parts[CREEPS:].tolist(), seen)
+    there = sizes_of(
+        candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(robot.effects) :].tolist(), seen
+    )
     single, posterior, score = _posterior(hypotheses, order, seen, there, there)
     quiet = seen.quieter(_likeliest(seen, posterior, places))
     if quiet is not seen:
