@@ -19,13 +19,13 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer, Verdict, answers_of
-from discrepancy.posterior.at_times import at_times
-from discrepancy.posterior.jitter import jitter_answer
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import Place, hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized, possible, refitted, robot_with
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
+from discrepancy.posterior.variances.at_times import at_times
+from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 
 LOOKS = 6
