@@ -122,16 +122,14 @@ def _answers(
 ) -> tuple[Posterior, list[Answer]]:
     """Return the posterior of all that may be there, and the answers that it gives, the most certain first."""
     hypotheses, places = hypotheses_of(robot, seen)
-    order = order_of(seen, good)
     candidates = [seen.candidates.index(one.candidate) for one in named]
     there = sizes_of(
         candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(robot.effects) :].tolist(), seen
     )
+    order = order_of(seen, good)
     single, posterior, score = _posterior(hypotheses, order, seen, there, there)
-    quiet = seen.quieter(_likeliest(seen, posterior, places))
-    if quiet is not seen:
-        seen = quiet
-        single, posterior, score = _posterior(hypotheses, order, seen, there, there)
+    seen = seen.quieter(_likeliest(seen, posterior, places))
+    single, posterior, score = _posterior(hypotheses, order, seen, there, there)
     believed = np.sum([component.mean for component in posterior.components], axis=0)
     single, posterior, score = _posterior(hypotheses, order, seen, there, believed)
     return posterior, answers_of(seen, single, posterior, score, places)

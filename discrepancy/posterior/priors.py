@@ -13,7 +13,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.random_effects import GoodOrder, good_order
+from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
 from discrepancy.posterior.single_effects import Hypothesis
 from estimators.calibration.drives import DRIVES, log_of
 
@@ -22,6 +22,9 @@ PARTS = np.arange(7) / 4
 
 PATTERN = np.array([[1.0, PARTS.mean()], [PARTS.mean(), np.mean(PARTS**2)]])
 """Covariance of an amplitude and what wheels hide of it, where the variance of the amplitude is 1."""
+
+PARTS_OF = np.geomspace(1.0, 1 / FAULT, 5)
+"""Of tolerances: robots in good order are as good as stated, or up to `FAULT` times better."""
 
 ALIKE, UNSEEN = 1e-4, 1e-4
 """Squared sine of the angle between signatures of effects that are one and the same on a robot, in a drive that shows
@@ -69,11 +72,13 @@ def tolerances(seen: Linearised) -> Array:
 
 
 def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
-    """Return what the robot shows in good order of all candidates of logs, as clean logs tell where there are any."""
-    stated = good_order(tolerances(seen), PATTERN)
+    """Return what the robot shows in good order of all candidates of logs, as clean logs tell where there are any.
+
+    Clean logs tell how much better than stated its order is in all, and then of each effect.
+    """
     if clean is None:
-        return stated
-    told = _told_by(clean)
+        return good_order(tolerances(seen), PATTERN)
+    stated, told = good_order(_part_told_by(clean) * tolerances(seen), PATTERN), _told_by(clean)
     here, there = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
@@ -88,8 +93,16 @@ def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
 
 
 @lru_cache(maxsize=4)
+def _part_told_by(clean: Linearised) -> float:
+    """Return the part of tolerances that clean logs show, rms; each is as likely before they speak."""
+    log_likelihood = log_likelihood_of(PARTS_OF, clean.logs, tolerances(clean), PATTERN)
+    weight = np.exp(log_likelihood - log_likelihood.max())
+    return float(np.sqrt(np.average(PARTS_OF**2, weights=weight)))
+
+
+@lru_cache(maxsize=4)
 def _told_by(clean: Linearised) -> GoodOrder:
-    return good_order(tolerances(clean), PATTERN, clean.logs)
+    return good_order(_part_told_by(clean) * tolerances(clean), PATTERN, clean.logs)
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:

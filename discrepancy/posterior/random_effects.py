@@ -95,6 +95,22 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     return GoodOrder(background, doubt, _spread(pattern, scatter))
 
 
+def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array, pattern: Array) -> Array:
+    """Return how likely logs without faults are (natural logarithm, up to a constant) of a robot whose order is better
+    than all tolerances state, by parts (k,) of these.
+
+    As `good_order` has it, but of all effects together: few of them show, and all that do not tell how good it is.
+    """
+    root = np.kron(np.linalg.cholesky(pattern + 1e-12 * np.eye(len(pattern))), np.diag(tolerance))
+    log_likelihood = np.zeros(len(parts))
+    for log in logs:
+        strength, way = np.linalg.eigh(root.T @ log.information @ root)
+        strength, pull = np.maximum(strength, 0.0), (way.T @ (root.T @ log.score)) ** 2
+        grown = 1 + parts[:, None] ** 2 * strength
+        log_likelihood += np.sum(parts[:, None] ** 2 * pull / grown - np.log(grown), axis=1) / 2
+    return log_likelihood
+
+
 def _spread(pattern: Array, variance: Array) -> Array:
     """Return the covariance (m, m) of sizes of which effects have these variances (C,)."""
     return np.kron(pattern, np.diag(variance)).astype(np.float64)
