@@ -3,16 +3,61 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
-from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.priors import Place
+from discrepancy.posterior.random_effects import Statistics
 from discrepancy.posterior.single_effects import Posterior, SingleEffects
+
+
+class Cause(Protocol):
+    """What may be missing in the description of a robot or a train; of effects `hypotheses.candidates.Candidate`.
+
+    what: in words. family: name of all that are one answer. kinds: of the catalogue; none: it has no name.
+    """
+
+    @property
+    def what(self) -> str: ...
+    @property
+    def family(self) -> str: ...
+    @property
+    def kinds(self) -> tuple[Effect, ...]: ...
+    @property
+    def columns(self) -> int: ...
+    def effect(self, amplitudes: Array, /) -> Effect: ...
+    def added(self, vehicle: Any, amplitudes: Array, /) -> Any: ...
+
+
+class Seen(Protocol):
+    """What logs say of candidates, whoever made them: see `linearise.Linearised`."""
+
+    @property
+    def candidates(self) -> tuple[Cause, ...]: ...
+    @property
+    def columns(self) -> tuple[NDArray[np.intp], ...]: ...
+    @property
+    def logs(self) -> tuple[Statistics, ...]: ...
+    @property
+    def usual(self) -> Array: ...
+    @property
+    def cost(self) -> Array: ...
+    @property
+    def log_evidence(self) -> float: ...
+    @property
+    def gap(self) -> tuple[float, float] | None: ...
+    def quieter(self, effects: Sequence[Any], /) -> Self: ...
+
+
+class Place(NamedTuple):
+    """What a hypothesis is about: the candidate, by its number, and the part of it that wheels hide."""
+
+    candidate: int
+    hidden: float
+
 
 Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
 
@@ -35,7 +80,7 @@ class Answer:
     probabilities: dict[str, float]
     credible: tuple[str, ...]
     unnamed: bool
-    candidate: Candidate
+    candidate: Cause
     amplitudes: Array
     covariance: Array
     hidden: float
@@ -72,11 +117,11 @@ class Answer:
 
 
 def answers_of(
-    seen: Linearised, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
+    seen: Seen, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
 ) -> list[Answer]:
     """Return an answer for every component of a posterior that is not likely to be nothing; for all of one candidate,
     which wheels hide in several parts, one."""
-    answers: dict[Candidate, Answer] = {}
+    answers: dict[Cause, Answer] = {}
     for j, component in enumerate(posterior.components):
         credible = posterior.credible_set(component)
         if not credible:
@@ -105,7 +150,7 @@ def answers_of(
     return list(answers.values())
 
 
-def _is_called(seen: Linearised, place: Place, name: str) -> bool:
+def _is_called(seen: Seen, place: Place, name: str) -> bool:
     """Whether a hypothesis is about the candidate that a name stands for, of those that are one and the same."""
     return seen.candidates[place.candidate].family == name
 

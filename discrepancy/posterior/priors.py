@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -11,6 +10,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.posterior.answers import Place, Seen
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order
@@ -30,13 +30,6 @@ all it can; and deviance there of an effect of its tolerance that is none at all
 
 ABOUT = 0.3
 """How far what is there or not may look from 1: what whole counts leave over is a little random."""
-
-
-class Place(NamedTuple):
-    """What a hypothesis is about: the candidate, by its number, and the part of it that wheels hide."""
-
-    candidate: int
-    hidden: float
 
 
 @lru_cache(maxsize=16)
@@ -59,7 +52,7 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     return stands, frozenset(unseen)
 
 
-def tolerances(seen: Linearised) -> Array:
+def tolerances(seen: Seen) -> Array:
     """Return what robots in good order show of each of C sizes, standard deviations."""
     tolerance = seen.usual.copy()
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
@@ -68,9 +61,10 @@ def tolerances(seen: Linearised) -> Array:
     return tolerance
 
 
-def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
-    """Return what the robot shows in good order of all candidates of logs, as clean logs tell where there are any."""
-    stated = good_order(tolerances(seen), PATTERN)
+def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
+    """Return what a robot, or train, shows in good order of all candidates of logs, as clean logs tell where there are any."""
+    parts = len(seen.logs[0].score) // len(seen.usual)
+    stated = good_order(tolerances(seen), PATTERN[:parts, :parts])
     if clean is None:
         return stated
     told = _told_by(clean)
@@ -79,8 +73,10 @@ def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
         if candidate in clean.candidates:
             here += columns.tolist()
             there += clean.columns[clean.candidates.index(candidate)].tolist()
-    at = np.array(here + [k + len(seen.usual) for k in here], dtype=np.intp)
-    of = np.array(there + [k + len(clean.usual) for k in there], dtype=np.intp)
+    at, of = (
+        np.array([k + part * len(each.usual) for part in range(parts) for k in columns], dtype=np.intp)
+        for each, columns in ((seen, here), (clean, there))
+    )
     background, doubt, scatter = stated.background.copy(), stated.doubt.copy(), stated.scatter.copy()
     background[at] = told.background[of]
     doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = told.doubt[np.ix_(of, of)], told.scatter[np.ix_(of, of)]
@@ -88,8 +84,9 @@ def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
 
 
 @lru_cache(maxsize=4)
-def _told_by(clean: Linearised) -> GoodOrder:
-    return good_order(tolerances(clean), PATTERN, clean.logs)
+def _told_by(clean: Seen) -> GoodOrder:
+    parts = len(clean.logs[0].score) // len(clean.usual)
+    return good_order(tolerances(clean), PATTERN[:parts, :parts], clean.logs)
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:

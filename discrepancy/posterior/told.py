@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from castor_envs.vehicles.effect import Effect
-from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.answers import Answer, Seen
 from discrepancy.posterior.finder import Diagnosis
-from discrepancy.posterior.linearise import Linearised
 from estimators.calibration.identifiability import COVERAGE
 
 FORMAT = "castor-diagnosis/2"
@@ -20,7 +19,7 @@ COSTS = ("mm after 10 m", "mrad after a turn")
 Data = dict[str, Any]
 
 
-def as_data(diagnosis: Diagnosis, mistakes: Sequence[str] = ()) -> Data:
+def as_data(diagnosis: Diagnosis[Any, Any], mistakes: Sequence[str] = ()) -> Data:
     """Return a diagnosis as plain data; lengths in m, angles in rad."""
     return {
         "format": FORMAT,
@@ -75,7 +74,7 @@ def _fields(effect: Effect) -> Data:
     return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
 
 
-def _gaps(seen: tuple[Linearised, Linearised] | None) -> list[list[float]] | None:
+def _gaps(seen: tuple[Seen, Seen] | None) -> list[list[float]] | None:
     if seen is None or seen[0].gap is None or seen[1].gap is None:
         return None
     return [list(seen[0].gap), list(seen[1].gap)]
