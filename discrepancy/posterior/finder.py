@@ -44,7 +44,7 @@ Asked = tuple[Posterior, list[Answer]]
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Generic[V, S]):
-    """What logs say is missing in the description of a robot, or a train. verdict: of all answers, the most certain first.
+    """What logs say is missing in a description. verdict: of all answers, the most certain first.
 
     before, after: what is left of the logs without and with the effects in `answers` that have a name; held_out: the
     same of held-out logs. inclusion: probability of every name to be among what is missing.

@@ -62,8 +62,8 @@ def tolerances(seen: Seen) -> Array:
 
 
 def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
-    """Return what a robot, or train, shows in good order of all candidates of logs, as clean logs tell where there are any."""
-    parts = len(seen.logs[0].score) // len(seen.usual)
+    """Return what a vehicle shows in good order of all candidates of logs, as clean logs tell where there are any."""
+    parts = len(seen.logs[0].score) // max(len(seen.usual), 1)
     stated = good_order(tolerances(seen), PATTERN[:parts, :parts])
     if clean is None:
         return stated
@@ -85,7 +85,7 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
 
 @lru_cache(maxsize=4)
 def _told_by(clean: Seen) -> GoodOrder:
-    parts = len(clean.logs[0].score) // len(clean.usual)
+    parts = len(clean.logs[0].score) // max(len(clean.usual), 1)
     return good_order(tolerances(clean), PATTERN[:parts, :parts], clean.logs)
 
 
@@ -97,7 +97,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     """
     stands, unseen = same_effects(robot.as_described())
     names = [stands.get(candidate.family, candidate.family) for candidate in seen.candidates]
-    count, tolerance = len(seen.usual), tolerances(seen)
+    count = len(seen.usual)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     hypotheses, places = [], []
@@ -107,24 +107,29 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = PARTS.tolist() if hides else [0.0]
         share = 1 / names.count(names[k]) / len(parts) / (steps if candidate.sought_in_steps else 1)
-        least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
-        for part in parts:
-            direction = np.zeros((2 * count, len(columns)))
-            direction[columns, np.arange(len(columns))] = 1.0
-            direction[columns + count, np.arange(len(columns))] = part
-            scale = FAULT * float(np.mean(tolerance[columns]))
-            hypotheses.append(Hypothesis(names[k], direction, scale, share, least, most))
-            places.append(Place(k, part))
+        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share) for part in parts]
+        places += [Place(k, part) for part in parts]
     return hypotheses, places
 
 
-def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Linearised) -> Array:
-    """Return b (2C,) of candidates of these sizes, hidden in these parts."""
-    count = len(seen.usual)
-    total = np.zeros(2 * count)
+def hypothesis_of(seen: Seen, place: Place, name: str, share: float) -> Hypothesis:
+    """Return the hypothesis that a candidate is there, hidden by wheels in a part."""
+    candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
+    direction = np.zeros((len(seen.logs[0].score), len(columns)))
+    direction[columns, np.arange(len(columns))] = 1.0
+    if place.hidden:
+        direction[columns + len(seen.usual), np.arange(len(columns))] = place.hidden
+    least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
+    return Hypothesis(name, direction, FAULT * float(np.mean(tolerances(seen)[columns])), share, least, most)
+
+
+def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Seen) -> Array:
+    """Return b (m,) of candidates of these sizes, hidden in these parts."""
+    total = np.zeros(len(seen.logs[0].score))
     for k, size, part in zip(candidates, sizes, hidden, strict=True):
         total[seen.columns[k]] += size
-        total[seen.columns[k] + count] += part * size
+        if part:
+            total[seen.columns[k] + len(seen.usual)] += part * size
     return total
 
 

@@ -61,7 +61,7 @@ def _answer(answer: Answer) -> Data:
         "what": answer.candidate.what,
         "probabilities": answer.probabilities,
         "credible_set": list(answer.credible),
-        "effect": None if effect is None else {"name": effect.name} | _fields(effect),
+        "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),
         "size": answer.size,
         "unit": None if effect is None else effect.unit,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
@@ -72,6 +72,12 @@ def _answer(answer: Answer) -> Data:
 
 def _fields(effect: Effect) -> Data:
     return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
+
+
+def _axle(answer: Answer) -> Data:
+    """Return the axle, from 1, whose module has the effect, if it is one of a train's."""
+    axle = getattr(answer.candidate, "axle", None)
+    return {} if axle is None else {"axle": axle}
 
 
 def _gaps(seen: tuple[Seen, Seen] | None) -> list[list[float]] | None:
