@@ -15,41 +15,78 @@ from discrepancy.posterior.single_effects import Posterior, SingleEffects
 
 
 class Cause(Protocol):
-    """What may be missing in the description of a robot or a train; of effects `hypotheses.candidates.Candidate`.
-
-    what: in words. family: name of all that are one answer. kinds: of the catalogue; none: it has no name.
-    """
+    """What may be missing in the description of a robot (`hypotheses.candidates`) or a train (`trains.candidates`)."""
 
     @property
-    def what(self) -> str: ...
+    def what(self) -> str:
+        """In words."""
+        ...
+
     @property
-    def family(self) -> str: ...
+    def family(self) -> str:
+        """The same for all that are one answer."""
+        ...
+
     @property
-    def kinds(self) -> tuple[Effect, ...]: ...
+    def kinds(self) -> tuple[Effect, ...]:
+        """Of the catalogue; none: it has no name."""
+        ...
+
     @property
-    def columns(self) -> int: ...
-    def effect(self, amplitudes: Array, /) -> Effect: ...
-    def added(self, vehicle: Any, amplitudes: Array, /) -> Any: ...
+    def columns(self) -> int:
+        """How many amplitudes it takes."""
+        ...
+
+    def effect(self, amplitudes: Array, /) -> Effect:
+        """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
+        ...
+
+    def added(self, vehicle: Any, amplitudes: Array, /) -> Any:
+        """Return the robot, or train, with this effect beside its own; raises ValueError for one that cannot be."""
+        ...
 
 
 class Seen(Protocol):
-    """What logs say of candidates, whoever made them: see `linearise.Linearised`."""
+    """What logs say of candidates, whoever made them: see `linearise.Linearised` and `trains.linearise.Linearised`."""
 
     @property
-    def candidates(self) -> tuple[Cause, ...]: ...
+    def candidates(self) -> tuple[Cause, ...]:
+        """What may be missing."""
+        ...
+
     @property
-    def columns(self) -> tuple[NDArray[np.intp], ...]: ...
+    def columns(self) -> tuple[NDArray[np.intp], ...]:
+        """The columns of each candidate, among C."""
+        ...
+
     @property
-    def logs(self) -> tuple[Statistics, ...]: ...
+    def logs(self) -> tuple[Statistics, ...]:
+        """Information and score of each log: of C sizes beyond the vehicle's effects, and what may hide of each."""
+        ...
+
     @property
-    def usual(self) -> Array: ...
+    def usual(self) -> Array:
+        """Size (C,) of what has no name in logs of a vehicle in good order; NaN of effects."""
+        ...
+
     @property
-    def cost(self) -> Array: ...
+    def cost(self) -> Array:
+        """What a unit of each (2, C) costs in use: m after 10 m, rad after a turn."""
+        ...
+
     @property
-    def log_evidence(self) -> float: ...
+    def log_evidence(self) -> float:
+        """How likely the logs are (natural logarithm), sizes 0 and all else integrated out."""
+        ...
+
     @property
-    def gap(self) -> tuple[float, float] | None: ...
-    def quieter(self, effects: Sequence[Any], /) -> Self: ...
+    def gap(self) -> tuple[float, float] | None:
+        """What is left of the logs, m and rad; None where it cannot be told."""
+        ...
+
+    def quieter(self, effects: Sequence[Any], /) -> Self:
+        """Return the same at the noise that is left beside effects, each as large as logs want."""
+        ...
 
 
 class Place(NamedTuple):

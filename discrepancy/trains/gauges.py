@@ -102,7 +102,7 @@ def _noise(seen: Linearised, f: int) -> tuple[float, float]:
     each = [log.noise(built, motion, f) for log, motion in zip(seen.own, seen.settled.motions, strict=True)]
     number = sum(count for _, count in each)
     square = sum(count * size**2 for size, count in each) / max(number, 1)
-    return DIFFERENCES * number, DIFFERENCES * square
+    return DIFFERENCES * number, square
 
 
 def _excess(seen: Linearised, f: int) -> float:
