@@ -22,10 +22,6 @@ REFITS, SETTLED, HALVINGS = 6, 0.1, 4
 """Rounds at most; the part of its standard error by which no size changes in the end; and how often a change is halved
 that no robot can have, or with which logs are explained worse."""
 
-WORSE = 0.5
-"""By how much (natural logarithm, for every sample) logs may be less likely and count as explained no worse: creep is
-predicted anew from what truly happened, so some is lost and won by chance."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sized:
@@ -68,14 +64,19 @@ def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
     return True
 
 
-def refitted(vehicle: Any, look: Look[S], samples: int, named: Sequence[Sized], seen: S) -> tuple[tuple[Sized, ...], S]:
+def refitted(
+    vehicle: Any, look: Look[S], worse: float, before: Sequence[Sized], named: Sequence[Sized], seen: S
+) -> tuple[tuple[Sized, ...], S]:
     """Return effects as large as logs ask for, and what is seen beside them, of their own candidates only.
 
-    samples: of all logs together.
+    worse: by how much (natural logarithm) logs may be less likely and count as explained no worse. before: effects that
+    are in the model already, as `seen`.
     """
-    worse = WORSE * samples
-    none = tuple(one.moved(-one.amplitudes) for one in named)
-    now, seen = _nearer(vehicle, look, worse, none, tuple(named), seen)
+    sizes = {one.candidate: one for one in before}
+    known = tuple(
+        sizes.get(one.candidate, dataclasses.replace(one, amplitudes=np.zeros_like(one.amplitudes))) for one in named
+    )
+    now, seen = _nearer(vehicle, look, worse, known, tuple(named), seen)
     for _ in range(REFITS):
         now = tuple(one for one in now if np.any(one.amplitudes))
         if not now:
@@ -90,7 +91,10 @@ def refitted(vehicle: Any, look: Look[S], samples: int, named: Sequence[Sized], 
         ends = np.cumsum([one.candidate.columns for one in now])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
         wanted = tuple(one.moved(by) for one, by in zip(now, moves, strict=True))
+        last = now
         now, seen = _nearer(vehicle, look, worse, now, wanted, seen)
+        if now == last:  # no step is any better
+            break
     return now, seen
 
 

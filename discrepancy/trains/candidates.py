@@ -225,6 +225,10 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
         course = np.cumsum(np.append(0.0, speed[1:, w // 2] * log.signed_travel[:, w // 2]))
         family = f"wheel {wheel} counts otherwise with speed"
         add(family, f"in {name}", "counts s/m2", "counts", 2 * log.n, w, course, COUNTS)
+        turned = log.turned[:, w]
+        for part, course in (("sine", np.sin(turned)), ("cosine", np.cos(turned))):
+            family = f"wheel {wheel} counts otherwise with its angle"
+            add(family, f"({part}) in {name}", "counts", "counts", 2 * log.n, w, course, COUNTS)
     return found
 
 

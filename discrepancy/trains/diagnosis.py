@@ -276,7 +276,7 @@ def _tried(train: TrainDescription, logs: Sequence[TrainLog], left: Evidence, ra
                 tries.append(_Try(candidate, now.deviance - state.deviance, candidate.placed, 0.0, state))
     for one in without:
         with suppress(InputError):
-            state = settled(train, logs, now, rival=one.candidate.rival)
+            state = settled(train, logs, now, unnamed=[] if one.candidate.rival is None else [one.candidate.rival])
             tries.append(_Try(one.candidate, now.deviance - state.deviance, None, one.error, state))
     return sorted(tries, key=lambda one: -one.gain)
 

@@ -152,14 +152,13 @@ def settled(
     logs: Sequence[TrainLog],
     start: Settled | None = None,
     sizes: Sizes | None = None,
-    rival: Rival | None = None,
+    unnamed: Sequence[Rival] = (),
 ) -> Settled:
     """Return the likeliest motions in logs of a train with its effects, and the sizes that go with them.
 
-    start: those of a similar train. sizes: to hold to; None: found. rival: one without a name, of any amplitude.
+    start: those of a similar train. sizes: to hold to; None: found. unnamed: rivals, of any amplitudes.
     """
-    amount = 0.0
-    built = train.as_built()
+    amount, built = np.zeros(len(unnamed)), train.as_built()
     motions = [log.start(built) for log in logs] if start is None else list(start.motions)
     now = sizes or (Sizes(gauges=(1.0,) * len(train.frames)) if start is None else start.sizes)
     deviance = 0.0
@@ -172,9 +171,10 @@ def settled(
             problem, _, weights, _ = _problem(log, built, motions[j], now)
             prior, number, columns = log.prior(train) ** -2.0, log.nuisances(motions[j]), problem.by_number
             residual = problem.residual
-            if rival is not None and rival.log == j:
-                own = problem.weighed(rival.kind, rival.change, weights, now)
-                residual, columns = residual + amount * own, np.column_stack([columns, own])
+            mine = [r for r, rival in enumerate(unnamed) if rival.log == j]
+            for r in mine:
+                own = problem.weighed(unnamed[r].kind, unnamed[r].change, weights, now)
+                residual, columns = residual + amount[r] * own, np.column_stack([columns, own])
                 prior, number = np.append(prior, 0.0), np.append(number, 0.0)
             states = problem.solved(np.column_stack([residual, columns]))
             apart = np.column_stack([residual, columns]) - problem.by_sample @ states
@@ -183,7 +183,7 @@ def settled(
             by_sample = -(states[:, 0] + states[:, 1:] @ by_number)
             left = apart[:, 0] + apart[:, 1:] @ by_number
             motions[j] = motions[j].moved(by_sample.reshape(log.k, log.block), by_number[: log.numbers])
-            amount += float(by_number[log.numbers :].sum())
+            amount[mine] += by_number[log.numbers :]
             deviance += float(left @ left + np.sum(prior * (number + by_number) ** 2))
             shared = strength[: log.numbers, : log.numbers]
             deviance += float(np.linalg.slogdet(shared)[1] - np.sum(np.log(prior[: log.numbers])))

@@ -13,7 +13,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.trains.candidates import Candidate
+from discrepancy.trains.candidates import Candidate, Rival
 from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
 from discrepancy.trains.gap import gap_of
 from discrepancy.trains.motion import Sizes
@@ -77,9 +77,10 @@ class Linearised:
         )
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
-        """Return the same at the noise that is left beside effects, each as large as logs want.
+        """Return the same at the noise that is left beside effects, each as large as logs want, and beside the family
+        without a name that explains most.
 
-        An effect that is not in the model passes for slip, and for noise.
+        What is not in the model passes for slip, and for noise.
         """
         chosen = [k for k, one in enumerate(self.candidates) if one in effects]
         wanted, _ = self.evidence.best(chosen)
@@ -88,13 +89,23 @@ class Linearised:
             size = float(np.clip(size, *bounds_of(self.candidates[k].kinds[0])))
             if size * (2 * pull[k] - size * information[k, k]) > 0:
                 built = self.candidates[k].added(built, [size])
-        if built is self.train:
-            return self
         with suppress(InputError):  # it does not fit at all
-            sizes = self.settled.sizes.at_most(settled(built, self.own, self.settled).sizes)
+            beside = settled(built, self.own, self.settled, unnamed=self._likeliest_unnamed())
+            sizes = self.settled.sizes.at_most(beside.sizes)
             if sizes != self.settled.sizes:
                 return linearise(self.train, self.own, self.settled, self.candidates, sizes)
         return self
+
+    def _likeliest_unnamed(self) -> list[Rival]:
+        """Return all rivals of the family that explains most together."""
+        information, pull = self.evidence.information, self.evidence.pull
+        families: dict[str, list[int]] = {}
+        for k, one in enumerate(self.candidates):
+            if one.rival is not None and information[k, k] > 0:
+                families.setdefault(one.family, []).append(k)
+        gains = {name: float(pull[k] @ self.evidence.best(k)[0]) / len(k) for name, k in families.items()}
+        chosen = families[max(gains, key=gains.__getitem__)] if gains else []
+        return [rival for k in chosen if (rival := self.candidates[k].rival) is not None]
 
 
 def linearise(

@@ -11,13 +11,14 @@ from threadpoolctl import threadpool_limits
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.posterior.answers import Cause, Place
+from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
 from discrepancy.posterior.priors import hypothesis_of, order_of, sizes_of
 from discrepancy.posterior.refit import Sized, with_them
-from discrepancy.posterior.single_effects import Hypothesis
+from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
+from discrepancy.trains.evidence import STILL
 from discrepancy.trains.gauges import noise_answers, stop_answers
 from discrepancy.trains.linearise import Linearised, equations_of, linearise
 
@@ -39,18 +40,7 @@ def diagnose_train(
         raise InputError("there is no log to look at")
     good = _first(train, clean) if clean else None
     first = _first(train, logs)
-
-    def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
-        every = first.candidates if among is None else among
-        return linearise(with_them(train, named), first.own, start.settled, _of_trains(every))
-
-    def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        candidates = [first.candidates.index(one) for one in _of_trains([each.candidate for each in named])]
-        there = sizes_of(candidates, [one.amplitudes for one in named], [0.0] * len(named), seen)
-        return asked(seen, *hypotheses_of(seen), order_of(seen, good), there)
-
-    samples = sum(len(log) for log in logs)
-    named, seen, posterior, answers = named_together(train, look, ask, samples, first)
+    named, seen, posterior, answers = _named(train, first, good)
     held, order = None, None
     if held_out:
         own, state = equations_of(train, held_out)
@@ -63,6 +53,23 @@ def diagnose_train(
     told = judged([*answers, *apart], named, held, order, material)
     inclusion = {answer.credible[0]: answer.probability for answer in apart} | posterior.inclusion()
     return Diagnosis(train, verdict_of(told), told, inclusion, first, seen, held)
+
+
+def _named(
+    train: TrainDescription, first: Linearised, good: Linearised | None
+) -> tuple[tuple[Sized, ...], Linearised, Posterior, list[Answer]]:
+    """Return the effects that logs name, what logs say beside these, and the answers."""
+
+    def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
+        every = first.candidates if among is None else among
+        return linearise(with_them(train, named), first.own, start.settled, _of_trains(every))
+
+    def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
+        candidates = [first.candidates.index(one) for one in _of_trains([each.candidate for each in named])]
+        there = sizes_of(candidates, [one.amplitudes for one in named], [0.0] * len(named), seen)
+        return asked(seen, *hypotheses_of(seen), order_of(seen, good), there)
+
+    return named_together(train, look, ask, STILL / 2, first)
 
 
 def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:

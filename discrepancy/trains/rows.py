@@ -100,6 +100,7 @@ class TrainLog:
         per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
         radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
+        self.turned = roll
         steps = np.abs(np.diff(roll, axis=0)) * radius
         self.travel = np.sqrt(steps.reshape(-1, self.n, 2).mean(axis=2) + LEAST_TRAVEL)
         self.rolled = steps.reshape(-1, self.n, 2)

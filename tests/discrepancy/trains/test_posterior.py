@@ -5,7 +5,7 @@ import json
 import pytest
 
 from castor_envs import command_line
-from castor_envs.effects.train import DeadGauge, GaugeDrift, GaugeGain, GaugeNoise, SensorStops
+from castor_envs.effects.train import DeadGauge, SensorStops
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import write_log
 from castor_envs.vehicles.presets import cfmmr
@@ -13,7 +13,6 @@ from discrepancy import cli
 from discrepancy.posterior import told
 from discrepancy.posterior.verdicts import Material
 from discrepancy.trains.posterior import diagnose_train
-from tests.discrepancy.trains.test_diagnosis import HIDDEN, driven
 
 
 def found_in(*logs, **more):
@@ -27,15 +26,21 @@ def only(found):
     return answer
 
 
+def named(found):
+    """The sizes of effects that are named, by their names and axles."""
+    sure = [(one, one.candidate.sized(one.amplitudes)) for one in found.answers if one.verdict == "named"]
+    return {(placed.effect.name, placed.axle): one.size for one, placed in sure}
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_train_in_good_order_raises_no_alarm(seed):
+def test_a_train_in_good_order_raises_no_alarm(driven, seed):
     found = found_in(driven(seed=seed, reference=seed > 1))
     assert found.verdict in ("no discrepancy", "negligible")
     assert found.found == found.robot
 
 
-@pytest.mark.parametrize(("how", "effect", "axle"), HIDDEN)
-def test_an_effect_is_named_within_its_interval(how, effect, axle):
+def test_an_effect_is_named_within_its_interval(driven, hidden_effect):
+    how, effect, axle = hidden_effect
     found = found_in(driven(**how), held_out=[driven(seed=2, **how)[0]])
     answer = only(found)
     assert (found.verdict, type(answer.effect)) == ("named", type(effect)), answer.reason
@@ -45,7 +50,7 @@ def test_an_effect_is_named_within_its_interval(how, effect, axle):
     assert found.found.as_described() == found.robot
 
 
-def test_a_dead_gauge_is_there_or_not():
+def test_a_dead_gauge_is_there_or_not(driven):
     found = found_in(driven(dead=(3,)), held_out=[driven(seed=2, dead=(3,))[0]])
     assert found.verdict == "named"
     assert only(found).effect == DeadGauge(frame=1, gauge=3)
@@ -53,7 +58,7 @@ def test_a_dead_gauge_is_there_or_not():
     assert after[1] < 0.5 * before[1]
 
 
-def test_a_sensor_that_stops_is_named_at_its_time():
+def test_a_sensor_that_stops_is_named_at_its_time(driven):
     found = found_in(driven(stops=7.0), held_out=[driven(seed=2, stops=7.0)[0]])
     answer = only(found)
     assert (found.verdict, type(answer.effect)) == ("named", SensorStops)
@@ -62,43 +67,42 @@ def test_a_sensor_that_stops_is_named_at_its_time():
     assert only(denied).verdict == "unconfirmed"
 
 
-def test_two_effects_are_named_together():
+def test_two_effects_are_named_together(driven):
     hidden = {"gains": (1.15,) * 4, "radii": (1.0, 1.015, 1.0, 1.0)}
     found = found_in(driven(**hidden), held_out=[driven(seed=2, **hidden)[0]])
-    named = {(a.effect.name, a.candidate.axle): a.size for a in found.answers if a.verdict == "named"}
-    assert named == {
+    assert named(found) == {
         ("gauge_gain", None): pytest.approx(0.15, abs=0.02),
         ("wheel_radius", 1): pytest.approx(0.015, abs=1e-3),
     }
     assert found.verdict == "named"
 
 
-def test_a_wheel_that_loses_counts_for_a_while_is_unexplained():
+def test_a_wheel_that_loses_counts_for_a_while_is_unexplained(driven):
     found = found_in(driven(lost=(2, 4.5, 6.0, 0.08)))
     assert found.verdict == "unexplained"
     assert any(answer.credible == ("wheel 2l counts otherwise",) for answer in found.answers)
     assert found.found == found.robot
 
 
-def test_a_name_that_held_out_logs_deny_is_not_confirmed():
+def test_a_name_that_held_out_logs_deny_is_not_confirmed(driven):
     found = found_in(driven(gains=(1.15,) * 4), held_out=[driven(seed=2)[0]])
     assert only(found).verdict == "unconfirmed"
 
 
-def test_what_clean_logs_show_as_well_is_good_order():
+def test_what_clean_logs_show_as_well_is_good_order(driven):
     worn = {"gains": (1.1,) * 4}
     clean = [driven(seed=seed, **worn)[0] for seed in (4, 5)]
     found = found_in(driven(tracks=(1.03, 1.0), **worn), clean=clean)
-    assert [(a.effect.name, a.candidate.axle) for a in found.answers if a.verdict == "named"] == [("track", 1)]
+    assert [*named(found)] == [("track", 1)]
 
 
-def test_what_costs_less_than_matters_is_negligible():
+def test_what_costs_less_than_matters_is_negligible(driven):
     found = found_in(driven(drift=0.02), material=Material(10.0, 10.0))
     assert found.verdict == "negligible"
     assert found.found == found.robot
 
 
-def test_json_and_words_say_the_same(tmp_path, capsys):
+def test_json_and_words_say_the_same(driven, tmp_path, capsys):
     log, train = driven(tracks=(1.03, 1.0))
     write_log(tmp_path / "log.csv", log, train)
     train.save(tmp_path / "train.json")
@@ -113,7 +117,7 @@ def test_json_and_words_say_the_same(tmp_path, capsys):
     assert any("track (distance between the wheels), axle 1" in line for line in lines)
 
 
-def test_a_log_of_another_train_is_refused():
+def test_a_log_of_another_train_is_refused(driven):
     log, train = driven(seconds=1.0)
     with pytest.raises(InputError, match="counts of 4 wheels; train 'CFMMR, 3 axles' has 6"):
         diagnose_train(cfmmr(3), [log])
