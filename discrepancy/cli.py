@@ -28,8 +28,8 @@ from discrepancy.preflight import check_logs
 from discrepancy.report.page import html_of
 from discrepancy.report.text import as_lines, write_diagnosis
 from discrepancy.trains import posterior as train_posterior
-from discrepancy.trains import report as train_report
-from discrepancy.trains.diagnosis import diagnose_train
+from discrepancy.trains.selection import report as train_report
+from discrepancy.trains.selection.diagnosis import diagnose_train
 from discrepancy.trains.trial import run as train_run
 from discrepancy.trains.trial import scores as train_scores
 from discrepancy.trials import run, scores

@@ -20,6 +20,7 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
+from discrepancy.posterior.at_times import at_times
 from discrepancy.posterior.jitter import jitter_answer
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
@@ -104,14 +105,14 @@ def diagnose(
 
     named, seen, posterior, answers = named_together(robot, look, ask, WORSE * sum(len(log) for log in logs), first)
     late = jitter_answer(robot, logs, held_out, clean, len(posterior.names))
-    inclusion = posterior.inclusion()
-    if late is not None:
-        answers, inclusion = [*answers, late], {late.credible[0]: late.probability} | inclusion
+    beside = [*([] if late is None else [late]), *at_times(robot, seen, good, answers, len(posterior.names))]
+    inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
+    answers = [*answers, *beside]
     held, order = None, None
     if held_out:
         among = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
-        beside = linearise(with_them(robot, named), held_out, creep=creep, among=among)
-        held, order = (linearise(robot, held_out, creep=creep, among=among), beside), order_of(beside, good)
+        found = linearise(with_them(robot, named), held_out, creep=creep, among=among)
+        held, order = (linearise(robot, held_out, creep=creep, among=among), found), order_of(found, good)
     told = judged(answers, named, held, order, material)
     return Diagnosis(robot, verdict_of(told), told, inclusion, first, seen, held)
 

@@ -18,9 +18,11 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
+from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.design_matrix import Columns, Shared, columns_of, quieter
 from discrepancy.inference.evidence import gap_of
 from discrepancy.inference.fit_states import settled
+from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import cost_of_sizes
 from estimators.calibration.log_likelihood import LogLikelihood, Noise
@@ -65,6 +67,7 @@ class Linearised:
     gap: tuple[float, float] | None
     designs: tuple[Columns, ...]
     shared: Shared
+    disagreements: tuple[Disagreement, ...]
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the same at the noise that is left beside effects, each as large as logs want.
@@ -75,7 +78,7 @@ class Linearised:
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
         if noise == self.noise:
             return self
-        logs, log_evidence = _said(self.designs, self.shared, noise, self.candidates, self.columns)
+        logs, log_evidence = _said(self.designs, self.disagreements, self.shared, noise, self.candidates, self.columns)
         return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
 
 
@@ -124,7 +127,11 @@ def linearise(
         cost = np.zeros((2, count))
         cost[:, there] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
         costs.append(cost)
-    said, log_evidence = _said(designs, shared, noise, candidates, columns)
+    disagreements = tuple(
+        Disagreement.of(design, log, slip.known[..., CREEPS:], shared.parts[CREEPS:])
+        for design, log, slip in zip(designs, logs, slips, strict=True)
+    )
+    said, log_evidence = _said(designs, disagreements, shared, noise, candidates, columns)
     return Linearised(
         candidates=candidates,
         columns=columns,
@@ -138,11 +145,13 @@ def linearise(
         gap=gap_of(models, geometry, at),
         designs=tuple(designs),
         shared=shared,
+        disagreements=disagreements,
     )
 
 
 def _said(
     designs: Sequence[Columns],
+    disagreements: Sequence[Disagreement],
     shared: Shared,
     noise: Noise,
     candidates: Sequence[Candidate],
@@ -151,22 +160,27 @@ def _said(
     """Return what each log says of all candidates, at sizes of noise; and how likely all are (`Linearised`)."""
     place, said, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
-    for design in designs:
+    for design, disagreement in zip(designs, disagreements, strict=True):
         each = [place[candidate] for candidate in design.candidates]
         there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
-        statistics, log_likelihood = _of_sizes(design, shared, noise)
+        statistics, log_likelihood = _of_sizes(design, disagreement.told(disagreement.sizes()), shared, noise)
         said.append(_spread(statistics, there, count))
         log_evidence += log_likelihood
     return tuple(said), log_evidence
 
 
-def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> tuple[Statistics, float]:
+def _of_sizes(
+    design: Columns, disagreement: tuple[Array, Array, float], shared: Shared, noise: Noise
+) -> tuple[Statistics, float]:
     """Return what a log says of its candidates' sizes, all else integrated out: creep and the tracked point; and how
-    likely it is, sizes 0."""
+    likely it is, sizes 0. disagreement: `Disagreement.told`."""
     reduced = design.reduce(shared.mount, noise)
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
     parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
+    of_disagreement = np.concatenate([np.arange(n), np.arange(n + CREEPS, n + len(shared.parts))])
+    information[np.ix_(of_disagreement, of_disagreement)] += disagreement[0]
+    score[of_disagreement] += disagreement[1]
     rows = design.own.shape[1]
     uneven = np.arange(rows) + n + len(shared.parts)
     creep = uneven + rows
@@ -178,7 +192,11 @@ def _of_sizes(design: Columns, shared: Shared, noise: Noise) -> tuple[Statistics
     score[mount] -= shared.mount / MOUNT**2
     both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
     told = information[:n, :n] - information[:n, n:] @ both[:, :n]
-    likely = reduced.log_evidence + (score[n:] @ both[:, n] - np.linalg.slogdet(information[n:, n:])[1]) / 2
+    likely = (
+        reduced.log_evidence
+        + disagreement[2]
+        + (score[n:] @ both[:, n] - np.linalg.slogdet(information[n:, n:])[1]) / 2
+    )
     likely -= np.sum(((shared.parts - shared.expected) / shared.doubt) ** 2) / 2 + np.sum(np.log(shared.doubt))
     likely -= np.sum((shared.mount / MOUNT) ** 2) / 2
     return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n]), float(likely)

@@ -509,9 +509,28 @@ class LogLikelihood:
         """
         missed = self._contradicting(geometry, changed, change, state, readings)
         missed[..., len(change) :] -= slips
+        return self.as_motion(geometry, state, -missed)
+
+    def as_motion(self, geometry: Geometry, state: Array, slips: Array) -> Array:
+        """Return what odometry makes of slips (K - 1, rows, n): the body's motion in every step (K - 1, 3, n), in B."""
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        return -np.linalg.pinv(a, rcond=1e-10) @ missed
+        return np.linalg.pinv(a, rcond=1e-10) @ slips
+
+    def disagreement(
+        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
+    ) -> tuple[Array, Array]:
+        """Return by how much wheels disagree (K - 1, rows), m: what no motion of the body takes off the constraints.
+
+        And by how much less they would (K - 1, rows, G + R) for units of changes, as in `missing`.
+        """
+        missed = self._contradicting(geometry, changed, change, state, readings)
+        missed[..., len(change) :] -= slips
+        every = np.concatenate([self.missed(geometry, state)[..., None], -missed], axis=-1)
+        angle = self._angles(geometry, state[:, 3:])
+        a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
+        every -= a @ (np.linalg.pinv(a, rcond=1e-10) @ every)
+        return every[..., 0], every[..., 1:]
 
     def _contradicting(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array

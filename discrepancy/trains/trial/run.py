@@ -21,8 +21,9 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.paths import SPEED
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains import diagnosis, posterior
+from discrepancy.trains import posterior
 from discrepancy.trains.candidates import Candidate, Placed
+from discrepancy.trains.selection import diagnosis
 from discrepancy.trains.trial.cases import Case, draw, plain
 from discrepancy.trains.trial.simulate import log_at_random
 from discrepancy.trials.folder import asked_of, begin, each, name_of

@@ -11,6 +11,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
+from discrepancy.trials.outside import WeakStretch
 from discrepancy.trials.pymunk_generator import drive
 
 pytestmark = pytest.mark.slow
@@ -91,3 +92,14 @@ def test_clean_logs_that_have_the_effect_too_make_it_good_order():
     clean = [driven("asoc-prototype", seed, RADIUS) for seed in (5, 6)]
     diagnosis = diagnose(ROBOT, [driven("asoc-prototype", 3, RADIUS)], clean=clean)
     assert not [answer for answer in diagnosis.answers if answer.verdict == "named"]
+
+
+def test_an_encoder_that_loses_counts_for_some_seconds_is_told_without_a_name():
+    outside = WeakStretch(channel=0, value=0.2, start=8.0, end=13.0)
+    motion = wander(np.random.default_rng([3, 1]), duration=25.0)
+    log = drive(ROBOT, motion, 3, duration=25.0, outside=outside)
+    diagnosis = diagnose(ROBOT, [log], [driven("asoc-prototype", 4)])
+    assert diagnosis.verdict == "unexplained"
+    assert not diagnosis.found.effects
+    told = [answer.candidate.what for answer in diagnosis.answers if answer.verdict == "unexplained"]
+    assert any("wheel_1l" in what for what in told)

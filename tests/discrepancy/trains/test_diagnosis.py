@@ -14,8 +14,8 @@ from castor_envs.effects.train import (
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains.diagnosis import diagnose_train
-from discrepancy.trains.report import as_data, as_lines
+from discrepancy.trains.selection.diagnosis import diagnose_train
+from discrepancy.trains.selection.report import as_data, as_lines
 from discrepancy.trains.trial.simulate import log_at_random
 
 

@@ -44,7 +44,7 @@ def test_an_effect_is_named_within_its_interval(driven, hidden_effect):
     found = found_in(driven(**how), held_out=[driven(seed=2, **how)[0]])
     answer = only(found)
     assert (found.verdict, type(answer.effect)) == ("named", type(effect)), answer.reason
-    assert answer.candidate.axle == axle
+    assert [*named(found)] == [(effect.name, axle)]
     assert abs(answer.size - effect.value) < 3 * answer.error < abs(effect.value)
     assert answer.probability > 0.95
     assert found.found.as_described() == found.robot
@@ -54,6 +54,7 @@ def test_a_dead_gauge_is_there_or_not(driven):
     found = found_in(driven(dead=(3,)), held_out=[driven(seed=2, dead=(3,))[0]])
     assert found.verdict == "named"
     assert only(found).effect == DeadGauge(frame=1, gauge=3)
+    assert found.held_out is not None
     before, after = (seen.gap for seen in found.held_out)
     assert after[1] < 0.5 * before[1]
 

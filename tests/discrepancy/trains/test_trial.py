@@ -147,6 +147,8 @@ def test_what_the_catalogue_does_not_have_changes_the_log_alone(folder, name):
     assert changed.reference is log.reference
     others = [0, 2, 3]
     assert np.array_equal(changed.wheel[:, others], log.wheel[:, others])
+    assert changed.rps is not None
+    assert log.rps is not None
     assert not (np.array_equal(changed.wheel, log.wheel) and np.array_equal(changed.rps, log.rps))
 
 

@@ -1,0 +1,68 @@
+"""How far wheels disagree, and what effects add to it: against robots that are described otherwise."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import Track, WheelRadius
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import stacked
+from discrepancy.posterior.disagreement import LEAST, Disagreement
+from discrepancy.posterior.linearise import linearise
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("asoc-prototype")
+
+
+@cache
+def log():
+    return drive(ROBOT, wander(np.random.default_rng([3, 1]), duration=15.0), 3, duration=15.0)
+
+
+@cache
+def seen():
+    return linearise(ROBOT, [log()])
+
+
+def test_in_good_order_wheels_agree_but_for_what_rounding_leaves():
+    (disagreement,) = seen().disagreements
+    assert max(disagreement.sizes()) < 1.5 * LEAST
+    assert np.abs(disagreement.beside([])).max() < 6
+
+
+@pytest.mark.parametrize("effect", [WheelRadius(castor=1, wheel=1, value=1e-3), Track(castor=2, value=1e-3)])
+def test_what_an_effect_adds_is_by_how_much_wheels_of_a_robot_with_it_disagree_less(effect):
+    (design,) = seen().designs
+    real, _, _, state, readings, slips = design.alone()
+    other = Geometry.of(ROBOT.with_effects(effect).as_built())
+    model, none = design.model, (np.zeros(0), state, readings[..., :0], slips[..., :0])
+    before, _ = model.disagreement(real, stacked(real, []), *none)
+    after, _ = model.disagreement(other, stacked(other, []), *none)
+    change = np.array([effect.value]), state, readings[..., :0], slips[..., :0]
+    _, less = model.disagreement(real, stacked(real, [other]), *change)
+    assert np.abs(before - after).max() > 1e-6
+    np.testing.assert_allclose(effect.value * less[..., 0], before - after, atol=0.02 * np.abs(before - after).max())
+
+
+def test_windows_beyond_what_is_usual_count_with_their_distance():
+    (disagreement,) = seen().disagreements
+    size = LEAST, LEAST
+    off = np.zeros_like(disagreement.seen)
+    likely = []
+    for far in (0.0, 1.0, 10.0, 20.0, 30.0):
+        off[3, 0] = far * LEAST
+        likely.append(dataclasses.replace(disagreement, seen=off.copy()).told(size)[2])
+    assert likely[0] - likely[1] == pytest.approx(0.5)
+    assert likely[2] - likely[3] == pytest.approx(likely[3] - likely[4])
+
+
+def test_a_robot_whose_wheels_cannot_contradict_each_other_has_none():
+    robot = preset("differential")
+    plain = drive(robot, wander(np.random.default_rng([3, 1]), duration=10.0, holonomic=False), 3, duration=10.0)
+    (disagreement,) = linearise(robot, [plain]).disagreements
+    assert np.abs(disagreement.seen).max() < 1e-9
+    assert isinstance(disagreement, Disagreement)
