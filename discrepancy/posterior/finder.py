@@ -141,19 +141,26 @@ def named_together(
 
 
 def asked(
-    seen: Seen, hypotheses: Sequence[Hypothesis], places: Sequence[Place], order: GoodOrder, there: Array
+    seen: Seen,
+    hypotheses: Sequence[Hypothesis],
+    places: Sequence[Place],
+    order: GoodOrder,
+    there: Array,
+    fitted: Array | None = None,
 ) -> Asked:
     """Return the posterior of all that may be there, and the answers that it gives, the most certain first.
 
-    places: what each hypothesis is about. order: what is seen in good order. there: sizes in the model already.
+    places: what each hypothesis is about. order: what is seen in good order. there: sizes in the model already; fitted:
+    those of them that are as large as logs ask for; None: all.
     """
-    single, posterior, score = _posterior(hypotheses, order, seen, there, there)
+    fitted = there if fitted is None else fitted
+    single, posterior, score = _posterior(hypotheses, order, seen, there, there - fitted, fitted)
     quiet = seen.quieter(_likeliest(seen, posterior, places))
     if quiet is not seen:
         seen = quiet
-        single, posterior, score = _posterior(hypotheses, order, seen, there, there)
+        single, posterior, score = _posterior(hypotheses, order, seen, there, there - fitted, fitted)
     believed = np.sum([component.mean for component in posterior.components], axis=0)
-    single, posterior, score = _posterior(hypotheses, order, seen, there, believed)
+    single, posterior, score = _posterior(hypotheses, order, seen, there, believed - fitted, fitted)
     return posterior, answers_of(seen, single, posterior, score, places)
 
 
@@ -175,13 +182,13 @@ def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], l
 
 
 def _posterior(
-    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, there: Array, believed: Array
+    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, there: Array, far: Array, fitted: Array
 ) -> tuple[SingleEffects, Posterior, Array]:
     """Return the posterior of hypotheses beside what robots in good order show, and the score that it comes from.
 
-    there: sizes in the model already. believed: sizes that are there, which tell how wrong signatures are.
+    there: sizes in the model already. far, fitted: sizes that tell how wrong signatures are (`Statistics.doubted`).
     """
-    logs = [log.at(-there).doubted(believed - there, there) for log in seen.logs]
+    logs = [log.at(-there).doubted(far, fitted) for log in seen.logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

@@ -141,6 +141,11 @@ class Candidate:
         """The axle (from 1) whose module has the effect."""
         return None if self.placed is None else self.placed.axle
 
+    def restored(self, change: float) -> tuple[int, int] | None:
+        """Return the frame and the gauge, from 1, that live again when there is less of this effect."""
+        effect = None if self.placed is None else self.placed.effect
+        return (effect.frame, effect.gauge) if isinstance(effect, DeadGauge) and change < 0 else None
+
     def sized(self, amplitudes: Sequence[float] | Array) -> Placed:
         """Return the effect of this amplitude (1,); raises ValueError if it cannot have it."""
         assert self.placed is not None
@@ -187,7 +192,10 @@ def every_candidate(train: TrainDescription, logs: Sequence[TrainLog]) -> list[C
 
 
 def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
-    """Return rivals without a name in a log, `number` from 0."""
+    """Return rivals without a name in a log, `number` from 0.
+
+    What a wheel counts otherwise at its usual speed is its radius in all but name.
+    """
     found: list[Rival] = []
     t, name = log.t, f"log {number + 1}"
     edges = np.linspace(0.0, t[-1], BLOCKS + 1)
@@ -222,7 +230,9 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
             add(family, f"in {name}", f"{unit}/s", f"gauges{f}", 3, j, t - t.mean(), ROUGH[j])
     speed = np.abs(np.gradient(_middle(log.signed_travel), t, axis=0))
     for w, wheel in enumerate(train.wheel_names):
-        course = np.cumsum(np.append(0.0, speed[1:, w // 2] * log.signed_travel[:, w // 2]))
+        travel = log.signed_travel[:, w // 2]
+        usual_speed = speed[1:, w // 2] @ travel**2 / max(float(np.sum(travel**2)), 1e-12)
+        course = np.cumsum(np.append(0.0, (speed[1:, w // 2] - usual_speed) * travel))
         family = f"wheel {wheel} counts otherwise with speed"
         add(family, f"in {name}", "counts s/m2", "counts", 2 * log.n, w, course, COUNTS)
         turned = log.turned[:, w]

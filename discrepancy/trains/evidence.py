@@ -237,6 +237,9 @@ def evidence_of(
             if other is not None:
                 changed = log.residuals(other[0].as_built(), motion, ends)
                 changes = {kind: (changed[kind] - zero[kind]) / other[1] for kind in zero}
+                if (gauge := candidate.restored(other[1])) is not None:
+                    at, (kind, own) = log.offset_of(*gauge, other[0].as_built(), motion, ends, changed)
+                    every[:, at] = problem.weighed(kind, own, weights, found.sizes)
             else:
                 rival = candidate.rival
                 assert rival is not None

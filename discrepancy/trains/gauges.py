@@ -1,16 +1,19 @@
-"""Gauges that are noisier than described, and sensors that stop: how likely, and how much."""
+"""Gauges that are dead or noisier than described, and sensors that stop: how likely, and how much."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
-from castor_envs.effects.train import GaugeNoise, SensorStops
+from castor_envs.effects.train import DeadGauge, GaugeNoise, SensorStops
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.posterior.answers import Answer, Cause
-from discrepancy.posterior.calibrated import CREDIBLE
+from discrepancy.posterior.answers import SHOWN, Answer, Cause
+from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.jitter import SIZES, borne_out, weighed
+from discrepancy.posterior.refit import Look, Sized
 from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.evidence import cost_of_noise
 from discrepancy.trains.linearise import Linearised
@@ -20,6 +23,56 @@ DIFFERENCES = 2 / 3
 
 STOPPED = 5
 """Samples for which a sensor must repeat itself to the end of a log to have stopped."""
+
+
+def with_dead_gauges(
+    answers: Sequence[Answer], named: Sequence[Sized], look: Look[Linearised], seen: Linearised, names: int
+) -> list[Answer]:
+    """Return the answers, with those that a gauge is dead weighed by putting each gauge of the frame into the model.
+
+    A dead gauge bends all that is fitted, so its signature from afar is not to be trusted. named: effects in the model.
+    names: of effects that may be there, each as likely before logs are seen.
+    """
+    told: dict[Cause, Answer] = {}
+    for answer in answers:
+        (kind,) = answer.candidate.kinds or (None,)
+        if not isinstance(kind, DeadGauge):
+            told[answer.candidate] = answer
+            continue
+        rest = [one for one in named if one.candidate != answer.candidate]
+        before = seen if len(rest) == len(named) else look(rest, seen, [answer.candidate])
+        there = {one.candidate for one in rest}
+        dead = [one for one in seen.candidates if one.kinds and isinstance(one.kinds[0], DeadGauge)]
+        gauges = [one for one in dead if one.frame == kind.frame and one not in there]
+        tried = [Sized(one, np.ones(1)) for one in gauges]
+        each = [_log_evidence(look, [*rest, one], before) - before.log_evidence for one in tried]
+        weights = np.array([np.log(NOTHING), *(np.array(each) + np.log1p(-NOTHING) - np.log(names))])
+        nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()
+        likeliest = sorted(zip(parts, gauges, each, strict=True), key=lambda entry: -entry[0])
+        if nothing > 1 - CREDIBLE:
+            continue
+        count = int(np.searchsorted(np.cumsum([part for part, _, _ in likeliest]), CREDIBLE - nothing)) + 1
+        _, best, gain = likeliest[0]
+        told[best] = dataclasses.replace(
+            answer,
+            probabilities={one.family: part for part, one, _ in likeliest if part > SHOWN},
+            credible=tuple(one.family for _, one, _ in likeliest[:count]),
+            unnamed=False,
+            candidate=best,
+            amplitudes=np.ones(1),
+            covariance=np.zeros((1, 1)),
+            explained=2 * gain,
+            cost=seen.cost[:, seen.candidates.index(best)],
+        )
+    return list(told.values())
+
+
+def _log_evidence(look: Look[Linearised], named: Sequence[Sized], start: Linearised) -> float:
+    """Return how likely logs are with effects in the model; -inf where they do not fit at all."""
+    try:
+        return look(named, start, [one.candidate for one in named]).log_evidence
+    except InputError:
+        return -np.inf
 
 
 def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | None, names: int) -> list[Answer]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
@@ -19,7 +20,7 @@ from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
 from discrepancy.trains.evidence import STILL
-from discrepancy.trains.gauges import noise_answers, stop_answers
+from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
 from discrepancy.trains.linearise import Linearised, equations_of, linearise
 
 
@@ -65,9 +66,12 @@ def _named(
         return linearise(with_them(train, named), first.own, start.settled, _of_trains(every))
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        candidates = [first.candidates.index(one) for one in _of_trains([each.candidate for each in named])]
-        there = sizes_of(candidates, [one.amplitudes for one in named], [0.0] * len(named), seen)
-        return asked(seen, *hypotheses_of(seen), order_of(seen, good), there)
+        there = _sizes(seen, named)
+        fitted = _sizes(
+            seen, [one for one in named if not one.effect.binary]
+        )  # what is there or not has no size to fit
+        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), there, fitted)
+        return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
 
     return named_together(train, look, ask, STILL / 2, first)
 
@@ -82,6 +86,11 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
     return [
         hypothesis_of(seen, place, name, 1 / names.count(name)) for place, name in zip(places, names, strict=True)
     ], places
+
+
+def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
+    candidates = [seen.candidates.index(one) for one in _of_trains([each.candidate for each in named])]
+    return sizes_of(candidates, [one.amplitudes for one in named], [0.0] * len(named), seen)
 
 
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:

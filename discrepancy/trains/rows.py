@@ -318,6 +318,17 @@ class TrainLog:
         found["start"] = self._sparse(np.arange(3)[:, None], np.ones((3, 1)))
         return found
 
+    def offset_of(
+        self, frame: int, gauge: int, built: TrainDescription, motion: Motion, ends: Array, now: dict[str, Array]
+    ) -> tuple[int, tuple[str, Array]]:
+        """Return which nuisance the offset of a gauge is, and what it changes in a train in which that gauge lives.
+
+        frame, gauge: from 1. now: residuals of this train. A dead gauge's offset is not known, nor what it would read.
+        """
+        at, kind, small = int(self.gauges[frame - 1]) + gauge - 1, f"gauges{frame - 1}", 1e-4
+        moved = replace(motion, offsets=motion.offsets + small * np.eye(len(motion.offsets))[at])
+        return at, (kind, (self.residuals(built, moved, ends)[kind] - now[kind]) / small)
+
     def noise(self, built: TrainDescription, motion: Motion, f: int) -> tuple[float, int]:
         """Return how large the noise of a frame's gauges is, in what its description says, and from how many readings.
 
