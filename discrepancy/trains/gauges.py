@@ -1,7 +1,7 @@
 """Gauges that are dead or noisier than described, and sensors that stop: how likely, and how much."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.jitter import SIZES, borne_out, weighed
-from discrepancy.posterior.refit import Look, Sized
+from discrepancy.posterior.refit import Sized
 from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.evidence import cost_of_noise
 from discrepancy.trains.linearise import Linearised
@@ -26,7 +26,7 @@ STOPPED = 5
 
 
 def with_dead_gauges(
-    answers: Sequence[Answer], named: Sequence[Sized], look: Look[Linearised], seen: Linearised, names: int
+    answers: Sequence[Answer], named: Sequence[Sized], look: Callable[..., Linearised], seen: Linearised, names: int
 ) -> list[Answer]:
     """Return the answers, with those that a gauge is dead weighed by putting each gauge of the frame into the model.
 
@@ -67,7 +67,7 @@ def with_dead_gauges(
     return list(told.values())
 
 
-def _log_evidence(look: Look[Linearised], named: Sequence[Sized], start: Linearised) -> float:
+def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start: Linearised) -> float:
     """Return how likely logs are with effects in the model; -inf where they do not fit at all."""
     try:
         return look(named, start, [one.candidate for one in named]).log_evidence

@@ -15,7 +15,7 @@ from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.trains.candidates import Candidate, Rival
 from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
-from discrepancy.trains.gap import gap_of
+from discrepancy.trains.gap import localised_off
 from discrepancy.trains.motion import Sizes
 from discrepancy.trains.rows import TrainLog
 
@@ -68,13 +68,9 @@ class Linearised:
         return -self.settled.deviance / 2
 
     @property
-    def gap(self) -> tuple[float, float]:
-        """What wheel counts get wrong (`gap_of`), of relative poses and against the reference together: m and rad."""
-        gap = gap_of(self.train, self.own, self.settled)
-        return (
-            float(np.hypot(gap.posture_position, gap.position or 0.0)),
-            float(np.hypot(gap.posture_heading, gap.heading or 0.0)),
-        )
+    def gap(self) -> tuple[float, float] | None:
+        """What the train's localisation gets wrong (`localised_off`), m and rad."""
+        return localised_off(self.train, self.own, self.settled)
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the same at the noise that is left beside effects, each as large as logs want, and beside the family

@@ -4,6 +4,7 @@ Unknown of every sample are the axles' poses, how far wheels have rolled, and th
 log its nuisances: offsets of the gauges, where the reference tracks each axle, and its clock.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,6 +106,12 @@ class TrainLog:
         self.travel = np.sqrt(steps.reshape(-1, self.n, 2).mean(axis=2) + LEAST_TRAVEL)
         self.rolled = steps.reshape(-1, self.n, 2)
         self.signed_travel = (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2).mean(axis=2)
+
+    def without_reference(self) -> "TrainLog":
+        """Return the log as counts and relative poses alone tell it."""
+        other = copy(self)
+        other.at, other.reference = self.at[:0], self.reference[:0]
+        return other
 
     def prior(self, train: TrainDescription) -> Array:
         """Return the standard deviations of the nuisances (n,) before anything is read."""
