@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.vehicles.train import TrainDescription
@@ -64,9 +65,15 @@ def gap_of(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) ->
 
 def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> tuple[float, float] | None:
     """Return what the train's localisation by counts and relative poses gets wrong within `HORIZON` against the
-    reference, m and rad (rms); None without one. state: the motions that go with the train and its effects."""
+    reference, m and rad (rms); None without one, or where there is no solution.
+
+    state: the motions that go with the train and its effects.
+    """
     built, poses = train.as_built(), [np.zeros((0, 3))]
-    blind = settled(train, [log.without_reference() for log in logs], state, state.sizes)
+    try:
+        blind = settled(train, [log.without_reference() for log in logs], state, state.sizes)
+    except InputError:
+        return None
     for log, motion, localised in zip(logs, state.motions, blind.motions, strict=True):
         if len(log.at):
             moved = replace(motion, pose=_carried(localised.pose, motion, log.t))

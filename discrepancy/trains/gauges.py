@@ -40,28 +40,26 @@ def with_dead_gauges(
             told[answer.candidate] = answer
             continue
         rest = [one for one in named if one.candidate != answer.candidate]
-        before = seen if len(rest) == len(named) else look(rest, seen, [answer.candidate])
-        there = {one.candidate for one in rest}
+        without = seen.log_evidence if len(rest) == len(named) else _log_evidence(look, rest, seen)
         dead = [one for one in seen.candidates if one.kinds and isinstance(one.kinds[0], DeadGauge)]
-        gauges = [one for one in dead if one.frame == kind.frame and one not in there]
-        tried = [Sized(one, np.ones(1)) for one in gauges]
-        each = [_log_evidence(look, [*rest, one], before) - before.log_evidence for one in tried]
-        weights = np.array([np.log(NOTHING), *(np.array(each) + np.log1p(-NOTHING) - np.log(names))])
+        others = {one.candidate for one in rest}
+        gauges = [one for one in dead if one.frame == kind.frame and one not in others]
+        each = [_log_evidence(look, [*rest, Sized(one, np.ones(1))], seen) for one in gauges]
+        weights = np.array([without + np.log(NOTHING), *(np.array(each) + np.log1p(-NOTHING) - np.log(names))])
         nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()
-        likeliest = sorted(zip(parts, gauges, each, strict=True), key=lambda entry: -entry[0])
+        likeliest = sorted(zip(parts, gauges, strict=True), key=lambda entry: -entry[0])
         if nothing > 1 - CREDIBLE:
             continue
-        count = int(np.searchsorted(np.cumsum([part for part, _, _ in likeliest]), CREDIBLE - nothing)) + 1
-        _, best, gain = likeliest[0]
+        count = int(np.searchsorted(np.cumsum([part for part, _ in likeliest]), CREDIBLE - nothing)) + 1
+        _, best = likeliest[0]
         told[best] = dataclasses.replace(
             answer,
-            probabilities={one.family: part for part, one, _ in likeliest if part > SHOWN},
-            credible=tuple(one.family for _, one, _ in likeliest[:count]),
+            probabilities={one.family: part for part, one in likeliest if part > SHOWN},
+            credible=tuple(one.family for _, one in likeliest[:count]),
             unnamed=False,
             candidate=best,
             amplitudes=np.ones(1),
             covariance=np.zeros((1, 1)),
-            explained=2 * gain,
             cost=seen.cost[:, seen.candidates.index(best)],
         )
     return list(told.values())

@@ -47,7 +47,7 @@ def diagnose_train(
         own, state = equations_of(train, held_out)
         among = _of_trains([one.candidate for one in named])
         without = linearise(train, own, state, among)
-        beside = linearise(with_them(train, named), own, state, among)
+        beside = linearise(with_them(train, named), own, None, among)
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
