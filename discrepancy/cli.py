@@ -20,14 +20,15 @@ from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.diagnose import examine, posterior_of
+from discrepancy.diagnose import examine, examine_by_posterior
 from discrepancy.inspect import inspect_logs
-from discrepancy.posterior import told
 from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight import check_logs
+from discrepancy.report import sentences
 from discrepancy.report.page import html_of
 from discrepancy.report.text import as_lines, write_diagnosis
 from discrepancy.trains import posterior as train_posterior
+from discrepancy.trains import told
 from discrepancy.trains.selection import report as train_report
 from discrepancy.trains.selection.diagnosis import diagnose_train
 from discrepancy.trains.trial import run as train_run
@@ -138,8 +139,8 @@ def find(
     finder: Annotated[
         str,
         typer.Option(
-            help="selection (takes effects in by thresholds) or posterior (a probability of every name; text and JSON "
-            "only, not finished)."
+            help="selection (takes effects in by thresholds) or posterior (a probability of every name; of trains text "
+            "and JSON only, not finished)."
         ),
     ] = "selection",
     material: Annotated[
@@ -153,14 +154,13 @@ def find(
     """Name the effects that the robot file lacks; the word `find` may be left out.
 
     Verdicts: named; ambiguous (these motions cannot distinguish several effects); unconfirmed (the held-out logs do not
-    confirm it); unexplained (no effect of the catalogue explains the logs); no discrepancy.
+    confirm it); unexplained (no effect of the catalogue explains the logs); no discrepancy; and, of the finder
+    posterior, negligible (it costs less than --material).
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
     if finder not in FINDERS:
         raise InputError(f"--finder {finder}{did_you_mean(finder, FINDERS)}")
-    if finder == "posterior" and out is not None:
-        raise InputError("--out is not written by --finder posterior yet; leave one of them out")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
@@ -169,8 +169,10 @@ def find(
         check_logs({str(path): log for path, log in read.items()})
         given = [[read[path] for path in chosen] for chosen in (paths, kept_back, good)]
         if finder == "posterior":
+            if out is not None:
+                raise InputError("--out is not written by --finder posterior for trains yet; leave one of them out")
             data = told.as_data(train_posterior.diagnose_train(description, *given, material=matters))
-            _tell(data, told.as_lines(data), None, as_json)
+            _tell(data, sentences.as_lines(data), None, as_json)
             return
         found = diagnose_train(description, *given)
         names = [str(path) for path in paths]
@@ -181,15 +183,13 @@ def find(
         return
     named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
     if finder == "posterior":
-        mistakes, found = posterior_of(description, named, held_out, before, matters)
-        data = told.as_data(found, [mistake.what for mistake in mistakes])
-        _tell(data, told.as_lines(data), None, as_json)
-        return
-    examined = examine(description, named, held_out, before)
+        examined, lines_of = examine_by_posterior(description, named, held_out, before, matters), sentences.as_lines
+    else:
+        examined, lines_of = examine(description, named, held_out, before), as_lines
     data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
-    _tell(data, as_lines(data), out, as_json)
+    _tell(data, lines_of(data), out, as_json)
 
 
 def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: bool) -> None:

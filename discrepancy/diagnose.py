@@ -5,29 +5,36 @@ robot file that is written: encoders are exchanged after all else that they do.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from castor_envs.effects.catalogue import readings
+from castor_envs.effects.clocks import ClockSkew, SampleJitter
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.inference.findings import WEAKEST_FIRST, Diagnosis, Left
+from discrepancy.inference.findings import WEAKEST_FIRST, Diagnosis, without
 from discrepancy.inference.forward_selection import diagnose
 from discrepancy.posterior.finder import Diagnosis as Posterior
 from discrepancy.posterior.finder import diagnose as diagnose_by_posterior
+from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake, Preflight, check_logs, preflight
-from discrepancy.report import pictures
+from discrepancy.report import answers, pictures, sentences, told
 from discrepancy.report.page import html_of
+from discrepancy.report.parts import names_apart
 from discrepancy.report.text import Data, as_data, mistake_data
-from discrepancy.report.traces import traces_of
+from discrepancy.report.traces import Traces, traces_of
 from discrepancy.validation.replay import Replay, joined, replay
+from estimators.calibration.log_likelihood import Noise
+from estimators.calibration.maximum_likelihood import State
 
 Logs = Mapping[str, Log]
 
@@ -46,10 +53,10 @@ class Examination:
     def page(self) -> str:
         """Return the report as one HTML page."""
         log, diagnosis = next(iter(self.logs.values())), self.diagnosis
-        before = _traces(diagnosis.nominal, log, diagnosis.before)
+        before = _traces(diagnosis.nominal, log, diagnosis.before.state)
         after = None
         if diagnosis.after is not None:
-            after = _traces(diagnosis.explained, log, diagnosis.after)
+            after = _traces(diagnosis.explained, log, diagnosis.after.state)
         named = [finding.chosen[0].candidate.what for finding in diagnosis.findings]
         shown = [
             pictures.paths(before, after),
@@ -72,7 +79,7 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     """
     mended, once, checked, wiring, straight, kept_back, good = _prepared(robot, logs, held_out, clean)
     diagnosis = diagnose(mended, list(straight.values()), list(kept_back.values()), good, once)
-    found = _found(robot, checked, wiring, diagnosis)
+    found = _found(robot, checked, wiring, diagnosis.effects)
     data = as_data(diagnosis, straight) | {
         "robot_hash": robot.hash(),
         "held_out_logs": list(held_out),
@@ -84,13 +91,15 @@ def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *,
     unsure = next((finding for finding in data["findings"] if finding["verdict"] == "ambiguous"), None)
     data["cannot_be_told_apart"] = [] if unsure is None else unsure["cannot_be_told_apart"]
     data["separating_motion"] = None if unsure is None else unsure["separating_motion"]
-    data["where"], data["replay"] = _where(straight, diagnosis), None
+    data["where"], data["replay"] = _where(diagnosis.nominal, straight, diagnosis.before.state), None
     if not replayed:
         return Examination(data, found, diagnosis, straight, checked.mistakes, None)
     nominal = diagnosis.nominal
-    replays = _replays(nominal, diagnosis.explained, straight, diagnosis.before, diagnosis.after)
-    held = _replays(nominal, diagnosis.explained, kept_back, *(diagnosis.held_out or (None, None)))
-    data["replay"] = _replay_data(diagnosis, replays, held)
+    states = (None if left is None else left.state for left in (diagnosis.before, diagnosis.after))
+    replays = _replays(nominal, diagnosis.explained, straight, *states)
+    states = (left.state for left in diagnosis.held_out or ())
+    held = _replays(nominal, diagnosis.explained, kept_back, *states)
+    data["replay"] = _replay_data(None if diagnosis.before.position is None else diagnosis.before.noise, replays, held)
     return Examination(data, found, diagnosis, straight, checked.mistakes, replays)
 
 
@@ -98,9 +107,111 @@ def posterior_of(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> tuple[tuple[Mistake, ...], Posterior]:
     """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
-    mended, once, checked, _, straight, kept_back, good = _prepared(robot, logs, held_out, clean)
-    found = diagnose_by_posterior(mended, list(straight.values()), list(kept_back.values()), good, once, material)
-    return checked.mistakes, found
+    prepared = _prepared(robot, logs, held_out, clean)
+    return prepared.checked.mistakes, _posterior(prepared, material)
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """What the posterior says: as data (castor-diagnosis/2), and the robot with what is named; None if nothing is.
+
+    seen: logs, and held-out ones if there are any, each with what is left of them without and with what is named.
+    nominal, explained: the robot without and with it, as logs with their wiring undone show it, but for effects on
+    time. replays: of the logs, without and with it.
+    """
+
+    data: Data
+    found: RobotDescription | None
+    seen: Mapping[str, tuple[Logs, Linearised, Linearised | None]]
+    nominal: RobotDescription
+    explained: RobotDescription
+    replays: tuple[Replay, Replay | None] | None
+
+    def page(self) -> str:
+        """Return the report as one HTML page."""
+        names, data = self.data["names"], self.data
+        likely = [(names[name], part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
+        named = [answer["what"] for answer in data["answers"] if answer["verdict"] == "named"]
+        shown: list[pictures.Picture | None] = []
+        if len(likely) > 1:
+            shown.append(pictures.probabilities([(*one, sentences.percent(one[1])) for one in likely], named))
+        if self.replays is not None:
+            shown.append(pictures.replays(*self.replays))
+        try:
+            traces = {of: self._traces(*left) for of, left in self.seen.items()}
+        except InputError:  # where a castor without an encoder points, and so the path, is not measured
+            return answers.html_of(data, [picture for picture in shown if picture is not None])
+        shown.append(pictures.drift(traces))
+        if data["where"] is not None:
+            befores, afters = next(iter(traces.values()))
+            k = data["logs"].index(data["where"]["log"])
+            left = afters[k] if afters else befores[k]
+            maps = [pictures.slip(befores[k], afters[k] if afters else None)]
+            maps += [pictures.floor(left)] if len(left.times) else []
+            log = f"{names_apart(data['logs'])[data['where']['log']]}: " if len(befores) > 1 else ""
+            shown += [dataclasses.replace(picture, caption=f"{log}{picture.caption}") for picture in maps]
+        return answers.html_of(data, [picture for picture in shown if picture is not None])
+
+    def _traces(self, logs: Logs, before: Linearised, after: Linearised | None) -> tuple[list[Traces], list[Traces]]:
+        befores, afters = (
+            [] if left is None else [_traces(robot, log, left.state, k) for k, log in enumerate(logs.values())]
+            for robot, left in ((self.nominal, before), (self.explained, after))
+        )
+        return befores, afters
+
+
+def examine_by_posterior(
+    robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
+) -> Examined:
+    """Return what logs, by their names, say of a robot, as `posterior_of`, with what its report holds.
+
+    What is left with what is named is that of the robot that is written: found anew from the logs, from nothing else.
+    """
+    prepared = _prepared(robot, logs, held_out, clean)
+    diagnosis, checked = _posterior(prepared, material), prepared.checked
+    effects = diagnosis.found.effects[len(diagnosis.robot.effects) :]
+    found = _found(robot, checked, prepared.wiring, effects)
+    explained = without(diagnosis.found, SampleJitter)
+
+    def left(log_set: Logs) -> Linearised | None:
+        every = list(log_set.values())
+        return linearise(explained, every, creep=diagnosis.creep, among=()) if effects and every else None
+
+    seen = {"these logs": (prepared.logs, diagnosis.before, left(prepared.logs))}
+    if diagnosis.held_out is not None:
+        seen["held-out logs"] = (prepared.held_out, diagnosis.held_out[0], left(prepared.held_out))
+    nominal, explained_now = (without(one, ClockSkew) for one in (diagnosis.robot, explained))
+    replays, *held = (
+        _replays(nominal, explained_now, log_set, *(None if one is None else one.state for one in pair))
+        for log_set, *pair in seen.values()
+    )
+    best = seen["these logs"][2] or diagnosis.before
+    noise = None if best.gap is None else best.noise
+    data = told.as_data(diagnosis, checked.mistakes, *(after for _, _, after in seen.values())) | {
+        "robot_hash": robot.hash(),
+        "logs": list(logs),
+        "held_out_logs": list(held_out),
+        "clean_logs": list(clean),
+        "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
+        "effects": [] if found is None else found.to_dict()["effects"][len(robot.effects) :],
+        "replay": _replay_data(noise, replays, next(iter(held), None)),
+        "where": None,
+    }
+    if sentences.unexplained(data):
+        log_set, before, after = seen["these logs"]
+        last = (nominal, before) if after is None else (explained_now, after)
+        with suppress(InputError):  # where a castor without an encoder points is not measured
+            data["where"] = _where(last[0], log_set, last[1].state)
+    return Examined(_finite(data), found, seen, nominal, explained_now, replays)
+
+
+def _finite(data: Any) -> Any:
+    """Return plain data with null for numbers that JSON does not have."""
+    if isinstance(data, Mapping):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 class _Prepared(NamedTuple):
@@ -135,6 +246,11 @@ def _prepared(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) 
     return _Prepared(mended, once, checked, wiring, straight, kept_back, good)
 
 
+def _posterior(prepared: _Prepared, material: Material) -> Posterior:
+    logs, held_out = list(prepared.logs.values()), list(prepared.held_out.values())
+    return diagnose_by_posterior(prepared.robot, logs, held_out, prepared.clean, prepared.before, material)
+
+
 def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescription, Sequence[Effect]]:
     """Return the robot with the gross mistakes of some logs, and those of its wiring, which are undone in the logs."""
     wiring = [effect for effect in checked.effects if effect.wiring]
@@ -142,11 +258,12 @@ def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescripti
 
 
 def _found(
-    robot: RobotDescription, checked: Preflight, wiring: Sequence[Effect], diagnosis: Diagnosis
+    robot: RobotDescription, checked: Preflight, wiring: Sequence[Effect], named: Sequence[Effect]
 ) -> RobotDescription | None:
+    """Return the robot as its file is written: with gross mistakes that are certain, and the effects named."""
     doubtful = {effect for mistake in checked.mistakes if mistake.alternatives for effect in mistake.effects}
     built = [effect for effect in checked.effects if not effect.wiring and effect not in doubtful]
-    effects = [*built, *diagnosis.effects, *(effect for effect in wiring if effect not in doubtful)]
+    effects = [*built, *named, *(effect for effect in wiring if effect not in doubtful)]
     return robot.with_effects(*effects) if effects else None
 
 
@@ -169,9 +286,9 @@ def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log
     turn, per_rev = geometry.pivot_counts_per_rev[sensed], geometry.counts_per_rev[driven]
     wheel, castor = np.zeros((len(log), len(robot.wheels))), np.zeros((len(log), len(robot.castors)))
     wheel[:, driven] = log.wheel * 2 * np.pi / per_rev
-    unwrapped = np.column_stack(
-        [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
-    ).reshape(len(log), -1)
+    unwrapped = np.zeros_like(log.pivot, dtype=np.float64)
+    for k, (column, period) in enumerate(zip(log.pivot.T, turn, strict=True)):
+        unwrapped[:, k] = np.unwrap(column, period=period)
     castor[:, sensed] = unwrapped * 2 * np.pi / turn - geometry.pivot_zero[sensed]
     for effect in reversed(wiring):
         wheel, castor = readings(robot.with_effects(effect), log.t, wheel, castor)
@@ -181,21 +298,26 @@ def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log
     )
 
 
-def _where(logs: Logs, diagnosis: Diagnosis) -> Data:
+def _where(robot: RobotDescription, logs: Logs, at: State) -> Data:
     """Return where most slip is: its channel, time and place, of the log that has most."""
     worst = []
     for k, (name, log) in enumerate(logs.items()):
-        traces = traces_of(diagnosis.nominal, log, diagnosis.before.state.states[k])
+        traces = traces_of(robot, log, at.states[k])
         worst.append({"log": name, **traces.worst()})
     return max(worst, key=lambda entry: entry["most_slip_m"])
 
 
-def _traces(robot: RobotDescription, log: Log, left: Left) -> Any:
-    return traces_of(robot, log, left.state.states[0], left.state.clocks[0], left.state.mount)
+def _traces(robot: RobotDescription, log: Log, at: State, k: int = 0) -> Traces:
+    """Return the traces of the log k that a state is of."""
+    return traces_of(robot, log, at.states[k], at.clocks[k], at.mount)
 
 
 def _replays(
-    robot: RobotDescription, found: RobotDescription, logs: Logs, before: Left | None, after: Left | None
+    robot: RobotDescription,
+    found: RobotDescription,
+    logs: Logs,
+    before: State | None = None,
+    after: State | None = None,
 ) -> tuple[Replay, Replay | None] | None:
     """Return what the full simulation leaves, without and with what was found; None where it cannot be told."""
     if before is None or not logs:
@@ -207,22 +329,22 @@ def _replays(
         return None
 
 
-def _replay(robot: RobotDescription, logs: Logs, left: Left) -> Replay:
-    mount, clocks = left.state.mount, left.state.clocks
+def _replay(robot: RobotDescription, logs: Logs, at: State) -> Replay:
+    mount, clocks = at.mount, at.clocks
     return joined([replay(robot, log, clock=clocks[k], mount=mount) for k, log in enumerate(logs.values())])
 
 
 def _replay_data(
-    diagnosis: Diagnosis,
+    noise: Noise | None,
     replays: tuple[Replay, Replay | None] | None,
     held_out: tuple[Replay, Replay | None] | None,
 ) -> Data | None:
     if replays is None:
         return None
-    noise, data = diagnosis.before.noise, {}
+    data = {}
     for before, after, pair in (("before", "after", replays), ("held_out_before", "held_out_after", held_out)):
         for key, replayed in zip((before, after), pair or (None, None), strict=True):
             data[key] = None if replayed is None else replayed.summary()
-    if diagnosis.before.position is not None:
+    if noise is not None:
         data["before"]["expected"] = replays[0].expected(noise.position, noise.heading)
     return data

@@ -20,13 +20,13 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
-from discrepancy.posterior.at_times import at_times
-from discrepancy.posterior.jitter import jitter_answer
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_them
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
+from discrepancy.posterior.variances.at_times import at_times
+from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 
 LOOKS = 6
@@ -52,7 +52,8 @@ class Diagnosis(Generic[V, S]):
     """What logs say is missing in a description. verdict: of all answers, the most certain first.
 
     before, after: what is left of the logs without and with the effects in `answers` that have a name; held_out: the
-    same of held-out logs. inclusion: probability of every name to be among what is missing.
+    same of held-out logs. inclusion: probability of every name to be among what is missing. creep: parts of predicted
+    creep in clean logs, if there are any.
     """
 
     robot: V
@@ -62,6 +63,7 @@ class Diagnosis(Generic[V, S]):
     before: S
     after: S
     held_out: tuple[S, S] | None
+    creep: Array | None = None
 
     @property
     def found(self) -> V:
@@ -100,7 +102,9 @@ def diagnose(
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         candidates = [seen.candidates.index(one.candidate) for one in named]  # type: ignore[arg-type]
-        there = sizes_of(candidates, [one.amplitudes for one in named], seen.parts[CREEPS:].tolist(), seen)
+        there = sizes_of(
+            candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(robot.effects) :].tolist(), seen
+        )
         return asked(seen, *hypotheses_of(robot, seen), order_of(seen, good), there)
 
     named, seen, posterior, answers = named_together(robot, look, ask, WORSE * sum(len(log) for log in logs), first)
@@ -114,7 +118,7 @@ def diagnose(
         found = linearise(with_them(robot, named), held_out, creep=creep, among=among)
         held, order = (linearise(robot, held_out, creep=creep, among=among), found), order_of(found, good)
     told = judged(answers, named, held, order, material)
-    return Diagnosis(robot, verdict_of(told), told, inclusion, first, seen, held)
+    return Diagnosis(robot, verdict_of(told), told, inclusion, first, seen, held, creep)
 
 
 def named_together(

@@ -13,7 +13,7 @@ from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.findings import Mistake, Preflight
-from discrepancy.preflight.misfit import Misfit, Misfits
+from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Reading
 from discrepancy.preflight.sanity import (
     Named,
@@ -24,7 +24,7 @@ from discrepancy.preflight.sanity import (
     time_mistakes,
     wrapped_counts,
 )
-from discrepancy.preflight.search import MUCH, SEEN, YAW, Candidate, Found, search
+from discrepancy.preflight.search import MUCH, YAW, Candidate, Found, search
 
 __all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
 

@@ -14,9 +14,6 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 
-FACTORS = (2.0, 4.0, 10.0, 0.5, 0.25, 0.1)
-"""By which counts a turn are wrong most often: edges counted once or all, gears."""
-
 MANY = 4
 """Castors, of which all orders are tried; of more, those that are shifted around or reversed."""
 
@@ -49,7 +46,6 @@ def hypotheses(robot: RobotDescription) -> list[Hypothesis]:
         *_foreign(robot, channels),
         *_turned(robot, channels),
         *_units(robot, channels),
-        *_factors(robot, channels),
         *_reference(),
     ]
 
@@ -72,9 +68,23 @@ def places_to_scale(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
     return places
 
 
-def scale(robot: RobotDescription, place: str, scaled: tuple[int, ...], factor: float) -> Hypothesis:
-    """Return the mistake that wheels count `factor` times as much a turn as the robot file says."""
+def pivots_to_scale(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
+    """Return the same of pivots."""
     channels = Channels(robot)
+    places = {f"pivot_{i + 1}": (k,) for i, k in zip(robot.pivot_encoders, channels.pivots, strict=True)}
+    return places | ({"all pivots": channels.pivots} if len(places) > 1 else {})
+
+
+def scale(robot: RobotDescription, place: str, scaled: tuple[int, ...], factor: float) -> Hypothesis:
+    """Return the mistake that wheels, or pivots, count `factor` times as much a turn as the robot file says."""
+    channels = Channels(robot)
+    if set(scaled) <= set(channels.pivots):
+        return Hypothesis(
+            f"the counts of {place} are {factor:.3g} times what pivot_counts_per_rev says",
+            lambda reading: reading.scaled(scaled, factor),
+            remedy="turn the castor once around by hand, read its counts, and correct pivot_counts_per_rev",
+            plain=len(scaled) == 1,
+        )
     effects = ()
     if abs(factor - 1) <= 0.5:
         where = [
@@ -235,23 +245,6 @@ def _units(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
 
             remedy = f"give counts: multiply by counts a turn over {turn:.5g}"
             yield Hypothesis(f"{name} are given in {unit}, not in counts", read, remedy=remedy, plain=False)
-
-
-def _factors(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
-    """Yield pivots whose counts a turn are wrong."""
-    places: dict[str, tuple[int, ...]] = {
-        f"pivot_{i + 1}": (k,) for i, k in zip(robot.pivot_encoders, channels.pivots, strict=True)
-    }
-    if len(places) > 1:
-        places["all pivots"] = channels.pivots
-    for place, place_channels in places.items():
-        for factor in FACTORS:
-            yield Hypothesis(
-                f"the counts of {place} are {factor:g} times what pivot_counts_per_rev says",
-                lambda reading, place_channels=place_channels, factor=factor: reading.scaled(place_channels, factor),
-                remedy="turn the castor once around by hand, read its counts, and correct pivot_counts_per_rev",
-                plain=len(place_channels) == 1,
-            )
 
 
 def _reference() -> Iterator[Hypothesis]:

@@ -27,6 +27,13 @@ from discrepancy.preflight.stretches import WINDOW, Poses, stretches_of
 KEPT = 0.9
 """The part of the windows that counts."""
 
+SEEN = 5e-4
+"""The share of squares that contradicts a robot: 2 % of a motion."""
+
+STRAIGHT = 2.0
+"""Times what is left that a reference which is not turned may leave, and be taken for straight: on circles, a point
+elsewhere on the robot looks the same."""
+
 FEWEST = 5
 """Windows that say something."""
 
@@ -97,7 +104,7 @@ class Misfits:
         self._castor = np.concatenate([geometry.wheel_castor[self._driven[self._wheels]], castors]).astype(np.intp)
         self._metres = 2 * np.pi * geometry.radius[self._driven] / geometry.counts_per_rev[self._driven]
         self.length = float(np.sqrt(np.mean(np.sum(geometry.pivot**2, axis=-1)) + np.mean(geometry.lateral**2)))
-        self._stretches = stretches_of(logs)
+        self._stretches = stretches_of(logs, geometry.pivot_counts_per_rev[self._sensed])
         self._pointed: dict[tuple[object, ...], _Pointed] = {}
         self.redundancy = 0
         if self._stretches is not None and len(self._place):
@@ -168,7 +175,10 @@ class Misfits:
             total = np.abs(free[0] - turn * free[1]) ** 2 + (self.length * (turned - angle)) ** 2
             kept = total <= np.quantile(total, KEPT)
             yaw = float(np.angle(turn))
+        straight = np.abs(free[0] - free[1]) ** 2 + (self.length * (turned - angle)) ** 2
         way = (np.abs(odometry) ** 2 + np.abs(moved) ** 2 + self.length**2 * (turned**2 + angle**2)) / 2
+        if _share(straight, way) <= STRAIGHT * max(_share(total, way), SEEN):
+            return straight, way, 0.0
         return total, way, yaw
 
     def _wheels_of(self, reading: Reading) -> tuple[NDArray[np.intp], Array]:

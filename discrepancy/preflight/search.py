@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, places_to_scale, scale, wiring
-from discrepancy.preflight.misfit import Misfit, Misfits
+from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, pivots_to_scale, places_to_scale, scale, wiring
+from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading
-
-SEEN = 5e-4
-"""The share of squares that contradicts a robot: 2 % of a motion."""
 
 MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
 """A mistake must take away nearly all: leave a tenth, or a quarter where more than `MUCH` was there, as the motion of
@@ -27,8 +25,8 @@ FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.2
 GROSS = 1.5
 """Factors of counts a turn below are no gross mistake."""
 
-GRID = 1.25 ** np.arange(-31.0, 32.0)
-"""Factors tried: a thousandth to a thousand."""
+GRID, FINE_GRID = 1.25 ** np.arange(-31.0, 32.0), 1.06 ** np.arange(-40.0, 41.0)
+"""Factors tried of wheels, a thousandth to a thousand; and of pivots, a tenth to ten, whose angles turn everything."""
 
 YAW = np.radians(20.0)
 """A reference turned by more is told."""
@@ -72,7 +70,7 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
     if nominal.left < SEEN and abs(nominal.misfit.yaw) < YAW:
         return Found(nominal, nominal)
     single = [_with(misfits, nominal, hypothesis) for hypothesis in hypotheses(robot)]
-    single += [_scaled(robot, misfits, nominal, *place) for place in places_to_scale(robot).items()]
+    single += [_scaled(misfits, nominal, robot, *place, GRID) for place in places_to_scale(robot).items()]
     level = _different(single)
     if nominal.left < SEEN:
         return Found(
@@ -105,6 +103,11 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
             chosen = [candidate for candidate in near if _straight(candidate) or not _straight(best)]
         if best.left < SEEN:
             break
+    if best.left > MUCH:
+        pivots = [_scaled(misfits, nominal, robot, *place, FINE_GRID) for place in pivots_to_scale(robot).items()]
+        first = min(pivots, key=lambda candidate: candidate.left, default=nominal)
+        if _explains(first, best):
+            best, chosen = first, [candidate for candidate in pivots if _alike(candidate, first)]
     return Found(
         nominal, best, tuple(candidate for candidate in chosen if candidate is not best) if best is not nominal else ()
     )
@@ -140,16 +143,16 @@ def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:
 
 
 def _scaled(
-    robot: RobotDescription, misfits: Misfits, start: Candidate, place: str, channels: tuple[int, ...]
+    misfits: Misfits, start: Candidate, robot: RobotDescription, place: str, channels: tuple[int, ...], factors: Array
 ) -> Candidate:
-    """Return the best factor, other than about one, on the counts of some wheels."""
+    """Return the best factor, other than about one, on the counts of some wheels, near the best of some."""
 
     def left(log_factor: float) -> float:
         return misfits.of(start.reading.scaled(channels, float(np.exp(log_factor)))).total
 
-    grid = [np.log(factor) for factor in GRID if abs(np.log(factor)) > np.log(GROSS)]
+    grid = [np.log(factor) for factor in factors if abs(np.log(factor)) > np.log(GROSS)]
     at = min(grid, key=left)
-    step = np.log(GRID[1] / GRID[0])
+    step = np.log(factors[1] / factors[0])
     bounds = (at - step, at + step)
     fine = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
     factor = float(np.exp(fine.x))

@@ -57,9 +57,12 @@ class Poses(NamedTuple):
     rows: NDArray[np.intp]
 
 
-def stretches_of(logs: Sequence[Log]) -> Stretches | None:
-    """Return what of the logs is looked at; None where they are too short or nothing moves."""
-    pieces = [piece for number, log in enumerate(logs) for piece in _pieces(number, log)]
+def stretches_of(logs: Sequence[Log], turn: Array) -> Stretches | None:
+    """Return what of the logs is looked at; None where they are too short or nothing moves.
+
+    turn (s,): counts after which pivot encoders begin again.
+    """
+    pieces = [piece for number, log in enumerate(logs) for piece in _pieces(number, log, turn)]
     moving = [piece for piece in pieces if np.abs(piece.counted).sum() > 0]
     if not moving:
         return None
@@ -98,7 +101,7 @@ class _Piece(NamedTuple):
     poses: Poses | None
 
 
-def _pieces(number: int, log: Log) -> list[_Piece]:
+def _pieces(number: int, log: Log, turn: Array) -> list[_Piece]:
     """Return the stretches of one log."""
     period = float(np.median(np.diff(log.t)))
     stride = max(1, round(STEP / period)) if period < STEP else 1
@@ -108,6 +111,8 @@ def _pieces(number: int, log: Log) -> list[_Piece]:
         taken = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
         if len(taken) > 1 and np.median(np.diff(log.t[taken])) > SPARSE:
             taken = taken[:0]
+    pivots = np.array([np.unwrap(column, period=counts) for column, counts in zip(log.pivot.T, turn, strict=True)])
+    pivots = pivots.reshape(len(turn), len(log)).T
     size = max(WINDOW, int(STRETCH / (period * stride)) // WINDOW * WINDOW)
     pieces = []
     for begin in range(0, len(at) - 1, size):
@@ -117,7 +122,7 @@ def _pieces(number: int, log: Log) -> list[_Piece]:
         if n == 0:
             continue
         poses = _poses(number, log, rows, taken) if len(taken) > 1 else None
-        wheel, pivot = log.wheel[rows], log.pivot[rows]
+        wheel, pivot = log.wheel[rows], pivots[rows]
         pieces.append(_Piece(np.diff(wheel, axis=0), pivot[:-1], pivot[1:], poses))
     return pieces
 

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.palette import AXES, ESTIMATE, FADED, GRID, INK, TRUTH, WHITE, Color
@@ -118,6 +119,50 @@ def errors(before: Traces, after: Traces | None = None) -> Picture:
     )
 
 
+def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Picture | None:
+    """Return by how much dead reckoning is off the reference, along the way; None where there is no reference.
+
+    groups: a column each, by what it is of: the traces of its logs, as described and, if any, with what was found.
+    """
+    seen = {title: pair for title, pair in groups.items() if any(len(traces.times) for traces in pair[0])}
+    if not seen:
+        return None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+        every = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
+        for (title, pair), (position, heading) in zip(seen.items(), every.T, strict=True):
+            for several, color, label in zip(pair, (BEFORE, AFTER), ("as described", "with robot.json"), strict=True):
+                for k, traces in enumerate(several):
+                    way = np.interp(traces.times, traces.t, traces.driven)
+                    off = 1e3 * np.hypot(traces.off[:, 0], traces.off[:, 1])
+                    position.plot(way, off, color=color, label="_" if k else label)
+                    heading.plot(way, 1e3 * traces.off[:, 2], color=color)
+            heading.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
+        every[0, 0].set_ylim(bottom=0)
+        every[0, 0].set_ylabel("position off by, mm")
+        every[1, 0].set_ylabel("heading, mrad")
+        _legend_above(every[0, 0])
+        svg = _svg(figure, "drift")
+    found = any(afters for _, afters in seen.values())
+    said = [
+        f"{title}, {_ends(first, second)}"
+        for title, (befores, afters) in seen.items()
+        for first, second in [(befores[0], next(iter(afters), None))]
+    ]
+    return Picture(
+        "drift",
+        svg,
+        f"How far dead reckoning is off the reference along the way, as described{' and with robot.json' * found}: "
+        f"{'; '.join(said)}.",
+        "How far dead reckoning from the counts is off the reference, against the distance driven; a line for each log."
+        + (
+            " Grey: the robot file as given; blue: with what is named."
+            if any(pair[1] for pair in seen.values())
+            else ""
+        ),
+    )
+
+
 def slip(before: Traces, after: Traces | None = None) -> Picture:
     """Return which channel slips when, as a map of channels and time."""
     shown = list(_both(before, after, "as described", "with what was found"))
@@ -180,27 +225,36 @@ def candidates(ranks: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) ->
     ranks: with "what" and "deviance". named: the "what" of those that were named.
     """
     best = sorted(ranks, key=lambda rank: -float(rank["deviance"]))[:SHOWN]
-    with mpl.rc_context({**STYLE, "axes.grid": False}):
-        names = [_plain(str(rank["what"])) for rank in best]
-        figure, (axes,) = _figure(0.55 + 0.2 * len(best) + 0.11 * sum(name.count("\n") for name in names), 1)
-        gains = [max(float(rank["deviance"]), 0.0) for rank in best]
-        colors = [AFTER if rank["what"] in named else "#c9c6bd" for rank in best]
-        axes.barh(np.arange(len(best)), gains, color=colors, height=0.62)
-        axes.set_yticks(np.arange(len(best)), names, fontsize=7.5)
-        for row, gain in enumerate(gains):
-            axes.annotate(f"{gain:.0f}", (gain, row), (3, 0), textcoords="offset points", va="center", fontsize=7.5)
-        axes.invert_yaxis()
-        axes.spines["left"].set_visible(False)
-        axes.tick_params(axis="y", length=0)
-        axes.set_xlabel("2 ln(likelihood ratio) of each candidate alone")
-        axes.margins(x=0.1)
-        svg = _svg(figure, "candidates")
+    gains = [max(float(rank["deviance"]), 0.0) for rank in best]
+    svg = _bars(
+        "candidates",
+        [(str(rank["what"]), gain, f"{gain:.0f}") for rank, gain in zip(best, gains, strict=True)],
+        named,
+        "2 ln(likelihood ratio) of each candidate alone",
+    )
     first = f"{best[0]['what']} first, with {gains[0]:.0f}" if best else "none"
     return Picture(
         "candidates",
         svg,
         f"Bars of 2 ln(likelihood ratio) of each candidate alone: {first}.",
         "Twice the gain in log-likelihood by each candidate alone; within 6 of the best the logs do not decide.",
+    )
+
+
+def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] = ()) -> Picture:
+    """Return how likely each name is, the likeliest first: (name, probability, how that is written).
+
+    named: the names that are given to what is missing.
+    """
+    best = sorted(names, key=lambda one: -one[1])[:SHOWN]
+    svg = _bars("probabilities", [(name, 100 * part, said) for name, part, said in best], named, "probability, %", 100)
+    told = ", ".join(f"{name} {said}" for name, _, said in best)
+    return Picture(
+        "probabilities",
+        svg,
+        f"Bars of the probability of every name: {told}.",
+        "How likely it is that each of these is among what is missing."
+        + (" Blue: what is named." if any(name in named for name, _, _ in best) else ""),
     )
 
 
@@ -225,6 +279,7 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
                 top.plot(np.arange(1, len(position) + 1), position, "o-", color=color, markersize=3, label=label)
             top.set_ylabel("position, mm")
             top.set_xlabel("window")
+            top.xaxis.set_major_locator(MaxNLocator(integer=True))
             top.set_ylim(bottom=0)
         for axes, (kind, (label, names)) in zip(every, kinds.items(), strict=True):
             width = 0.8 / len(shown)
@@ -243,6 +298,29 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
         "How far the simulated robot ends up from the measured one after each window, and what its encoders count "
         "beyond the measured ones (rms).",
     )
+
+
+def _bars(
+    name: str, bars: Sequence[tuple[str, float, str]], named: Sequence[str], label: str, most: float | None = None
+) -> str:
+    """Return bars, each with what it is of, its length and what is written at its end; the named in colour."""
+    with mpl.rc_context({**STYLE, "axes.grid": False}):
+        names = [_plain(what) for what, _, _ in bars]
+        figure, (axes,) = _figure(0.55 + 0.2 * len(bars) + 0.11 * sum(what.count("\n") for what in names), 1)
+        colors = [AFTER if what in named else "#c9c6bd" for what, _, _ in bars]
+        axes.barh(np.arange(len(bars)), [length for _, length, _ in bars], color=colors, height=0.62)
+        axes.set_yticks(np.arange(len(bars)), names, fontsize=7.5)
+        for row, (_, length, said) in enumerate(bars):
+            axes.annotate(said, (length, row), (3, 0), textcoords="offset points", va="center", fontsize=7.5)
+        axes.invert_yaxis()
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlabel(label)
+        axes.margins(x=0.1)
+        if most is not None:
+            axes.set_xlim(0, 1.15 * most)
+            axes.set_xticks(np.linspace(0, most, 6))
+        return _svg(figure, name)
 
 
 def _both(before: Shown, after: Shown | None, first: str, second: str) -> list[tuple[Shown, str, str]]:

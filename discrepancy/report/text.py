@@ -19,7 +19,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import described
 from discrepancy.inference.findings import Diagnosis, Finding, Left, Rank
 from discrepancy.preflight import Mistake
-from discrepancy.report.page import READ_AS
+from discrepancy.report.parts import READ_AS
 from discrepancy.validation.cost import WAY, cost_of
 from discrepancy.validation.discriminating_drive import separating_drive
 from estimators.calibration.maximum_likelihood import State

@@ -23,7 +23,8 @@ WINDOW = 1.0
 class Traces:
     """One log, as a robot's description explains it.
 
-    path (K, 3): dead reckoning at `t` (K,), from the first reference pose on, or from 0. times (k,), reference (k, 3):
+    path (K, 3): dead reckoning at `t` (K,), from where the body truly was at the first reference pose, or from 0.
+    times (k,), reference (k, 3):
     the body's poses as the reference tells. off (k, 3): dead reckoning less reference, in N, m and rad.
     channels: wheels' rolling and castors' side slip. middle (n,): of windows, s. place (n, 2): where the body was, m.
     slip (n, channels): by how much each misses perfect rolling in a window, m, added up with its sign.
@@ -38,6 +39,11 @@ class Traces:
     middle: Array
     place: Array
     slip: Array
+
+    @property
+    def driven(self) -> Array:
+        """How far the body's origin went until each of `t` (K,), m."""
+        return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.path[:, :2], axis=0).T))])
 
     def worst(self) -> dict[str, Any]:
         """Return where most slip is, plain data for JSON: its channel, time and place."""
@@ -73,7 +79,8 @@ def traces_of(
     times, reference = poses_in(robot, log, clock, mount)
     if len(times):
         at = np.stack([np.interp(times, t, column) for column in path.T], axis=-1)
-        path, at = (compose(reference[0], relative_pose(at[0], poses)) for poses in (path, at))
+        truly = np.array([np.interp(times[0], log.t, column) for column in state[:, :3].T])
+        path, at = (compose(truly, relative_pose(at[0], poses)) for poses in (path, at))
     else:
         at = np.zeros((0, 3))
     edges = _edges(log.t, window)

@@ -12,8 +12,8 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
-from discrepancy.posterior.jitter import SIZES, borne_out, weighed
 from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.variances.jitter import SIZES, borne_out, weighed
 from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.evidence import cost_of_noise
 from discrepancy.trains.linearise import Linearised

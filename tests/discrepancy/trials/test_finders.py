@@ -26,7 +26,10 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
     """An answer of the posterior, made by hand."""
     candidate = Candidate("something") if kind is None else Candidate("an effect", (kind,), len(amplitudes))
     sizes = np.array(amplitudes), np.array(covariance)
-    return Answer(probabilities, credible, kind is None, candidate, *sizes, 0.0, 9.0, np.zeros(2), verdict, "so")
+    cost = np.zeros(2)
+    return Answer(
+        probabilities, credible, kind is None, candidate, *sizes, 0.0, 9.0, cost, verdict=verdict, reason="so"
+    )
 
 
 def posterior_says(monkeypatch, *answers, mistakes=()):

@@ -7,7 +7,7 @@ import pytest
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
-from discrepancy.posterior.jitter import jitter_answer
+from discrepancy.posterior.variances.jitter import jitter_answer
 
 ROBOT, NAMES, STAMPS = preset("differential"), 50, np.arange(0, 60, 0.05)
 

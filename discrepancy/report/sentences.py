@@ -1,0 +1,210 @@
+"""A diagnosis by posterior in words, from its data (castor-diagnosis/2): what is missing, how sure, what it costs."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from discrepancy.report.parts import READ_AS, Data, digits_by, mapping, mappings, number
+from estimators.calibration.identifiability import COVERAGE
+
+HALF = 0.5
+"""The part of a gap from which on what stays of it is told before anything else."""
+
+TOLD, MOST = 0.01, 3
+"""Probability from which on another name is told, and how many are at most."""
+
+WHOLE = 3
+"""Answers that one sentence tells; of more, it tells the costliest of each verdict."""
+
+SHOWN = 0.05
+"""Probability from which on a name stands in the picture: many are as likely as they were before logs were seen."""
+
+COSTS = (("mm", "after 10 m"), ("mrad", "after a turn"))
+"""Of what an effect costs: units, and of what."""
+
+SAYS = {
+    "named": "The robot's file lacks {}.",
+    "ambiguous": "Something is missing that these motions cannot tell: {}.",
+    "unexplained": "No effect of the catalogue explains what is missing; it looks like {}.",
+    "unconfirmed": "The held-out logs do not confirm what seems to be missing: {}.",
+}
+
+
+def sentence(data: Data) -> str:
+    """Return what is missing, how sure, and what it costs; before that, if most of the gap stays."""
+    answers = material(data)
+    mistakes = [f"Gross mistake: {_title(mistake)}." for mistake in mappings(data.get("mistakes"))]
+    parts = [stays(data), *mistakes]
+    for verdict, says in SAYS.items():
+        of = [answer for answer in answers if answer.get("verdict") == verdict]
+        of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer.get("cost") or ()), default=0.0))
+        several = [_told(data, answer) for answer in (of if len(answers) <= WHOLE else of[:1])]
+        several += [f"{len(of) - len(several)} more"] if len(several) < len(of) else []
+        parts += [says.format("; and ".join(several))] if several else []
+    if not answers and mistakes:
+        parts.append("Nothing else that matters is missing.")
+    elif not answers:
+        trifles = [str(answer.get("what")) for answer in mappings(data.get("answers"))]
+        nothing = f"Nothing that matters is missing: {', '.join(trifles)} costs too little." if trifles else ""
+        parts.append(nothing or "The robot's file explains these logs: nothing is missing.")
+    return " ".join(part for part in parts if part)
+
+
+def as_lines(data: Data) -> list[str]:
+    """Return the same facts as the page in about ten lines."""
+    lines = [line for line in (stays(data),) if line]
+    lines += [f"{data['robot']}: {data['verdict']}", *(f"pre-flight: {line}" for line in data["preflight"])]
+    for answer in material(data):
+        lines.append(f"{answer['verdict']}: {answer['what']}, {percent(answer['probability'])} sure")
+        if size := size_of(answer):
+            lines[-1] += f": {size}"
+        if answer["verdict"] != "named":
+            lines.append(f"  {reason_of(data, answer)}")
+        if others := others_of(data, answer):
+            lines.append(f"  or: {listed(others)}")
+        lines.append(f"  costs {cost_of(answer) or 'nothing on these drives'}")
+        if answer["check"]:
+            lines[-1] += f"; to check: {answer['check']}"
+    if not material(data) and not data["mistakes"]:
+        lines.append(sentence(data))
+    elif trifles := [answer["what"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
+        lines.append(f"costs too little to matter: {', '.join(trifles)}")
+    for where, of in (("", data["gap"]), (" on the held-out logs", data["held_out_gap"])):
+        if of is not None:
+            before, after = (None if one is None else off(one) for one in of)
+            now = f"; with robot.json {after}, {_part(*of)} stays" if after is not None else ""
+            lines.append(f"odometry is off the reference{where} by {before} (rms){now}")
+    replays = mapping(data["replay"])
+    if before := mapping(replays.get("before")):
+        now = f"; with robot.json {missed(replays['after'])}" if replays.get("after") else ""
+        lines.append(f"simulation is off the logs after {before['window_s']:.0f} s by {missed(before)} (rms){now}")
+    return lines
+
+
+def stays(data: Data) -> str:
+    """Return what stays of the gap with the robot that is written, if that is half or more; else nothing."""
+    if (staying := _staying(data)) is None:
+        return ""
+    where, before, after, noise = staying
+    if noise:
+        share = f"{100 * after / before:.0f} % of the gap{where} stays, {after:.3g} of {before:.3g} mm (rms)"
+        return f"{share}; the reference's own noise is about {noise:.2g} mm."
+    if after >= before:
+        return f"What is named does not shrink the gap{where}: {after:.3g} instead of {before:.3g} mm (rms)."
+    return f"{100 * after / before:.0f} % of the gap{where} stays unexplained: {after:.3g} of {before:.3g} mm (rms)."
+
+
+def unexplained(data: Data) -> bool:
+    """Whether something that matters has no name, or half of the gap stays and is no noise."""
+    staying = _staying(data)
+    named = all(answer.get("verdict") == "named" for answer in material(data))
+    return not named or (staying is not None and not staying[3])
+
+
+def material(data: Data) -> list[Data]:
+    """Return the answers that matter."""
+    return [answer for answer in mappings(data.get("answers")) if answer.get("verdict") != "negligible"]
+
+
+def size_of(answer: Data) -> str:
+    """Return how large an effect is, with its 95 % interval; nothing of one without a size or a name."""
+    size, unit, interval = answer.get("size"), answer.get("unit"), answer.get("interval")
+    if size is None or unit is None or not interval:
+        return ""
+    name, scale = READ_AS.get(str(unit), (str(unit), 1.0))
+    digits = digits_by((interval[1] - interval[0]) / (2 * COVERAGE), scale)
+    shown, low, high = (number(value, scale, digits, signed=True) for value in (size, *interval))
+    return f"{shown} {name} ({low} to {high})"
+
+
+def cost_of(answer: Data) -> str:
+    """Return what an effect costs in use; nothing where these drives do not tell."""
+    costs = zip(answer.get("cost") or (), COSTS, strict=False)
+    return " and ".join(f"{_figures(1e3 * cost)} {unit} {of}" for cost, (unit, of) in costs if cost)
+
+
+def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
+    """Return the other names of an answer in words, and their probabilities, the likeliest first."""
+    names, called = mapping(data.get("names")), list(answer.get("credible_set") or ())[:1]
+    told = mapping(answer.get("probabilities")).items()
+    others = [(str(names.get(name, name)), part) for name, part in told if name not in called and part >= TOLD]
+    return sorted(others, key=lambda other: -other[1])[:MOST]
+
+
+def reason_of(data: Data, answer: Data) -> str:
+    """Return why an answer is not named, in words."""
+    names, told = mapping(data.get("names")), list(answer.get("credible_set") or ())
+    if answer.get("verdict") == "ambiguous" and told:
+        return f"these motions cannot distinguish: {'; '.join(str(names.get(name, name)) for name in told)}"
+    return str(answer.get("reason") or "").partition("; it looks like")[0]
+
+
+def listed(others: Sequence[tuple[str, float]]) -> str:
+    """Return names with their probabilities."""
+    return ", ".join(f"{name} ({percent(part)})" for name, part in others)
+
+
+def percent(part: Any) -> str:
+    """Return a probability; none is told to be certain."""
+    if not isinstance(part, int | float):
+        return "\N{EN DASH}"
+    if part > 0.999:
+        return "over 99.9 %"
+    return f"{100 * part:.{1 if part > 0.99 else 0}f} %" if part >= TOLD else "under 1 %"
+
+
+def off(gap: Sequence[float]) -> str:
+    """Return a gap (m, rad)."""
+    return " and ".join(f"{_figures(1e3 * part)} {unit}" for part, (unit, _) in zip(gap, COSTS, strict=True))
+
+
+def missed(summary: Mapping[str, Any]) -> str:
+    """Return by how much the simulation misses the measurement, of a replay's summary."""
+    parts = (("position_rms_mm", "mm"), ("heading_rms_mrad", "mrad"), ("wheels_rms_mm", "mm of roll"))
+    known = [f"{_figures(summary[key])} {unit}" for key, unit in parts if summary[key] is not None]
+    return ", ".join(known[:2]) or "nothing that was measured"
+
+
+def _told(data: Data, answer: Data) -> str:
+    """Return an answer in a sentence: its names, how sure, how large, and what it costs."""
+    what, sure = str(answer.get("what")), f"{percent(answer.get('probability'))} sure"
+    sure += " by these logs alone" if answer.get("verdict") == "unconfirmed" else ""
+    if answer.get("verdict") == "ambiguous" and (others := others_of(data, answer)):
+        names = " or ".join(f"{name} ({percent(part)})" for name, part in [(what, answer.get("probability")), *others])
+    else:
+        size = size_of(answer).partition(" (")[0]
+        names = f"{what} ({f'{size}, ' if size else ''}{sure})"
+    cost = cost_of(answer)
+    return f"{names}, which costs {cost}" if cost else names
+
+
+def _staying(data: Data) -> tuple[str, float, float, float] | None:
+    """Return the first gap of which half or more stays: where, mm before and after, and the reference's own noise, mm,
+    if that is half of it or more; None if there is none."""
+    replays, position = mapping(data.get("replay")), mapping(data.get("noise")).get("position_m")
+    gaps = [("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))]
+    gaps = [(where, [None if of is None else 1e3 * of[0] for of in pair]) for where, pair in gaps if pair]
+    if not gaps:
+        counted = [mapping(replays.get(when)).get("wheels_rms_mm") for when in ("before", "after")]
+        gaps, position = [(" between simulated and measured wheel counts", counted)], None
+    for where, (before, after) in gaps:
+        if before and after is not None and after >= HALF * before:
+            noise = 1e3 * math.sqrt(2) * (position or 0.0)  # along both axes
+            return where, before, after, noise if noise >= HALF * after else 0.0
+    return None
+
+
+def _title(mistake: Data) -> str:
+    """Return a gross mistake in a few words, and what else it may be."""
+    others = [str(other) for other in mistake.get("alternatives") or ()]
+    title = str(mistake.get("what") or "").partition(":")[0]
+    return f"{title}, or else {'; or '.join(others)}" if others else title
+
+
+def _part(before: Sequence[float], after: Sequence[float]) -> str:
+    return f"{100 * after[0] / before[0]:.0f} %" if before[0] > 0 else "all"
+
+
+def _figures(value: float) -> str:
+    """Return a number to three figures, as people write it."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

@@ -1,0 +1,105 @@
+"""A diagnosis by posterior as plain data."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from castor_envs.effects.catalogue import catalogue
+from castor_envs.vehicles.effect import Effect
+from discrepancy.hypotheses.candidates import described, family_of
+from discrepancy.posterior.answers import SHOWN, Answer, Seen
+from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.verdicts import WEAKEST_FIRST
+from discrepancy.preflight import Mistake
+from estimators.calibration.identifiability import COVERAGE
+
+FORMAT = "castor-diagnosis/2"
+
+Data = dict[str, Any]
+
+
+def as_data(
+    diagnosis: Diagnosis,
+    mistakes: Sequence[Mistake] = (),
+    after: Linearised | None = None,
+    held_out_after: Linearised | None = None,
+) -> Data:
+    """Return a diagnosis as plain data; lengths in m, angles in rad.
+
+    mistakes: gross ones, undone in the logs. after, held_out_after: what the robot with all that is named leaves of the
+    logs; None if nothing is.
+    """
+    before, noise = diagnosis.before, (after or diagnosis.before).noise
+    gross = [_mistake(mistake) for mistake in mistakes]
+    missing = [diagnosis.verdict] if diagnosis.verdict != "no discrepancy" or not gross else []
+    verdicts = [*(mistake["verdict"] for mistake in gross), *missing]
+    return {
+        "format": FORMAT,
+        "robot": diagnosis.robot.name,
+        "verdict": min(verdicts, key=(*WEAKEST_FIRST, "no discrepancy").index),
+        "mistakes": gross,
+        "answers": [answer_data(answer) for answer in diagnosis.answers],
+        "probabilities": diagnosis.inclusion,
+        "names": _names(diagnosis),
+        "gap": gaps(before, after),
+        "held_out_gap": None if diagnosis.held_out is None else gaps(diagnosis.held_out[0], held_out_after),
+        "noise": None if before.gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
+    }
+
+
+def answer_data(answer: Answer) -> Data:
+    """Return an answer as plain data; of an effect of a train's module, with its axle (from 1)."""
+    effect = answer.effect
+    sized = effect is not None and not effect.binary
+    return {
+        "verdict": answer.verdict,
+        "reason": answer.reason,
+        "what": answer.candidate.what,
+        "probability": answer.probability,
+        "probabilities": answer.probabilities,
+        "credible_set": list(answer.credible),
+        "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),
+        "size": answer.size,
+        "unit": effect.unit if effect is not None and sized else None,
+        "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
+        "cost": np.abs(answer.size * answer.cost).tolist(),
+        "check": "" if effect is None else effect.check,
+    }
+
+
+def _fields(effect: Effect) -> Data:
+    return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
+
+
+def _axle(answer: Answer) -> Data:
+    axle = getattr(answer.candidate, "axle", None)
+    return {} if axle is None else {"axle": axle}
+
+
+def _mistake(mistake: Mistake) -> Data:
+    return {
+        "verdict": "ambiguous" if mistake.alternatives else "named",
+        "what": mistake.what,
+        "effects": [{"name": effect.name} | _fields(effect) for effect in mistake.effects],
+        "alternatives": list(mistake.alternatives),
+    }
+
+
+def _names(diagnosis: Diagnosis) -> dict[str, str]:
+    """Return in words what the names stand for that are told."""
+    kinds = ((family_of(effect), effect) for effect in catalogue(diagnosis.robot.as_described()))
+    words = {family: described(effect) for family, effect in kinds if effect.name == family.split()[0]}
+    words |= {answer.candidate.family: answer.candidate.what for answer in diagnosis.answers}
+    told = {name for answer in diagnosis.answers for name in answer.probabilities}
+    told |= {name for name, part in diagnosis.inclusion.items() if part > SHOWN}
+    return {name: words.get(name, name) for name in sorted(told)}
+
+
+def gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
+    """Return the gap, m and rad, without and with what is named."""
+    if before.gap is None:
+        return None
+    return [list(before.gap), None if after is None or after.gap is None else list(after.gap)]

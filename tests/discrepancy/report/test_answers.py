@@ -1,0 +1,228 @@
+"""The page and the words of a diagnosis by posterior, from data alone."""
+
+from html.parser import HTMLParser
+from typing import Any
+
+import pytest
+
+from discrepancy.report import sentences
+from discrepancy.report.answers import html_of
+from discrepancy.report.parts import names_apart
+from discrepancy.report.pictures import Picture, probabilities
+
+RADIUS, LATE = "wheel radius, castor 2, wheel 1", "latency of one encoder, castor 3"
+ANSWER = {
+    "verdict": "named",
+    "reason": RADIUS,
+    "what": RADIUS,
+    "probability": 0.97,
+    "probabilities": {"wheel_radius 2 1": 0.97, "encoder_latency 3 None": 0.03},
+    "credible_set": ["wheel_radius 2 1"],
+    "effect": {"name": "wheel_radius", "castor": 2, "wheel": 1, "value": 0.00498},
+    "size": 0.00498,
+    "unit": "1",
+    "interval": [0.00465, 0.00531],
+    "cost": [0.0392, 0.0],
+    "check": "Measure the wheel's diameter under load.",
+}
+SUMMARY = {
+    "drive": "commands",
+    "notes": [],
+    "window_s": 5.0,
+    "windows": 12,
+    "driven_m": 8.1,
+    "position_rms_mm": 8.24,
+    "heading_rms_mrad": 8.26,
+    "wheels_rms_mm": 1.63,
+    "pivots_rms_mrad": None,
+}
+AFTER = SUMMARY | {"position_rms_mm": 2.06}
+DATA: dict[str, Any] = {
+    "format": "castor-diagnosis/2",
+    "robot": "base",
+    "verdict": "named",
+    "mistakes": [],
+    "answers": [ANSWER],
+    "probabilities": {"wheel_radius 2 1": 0.97, "encoder_latency 3 None": 0.03},
+    "names": {"wheel_radius 2 1": RADIUS, "encoder_latency 3 None": LATE},
+    "gap": [[0.0125, 0.0123], [0.0004, 0.0005]],
+    "held_out_gap": None,
+    "noise": {"position_m": 0.0003, "heading_rad": 0.0002},
+    "logs": ["monday/log.csv", "tuesday/log.csv"],
+    "held_out_logs": [],
+    "clean_logs": [],
+    "preflight": [],
+    "effects": [ANSWER["effect"]],
+    "robot_file": "out/robot.json",
+    "replay": {"before": SUMMARY, "after": AFTER, "held_out_before": None, "held_out_after": None},
+    "where": None,
+}
+UNCONFIRMED = ANSWER | {"verdict": "unconfirmed", "reason": f"the held-out logs do not confirm {RADIUS}"}
+UNEXPLAINED = ANSWER | {
+    "verdict": "unexplained",
+    "what": "wheel_1l jumps at 3.0 s",
+    "reason": "no effect of the catalogue explains it; it looks like: wheel_1l jumps at 3.0 s",
+    "effect": None,
+    "unit": None,
+    "check": "",
+}
+AMBIGUOUS = ANSWER | {"verdict": "ambiguous", "probability": 0.6, "credible_set": ["wheel_radius 2 1", LATE]}
+AMBIGUOUS["probabilities"] = {"wheel_radius 2 1": 0.6, "encoder_latency 3 None": 0.4}
+TRIFLE = ANSWER | {"verdict": "negligible", "cost": [1e-4, 0.0]}
+
+
+class Reader(HTMLParser):
+    """Reads a page, and fails where a tag is not closed or a section or card is empty."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.tags, self.said, self.filled = [], set(), [], []
+        self.feed(page)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+            self.filled.append(0)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+        filled = self.filled.pop()
+        assert filled or tag not in ("section", "article", "ul", "dl", "dd", "table", "p")
+        if self.filled:
+            self.filled[-1] += filled
+
+    def handle_data(self, data):
+        if self.open and data.strip() and "style" not in self.open:
+            heading = self.open[-1] in ("h2", "h3", "dt", "summary")
+            self.filled[-1] += not heading
+            self.said.append(data.strip())
+
+
+def said(data, pictures=()):
+    return " ".join(" ".join(Reader(html_of(data, pictures)).said).partition("All that this page was made")[0].split())
+
+
+def answered(*answers, **more):
+    return DATA | {"answers": list(answers), "verdict": answers[0]["verdict"] if answers else "no discrepancy"} | more
+
+
+def test_the_page_says_what_is_missing_how_sure_what_it_costs_and_what_to_check():
+    text = said(DATA)
+    told = f"The robot's file lacks {RADIUS} (+0.498 %, 97 % sure), which costs 39.2 mm after 10 m."
+    assert told in text
+    assert told == sentences.sentence(DATA)
+    for part in (f"or else {LATE} (3 %)", "+0.498 % (+0.465 to +0.531)", ANSWER["check"], "position mm 12.50 0.40 3 %"):
+        assert part in text
+    assert "after a turn" not in text
+
+
+@pytest.mark.parametrize(
+    ("more", "first"),
+    [
+        ({"gap": [[0.0125, 0.01], [0.01, 0.001]]}, "80 % of the gap stays unexplained: 10 of 12.5 mm (rms)."),
+        (
+            {"gap": [[0.01, 0.01], [0.0125, 0.01]]},
+            "What is named does not shrink the gap: 12.5 instead of 10 mm (rms).",
+        ),
+        ({"held_out_gap": [[0.01, 0.01], [0.006, 0.01]]}, "60 % of the gap on the held-out logs stays unexplained"),
+        ({"gap": None}, "What is named does not shrink the gap between simulated and measured wheel counts"),
+    ],
+)
+def test_it_says_first_that_half_of_the_gap_or_more_stays(more, first):
+    data = DATA | more
+    assert sentences.sentence(data).startswith(first)
+    assert sentences.as_lines(data)[0].startswith(first)
+    assert sentences.unexplained(data)
+    assert not sentences.stays(DATA)
+
+
+def test_of_a_gap_that_is_noise_it_says_so():
+    data = DATA | {"gap": [[0.0013, 0.001], [0.0011, 0.001]], "noise": {"position_m": 0.0008, "heading_rad": 0.001}}
+    says = "85 % of the gap stays, 1.1 of 1.3 mm (rms); the reference's own noise is about 1.1 mm."
+    assert sentences.sentence(data).startswith(says)
+    assert not sentences.unexplained(data)
+
+
+def test_a_gross_mistake_is_told_with_what_else_it_may_be():
+    mistake = {"verdict": "ambiguous", "what": "pivot_1 is reversed: see", "alternatives": ["wheel_1l is reversed"]}
+    text = sentences.sentence(answered(mistakes=[mistake]))
+    assert text.startswith("Gross mistake: pivot_1 is reversed, or else wheel_1l is reversed.")
+
+
+@pytest.mark.parametrize(
+    ("data", "part"),
+    [
+        (answered(UNCONFIRMED), "The held-out logs do not confirm what seems to be missing: wheel radius"),
+        (answered(UNEXPLAINED), "it looks like wheel_1l jumps at 3.0 s (97 % sure)"),
+        (answered(AMBIGUOUS), f"these motions cannot tell: {RADIUS} (60 %) or {LATE} (40 %), which costs 39.2 mm"),
+        (answered(TRIFLE), f"Nothing that matters is missing: {RADIUS} costs too little."),
+        (answered(), "The robot's file explains these logs: nothing is missing."),
+    ],
+)
+def test_every_verdict_is_a_sentence_and_lines_and_a_page_without_empty_parts(data, part):
+    data = data | {"gap": [DATA["gap"][0], None], "effects": [], "robot_file": None}
+    data["replay"] = DATA["replay"] | {"after": None}
+    text = said(data)
+    assert part in text
+    for words in (text, "\n".join(sentences.as_lines(data))):
+        assert data["verdict"] in words
+        assert "None" not in words
+        assert "nan" not in words
+    assert "after" not in text.partition("Dead reckoning less reference")[2].partition("mm")[0]
+    assert len(sentences.as_lines(data)) <= 10
+
+
+def test_of_many_answers_the_sentence_tells_the_costliest():
+    dear = UNEXPLAINED | {"what": "the dearest", "cost": [1.0, None]}
+    text = sentences.sentence(answered(UNEXPLAINED, ANSWER, dear, UNEXPLAINED, UNEXPLAINED))
+    assert "it looks like the dearest" in text
+    assert "; and 3 more." in text
+
+
+@pytest.mark.parametrize("key", DATA)
+def test_any_part_may_be_missing_or_null(key):
+    for data in ({name: value for name, value in DATA.items() if name != key}, DATA | {key: None}):
+        assert "None" not in said(data).replace("encoder_latency 3 None", "")
+
+
+def test_nothing_from_a_file_is_taken_for_markup():
+    evil = "<script>alert(1)</script>\"'&"
+
+    def poisoned(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: poisoned(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [poisoned(item) for item in value]
+        return evil if isinstance(value, str) else value
+
+    for answer in (ANSWER, UNEXPLAINED, AMBIGUOUS, TRIFLE):
+        data = poisoned(answered(answer, mistakes=[{"what": "x"}], preflight=["x"])) | {"answers": [poisoned(answer)]}
+        data["answers"][0]["verdict"] = answer["verdict"]
+        page = html_of(data, [Picture("drift", "<svg></svg>", evil, evil)])
+        assert "script" not in Reader(page).tags
+        assert "&lt;script&gt;" in page
+
+
+def test_slip_is_where_there_is_some():
+    where = {"log": "a", "channel": "wheel 2l rolling", "share_of_slip": 0.66, "most_slip_m": 0.002, "at_s": 52.5}
+    assert "Where slip is left" not in said(DATA)
+    assert "wheel 2l rolling (66 %)" in said(DATA | {"where": where | {"x_m": 1.76, "y_m": 0.34}})
+
+
+def test_logs_are_called_by_as_much_as_tells_them_apart():
+    assert list(names_apart(["a/log.csv", "b/log.csv", "c/d.csv"]).values()) == ["a/log.csv", "b/log.csv", "d.csv"]
+    assert list(names_apart(["x/a/log.csv", "y/a/log.csv", "log.csv"]).values()) == [
+        "x/a/log.csv",
+        "y/a/log.csv",
+        "log.csv",
+    ]
+    assert "log 1: monday/log.csv, log 2: tuesday/log.csv" in said(DATA)
+
+
+def test_probabilities_are_drawn_the_likeliest_first():
+    picture = probabilities([("a", 0.1, "10 %"), ("b <$x$>", 0.9, "90 %")], ["a"])
+    assert "b <$x$> 90 %, a 10 %" in picture.alt
+    assert "&lt;$x$&gt;" in html_of(DATA, [picture])

@@ -1,0 +1,111 @@
+"""What the command writes and prints of a diagnosis by posterior."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from castor_envs import command_line
+from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.wiring import EncoderReversed
+from castor_envs.logs.csv import read_log, write_log
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy import cli
+from discrepancy.diagnose import posterior_of
+from discrepancy.report import sentences
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("differential")
+REAL = ROBOT.with_effects(WheelRadius(castor=1, wheel=2, value=0.01))
+
+
+def command(capsys, *words):
+    with pytest.raises(SystemExit) as end:
+        command_line.run(cli.app, ["find", *map(str, words), "--robot", "differential", "--finder", "posterior"])
+    return end.value.code, *capsys.readouterr()
+
+
+def write(path, robot, seed=1):
+    motion = wander(np.random.default_rng([seed, 1]), duration=20.0, holonomic=False)
+    write_log(path, drive(robot, motion, seed, duration=20.0), ROBOT)
+    return path
+
+
+def numbers(data):
+    if isinstance(data, dict | list):
+        for value in data.values() if isinstance(data, dict) else data:
+            yield from numbers(value)
+    elif isinstance(data, float):
+        yield data
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("worn") / "log.csv", REAL)
+
+
+def test_the_folder_holds_page_data_and_the_robot_whose_gap_is_told(log, tmp_path, capsys):
+    out = tmp_path / "found"
+    code, text, err = command(capsys, log, "--out", out)
+    assert code == 0, err
+    assert sorted(path.name for path in out.iterdir()) == ["diagnosis.json", "report.html", "robot.json"]
+    data, page = json.loads((out / "diagnosis.json").read_text()), (out / "report.html").read_text()
+    assert (data["format"], data["verdict"]) == ("castor-diagnosis/2", "named")
+    assert all(math.isfinite(number) for number in numbers(data))
+    (answer,) = (answer for answer in data["answers"] if answer["verdict"] == "named")
+    assert answer["credible_set"] == ["wheel_radius 1 2"]
+    low, high = answer["interval"]
+    assert low < 0.01 < high
+    assert (data["robot_hash"], data["logs"], data["robot_file"]) == (ROBOT.hash(), [str(log)], str(out / "robot.json"))
+    written = RobotDescription.load(out / "robot.json")
+    assert written.to_dict()["effects"] == data["effects"]
+    before, after = data["gap"]
+    assert after[0] < 0.2 * before[0]
+    assert data["replay"]["after"]["position_rms_mm"] < 0.5 * data["replay"]["before"]["position_rms_mm"]
+    _, again = posterior_of(written, {"log": read_log(log, written)}, {}, {})
+    assert again.before.gap == tuple(after)
+    lines = text.splitlines()
+    assert len(lines) <= 11
+    assert f"with robot.json {1e3 * after[0]:.3g} mm and {1e3 * after[1]:.3g} mrad" in text
+    assert "wheel radius, castor 1, wheel 2, over 99.9 % sure: +1.0" in text
+    assert sentences.sentence(data).replace("'", "&#x27;") in page
+    assert page.count("<svg") >= 2
+    assert "Where slip is left" not in page
+    assert command(capsys, log, "--out", out)[0] == 2
+
+
+def test_wiring_that_is_undone_is_in_the_robot_and_the_verdict(tmp_path, capsys):
+    log = write(tmp_path / "log.csv", ROBOT.with_effects(EncoderReversed(castor=1, wheel=2)))
+    code, text, err = command(capsys, log, "--out", tmp_path / "found")
+    assert code == 0, err
+    data = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
+    assert (data["verdict"], data["gap"][1]) == ("named", None)
+    assert [effect.name for effect in RobotDescription.load(tmp_path / "found" / "robot.json").effects] == [
+        "encoder_reversed"
+    ]
+    assert "pre-flight: " in text
+    assert sentences.sentence(data) == "Gross mistake: wheel_1r counts backwards. Nothing else that matters is missing."
+
+
+def test_what_is_not_confirmed_is_not_written_and_slip_is_shown(log, tmp_path, capsys):
+    (tmp_path / "good").mkdir()
+    held_out = write(tmp_path / "good" / "log.csv", ROBOT, seed=2)
+    code, text, err = command(capsys, log, "--holdout", held_out, "--out", tmp_path / "found")
+    assert code == 0, err
+    assert not (tmp_path / "found" / "robot.json").exists()
+    data, page = json.loads((tmp_path / "found" / "diagnosis.json").read_text()), tmp_path / "found" / "report.html"
+    assert (data["verdict"], data["effects"], data["robot_file"]) == ("unconfirmed", [], None)
+    assert data["held_out_gap"][1] is None
+    assert "with robot.json" not in text
+    assert "Where slip is left" in page.read_text()
+    assert f"{log.parent.name}/log.csv, held out: good/log.csv" in page.read_text()
+
+
+def test_a_finder_that_there_is_not_is_one_line(log, capsys):
+    with pytest.raises(SystemExit) as end:
+        command_line.run(cli.app, ["find", str(log), "--robot", "differential", "--finder", "guess"])
+    assert end.value.code == 2
+    assert "--finder guess" in capsys.readouterr().err
