@@ -131,10 +131,11 @@ def explain(error: ValidationError) -> str:
     for item in error.errors()[:3]:
         where = ".".join(str(part) for part in item["loc"])
         message = _IN_OUR_WORDS.get(item["type"], item["msg"].removeprefix("Value error, "))
-        if item["type"] in ("too_short", "too_long"):
-            most = "at least" if item["type"] == "too_short" else "at most"
-            limit = item["ctx"]["min_length" if item["type"] == "too_short" else "max_length"]
-            message = f"needs {most} {limit} of them, has {item['ctx']['actual_length']}"
+        told = item.get("ctx", {})
+        if item["type"] == "too_short":
+            message = f"needs at least {told['min_length']} of them, has {told['actual_length']}"
+        elif item["type"] == "too_long":
+            message = f"needs at most {told['max_length']} of them, has {told['actual_length']}"
         given = item["input"]
         hidden = isinstance(given, dict | list | tuple) or item["type"] in _IN_OUR_WORDS
         shown = "" if hidden else f", got {shortened(repr(given), 80)}"

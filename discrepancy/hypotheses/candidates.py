@@ -89,6 +89,10 @@ class Candidate:
         phase = math.atan2(float(amplitudes[1]), size)
         return dataclasses.replace(kind, value=math.hypot(*amplitudes), phase=phase)
 
+    def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:
+        """Return the robot with the effect of these amplitudes beside its own; raises ValueError for what cannot be."""
+        return robot.with_effects(self.effect(amplitudes))
+
     def amplitudes(self, effect: Effect) -> Array:
         """Return the amplitudes (columns,) of an effect of this kind."""
         if self.columns == 1:

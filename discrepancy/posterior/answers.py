@@ -3,16 +3,98 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
-from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.priors import Place
+from discrepancy.posterior.random_effects import Statistics
 from discrepancy.posterior.single_effects import Posterior, SingleEffects
+
+
+class Cause(Protocol):
+    """What may be missing in the description of a robot (`hypotheses.candidates`) or a train (`trains.candidates`)."""
+
+    @property
+    def what(self) -> str:
+        """In words."""
+        ...
+
+    @property
+    def family(self) -> str:
+        """The same for all that are one answer."""
+        ...
+
+    @property
+    def kinds(self) -> tuple[Effect, ...]:
+        """Of the catalogue; none: it has no name."""
+        ...
+
+    @property
+    def columns(self) -> int:
+        """How many amplitudes it takes."""
+        ...
+
+    def effect(self, amplitudes: Array, /) -> Effect:
+        """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
+        ...
+
+    def added(self, vehicle: Any, amplitudes: Array, /) -> Any:
+        """Return the robot, or train, with this effect beside its own; raises ValueError for one that cannot be."""
+        ...
+
+
+class Seen(Protocol):
+    """What logs say of candidates, whoever made them: see `linearise.Linearised` and `trains.linearise.Linearised`."""
+
+    @property
+    def candidates(self) -> tuple[Cause, ...]:
+        """What may be missing."""
+        ...
+
+    @property
+    def columns(self) -> tuple[NDArray[np.intp], ...]:
+        """The columns of each candidate, among C."""
+        ...
+
+    @property
+    def logs(self) -> tuple[Statistics, ...]:
+        """Information and score of each log: of C sizes beyond the vehicle's effects, and what may hide of each."""
+        ...
+
+    @property
+    def usual(self) -> Array:
+        """Size (C,) of what has no name in logs of a vehicle in good order; NaN of effects."""
+        ...
+
+    @property
+    def cost(self) -> Array:
+        """What a unit of each (2, C) costs in use: m after 10 m, rad after a turn."""
+        ...
+
+    @property
+    def log_evidence(self) -> float:
+        """How likely the logs are (natural logarithm), sizes 0 and all else integrated out."""
+        ...
+
+    @property
+    def gap(self) -> tuple[float, float] | None:
+        """What is left of the logs, m and rad; None where it cannot be told."""
+        ...
+
+    def quieter(self, effects: Sequence[Any], /) -> Self:
+        """Return the same at the noise that is left beside effects, each as large as logs want."""
+        ...
+
+
+class Place(NamedTuple):
+    """What a hypothesis is about: the candidate, by its number, and the part of it that wheels hide."""
+
+    candidate: int
+    hidden: float
+
 
 Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
 
@@ -35,7 +117,7 @@ class Answer:
     probabilities: dict[str, float]
     credible: tuple[str, ...]
     unnamed: bool
-    candidate: Candidate
+    candidate: Cause
     amplitudes: Array
     covariance: Array
     hidden: float
@@ -72,11 +154,11 @@ class Answer:
 
 
 def answers_of(
-    seen: Linearised, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
+    seen: Seen, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
 ) -> list[Answer]:
     """Return an answer for every component of a posterior that is not likely to be nothing; for all of one candidate,
     which wheels hide in several parts, one."""
-    answers: dict[Candidate, Answer] = {}
+    answers: dict[Cause, Answer] = {}
     for j, component in enumerate(posterior.components):
         credible = posterior.credible_set(component)
         if not credible:
@@ -105,7 +187,7 @@ def answers_of(
     return list(answers.values())
 
 
-def _is_called(seen: Linearised, place: Place, name: str) -> bool:
+def _is_called(seen: Seen, place: Place, name: str) -> bool:
     """Whether a hypothesis is about the candidate that a name stands for, of those that are one and the same."""
     return seen.candidates[place.candidate].family == name
 

@@ -5,8 +5,9 @@ there are any (`priors`); an effect has to stand out of that. What comes out is 
 verdict that follows from it (`verdicts`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Generic
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,11 +19,11 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.inference.creep_prediction import CREEPS
 from discrepancy.inference.findings import without
-from discrepancy.posterior.answers import Answer, Verdict, answers_of
+from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import Place, hypotheses_of, order_of, sizes_of
+from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
-from discrepancy.posterior.refit import Sized, possible, refitted, robot_with
+from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_them
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.at_times import at_times
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -38,30 +39,38 @@ SECOND = 0.2
 """Part of what the largest new effect explains that another must, to be put into the model in the same round; where
 that leads nowhere new, all are."""
 
+WORSE = 0.5
+"""By how much (natural logarithm, for every sample) logs may be less likely and count as explained no worse: creep is
+predicted anew from what truly happened, so some is lost and won by chance."""
+
+
+Asked = tuple[Posterior, list[Answer]]
+"""What may be there, and the answers that this gives."""
+
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What logs say is missing. verdict: of all answers, the most certain first.
+class Diagnosis(Generic[V, S]):
+    """What logs say is missing in a description. verdict: of all answers, the most certain first.
 
     before, after: what is left of the logs without and with the effects in `answers` that have a name; held_out: the
     same of held-out logs. inclusion: probability of every name to be among what is missing. creep: parts of predicted
     creep in clean logs, if there are any.
     """
 
-    robot: RobotDescription
+    robot: V
     verdict: Verdict
     answers: tuple[Answer, ...]
     inclusion: dict[str, float]
-    before: Linearised
-    after: Linearised
-    held_out: tuple[Linearised, Linearised] | None
+    before: S
+    after: S
+    held_out: tuple[S, S] | None
     creep: Array | None = None
 
     @property
-    def found(self) -> RobotDescription:
-        """The robot with the effects that are named."""
-        effects = [answer.effect for answer in self.answers if answer.verdict == "named"]
-        return self.robot.with_effects(*(effect for effect in effects if effect is not None))
+    def found(self) -> V:
+        """The robot, or the train, with the effects that are named."""
+        named = [answer for answer in self.answers if answer.verdict == "named" and answer.effect is not None]
+        return with_them(self.robot, [Sized(answer.candidate, answer.amplitudes) for answer in named])
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -72,7 +81,7 @@ def diagnose(
     clean: Sequence[Log] = (),
     before: RobotDescription | None = None,
     material: Material = MATERIAL,
-) -> Diagnosis:
+) -> Diagnosis[RobotDescription, Linearised]:
     """Return what logs say is missing in a robot's description, how likely it is, and what it costs.
 
     held_out: logs that a name must be borne out by. clean: logs of the robot in good order. before: the robot as it
@@ -83,85 +92,108 @@ def diagnose(
     good = linearise(without(before or robot, SampleJitter), clean) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
-    first = seen = linearise(robot, logs, creep=creep, places=places)
-    named: tuple[Sized, ...] = ()
-    tried = [frozenset[str]()]
-    while True:
-        posterior, answers = _answers(robot, seen, good, named)
-        for least in (SECOND, 0.0):
-            new = _taken_in(robot, answers, named, least)
-            families = frozenset(one.candidate.family for one in new)
-            if families not in tried:
-                break
-        if families in tried or len(tried) > LOOKS:
-            break
-        tried.append(families)
-        named, seen = refitted(robot, logs, new, seen, creep)
-        more = dict.fromkeys(
-            (*places, *(one.candidate for one in named), *(c for c in first.candidates if c.at_a_place))
+    first = linearise(robot, logs, creep=creep, places=places)
+    somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
+
+    def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
+        mine = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
+        more = () if among is not None else tuple(dict.fromkeys((*places, *mine, *somewhere)))
+        only = None if among is None else [one for one in among if isinstance(one, Candidate)]
+        return linearise(with_them(robot, named), logs, start=start, creep=creep, among=only, places=more)
+
+    def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
+        candidates = [seen.candidates.index(one.candidate) for one in named]  # type: ignore[arg-type]
+        there = sizes_of(
+            candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(robot.effects) :].tolist(), seen
         )
-        seen = linearise(robot_with(robot, named), logs, start=seen, creep=creep, places=tuple(more))
+        return asked(seen, *hypotheses_of(robot, seen), order_of(seen, good), there)
+
+    named, seen, posterior, answers = named_together(robot, look, ask, WORSE * sum(len(log) for log in logs), first)
     late = jitter_answer(robot, logs, held_out, clean, len(posterior.names))
     beside = [*([] if late is None else [late]), *at_times(robot, seen, good, answers, len(posterior.names))]
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
     answers = [*answers, *beside]
     held, order = None, None
     if held_out:
-        among, found = [one.candidate for one in named], robot_with(robot, named)
-        held = (
-            linearise(robot, held_out, creep=creep, among=among),
-            linearise(found, held_out, creep=creep, among=among),
-        )
-        order = order_of(held[1], good)
-    answers = judged(answers, named, held, order, material)
-    return Diagnosis(robot, verdict_of(answers), answers, inclusion, first, seen, held, creep)
+        among = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
+        found = linearise(with_them(robot, named), held_out, creep=creep, among=among)
+        held, order = (linearise(robot, held_out, creep=creep, among=among), found), order_of(found, good)
+    told = judged(answers, named, held, order, material)
+    return Diagnosis(robot, verdict_of(told), told, inclusion, first, seen, held, creep)
 
 
-def _answers(
-    robot: RobotDescription, seen: Linearised, good: Linearised | None, named: Sequence[Sized]
-) -> tuple[Posterior, list[Answer]]:
-    """Return the posterior of all that may be there, and the answers that it gives, the most certain first."""
-    hypotheses, places = hypotheses_of(robot, seen)
-    candidates = [seen.candidates.index(one.candidate) for one in named]
-    there = sizes_of(
-        candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(robot.effects) :].tolist(), seen
-    )
-    order = order_of(seen, good)
-    single, posterior, score = _posterior(hypotheses, order, seen, there, there)
-    seen = seen.quieter(_likeliest(seen, posterior, places))
-    single, posterior, score = _posterior(hypotheses, order, seen, there, there)
+def named_together(
+    vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, first: S
+) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
+    """Return the effects that the answers name, put into the model until names stay, and what is seen and said then.
+
+    first: what logs say without any; worse: see `refitted`.
+    """
+    seen, tried = first, [frozenset[str]()]
+    named: tuple[Sized, ...] = ()
+    while True:
+        posterior, answers = ask(seen, named)
+        for least in (SECOND, 0.0):
+            new = _taken_in(vehicle, answers, named, least)
+            families = frozenset(one.candidate.family for one in new)
+            if families not in tried:
+                break
+        if families in tried or len(tried) > LOOKS:
+            return named, seen, posterior, answers
+        tried.append(families)
+        named, seen = refitted(vehicle, look, worse, named, new, seen)
+        seen = look(named, seen, None)
+
+
+def asked(
+    seen: Seen,
+    hypotheses: Sequence[Hypothesis],
+    places: Sequence[Place],
+    order: GoodOrder,
+    there: Array,
+    fitted: Array | None = None,
+) -> Asked:
+    """Return the posterior of all that may be there, and the answers that it gives, the most certain first.
+
+    places: what each hypothesis is about. order: what is seen in good order. there: sizes in the model already; fitted:
+    those of them that are as large as logs ask for; None: all.
+    """
+    fitted = there if fitted is None else fitted
+    single, posterior, score = _posterior(hypotheses, order, seen, there, there - fitted, fitted)
+    quiet = seen.quieter(_likeliest(seen, posterior, places))
+    if quiet is not seen:
+        seen = quiet
+        single, posterior, score = _posterior(hypotheses, order, seen, there, there - fitted, fitted)
     believed = np.sum([component.mean for component in posterior.components], axis=0)
-    single, posterior, score = _posterior(hypotheses, order, seen, there, believed)
+    single, posterior, score = _posterior(hypotheses, order, seen, there, believed - fitted, fitted)
     return posterior, answers_of(seen, single, posterior, score, places)
 
 
-def _likeliest(seen: Linearised, posterior: Posterior, places: Sequence[Place]) -> list[Candidate]:
+def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place]) -> list[Cause]:
     """Return the candidate of the catalogue that is likeliest in each of the most certain components."""
     named = np.array([bool(seen.candidates[place.candidate].kinds) for place in places])
     best = (int(np.argmax(component.probability * named)) for component in posterior.components[:BESIDE])
     return list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
 
 
-def _taken_in(
-    robot: RobotDescription, answers: Sequence[Answer], named: Sequence[Sized], least: float
-) -> tuple[Sized, ...]:
+def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> tuple[Sized, ...]:
     """Return the effects to put into the model: those that stay, and new ones but for such as explain less than such a
     part of the largest of these, which may be what its linear signature is wrong by."""
     kept = {one.candidate for one in named}
     every = [(answer, Sized(answer.candidate, answer.amplitudes)) for answer in answers if answer.effect is not None]
-    every = [(answer, one) for answer, one in every if possible(robot, [one])]
+    every = [(answer, one) for answer, one in every if possible(vehicle, [one])]
     largest = max((answer.explained for answer, one in every if one.candidate not in kept), default=0.0)
     return tuple(one for answer, one in every if one.candidate in kept or answer.explained >= least * largest)
 
 
 def _posterior(
-    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Linearised, there: Array, believed: Array
+    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, there: Array, far: Array, fitted: Array
 ) -> tuple[SingleEffects, Posterior, Array]:
     """Return the posterior of hypotheses beside what robots in good order show, and the score that it comes from.
 
-    there: sizes in the model already. believed: sizes that are there, which tell how wrong signatures are.
+    there: sizes in the model already. far, fitted: sizes that tell how wrong signatures are (`Statistics.doubted`).
     """
-    logs = [log.at(-there).doubted(believed - there, there) for log in seen.logs]
+    logs = [log.at(-there).doubted(far, fitted) for log in seen.logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

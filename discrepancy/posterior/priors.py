@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -11,6 +10,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.posterior.answers import Place, Seen
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
@@ -35,13 +35,6 @@ ABOUT = 0.3
 """How far what is there or not may look from 1: what whole counts leave over is a little random."""
 
 
-class Place(NamedTuple):
-    """What a hypothesis is about: the candidate, by its number, and the part of it that wheels hide."""
-
-    candidate: int
-    hidden: float
-
-
 @lru_cache(maxsize=16)
 def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str]]:
     """Return which effects are one and the same on a robot, whatever it does: the name that stands for each family; and
@@ -62,7 +55,7 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     return stands, frozenset(unseen)
 
 
-def tolerances(seen: Linearised) -> Array:
+def tolerances(seen: Seen) -> Array:
     """Return what robots in good order show of each of C sizes, standard deviations."""
     tolerance = seen.usual.copy()
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
@@ -71,21 +64,23 @@ def tolerances(seen: Linearised) -> Array:
     return tolerance
 
 
-def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
-    """Return what the robot shows in good order of all candidates of logs, as clean logs tell where there are any.
+def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
+    """Return what a vehicle shows in good order of all candidates of logs, as clean logs tell where there are any.
 
     Clean logs tell how much better than stated its order is in all, and then of each effect.
     """
     if clean is None:
-        return good_order(tolerances(seen), PATTERN)
-    stated, told = good_order(_part_told_by(clean) * tolerances(seen), PATTERN), _told_by(clean)
+        return good_order(tolerances(seen), _pattern(seen))
+    stated, told = good_order(_part_told_by(clean) * tolerances(seen), _pattern(seen)), _told_by(clean)
     here, there = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
             here += columns.tolist()
             there += clean.columns[clean.candidates.index(candidate)].tolist()
-    at = np.array(here + [k + len(seen.usual) for k in here], dtype=np.intp)
-    of = np.array(there + [k + len(clean.usual) for k in there], dtype=np.intp)
+    at, of = (
+        np.array([k + part * len(each.usual) for part in range(len(_pattern(each))) for k in columns], dtype=np.intp)
+        for each, columns in ((seen, here), (clean, there))
+    )
     background, doubt, scatter = stated.background.copy(), stated.doubt.copy(), stated.scatter.copy()
     background[at] = told.background[of]
     doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = told.doubt[np.ix_(of, of)], told.scatter[np.ix_(of, of)]
@@ -93,16 +88,22 @@ def order_of(seen: Linearised, clean: Linearised | None) -> GoodOrder:
 
 
 @lru_cache(maxsize=4)
-def _part_told_by(clean: Linearised) -> float:
+def _part_told_by(clean: Seen) -> float:
     """Return the part of tolerances that clean logs show, rms; each is as likely before they speak."""
-    log_likelihood = log_likelihood_of(PARTS_OF, clean.logs, tolerances(clean), PATTERN)
+    log_likelihood = log_likelihood_of(PARTS_OF, clean.logs, tolerances(clean), _pattern(clean))
     weight = np.exp(log_likelihood - log_likelihood.max())
     return float(np.sqrt(np.average(PARTS_OF**2, weights=weight)))
 
 
 @lru_cache(maxsize=4)
-def _told_by(clean: Linearised) -> GoodOrder:
-    return good_order(_part_told_by(clean) * tolerances(clean), PATTERN, clean.logs)
+def _told_by(clean: Seen) -> GoodOrder:
+    return good_order(_part_told_by(clean) * tolerances(clean), _pattern(clean), clean.logs)
+
+
+def _pattern(seen: Seen) -> Array:
+    """Return the covariance of the sizes that each effect has in what logs say: of trains only its amplitude."""
+    sizes = len(seen.logs[0].score) // max(len(seen.usual), 1)
+    return PATTERN[:sizes, :sizes]
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
@@ -113,7 +114,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     """
     stands, unseen = same_effects(robot.as_described())
     names = [stands.get(candidate.family, candidate.family) for candidate in seen.candidates]
-    count, tolerance = len(seen.usual), tolerances(seen)
+    count = len(seen.usual)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     hypotheses, places = [], []
@@ -123,24 +124,29 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = PARTS.tolist() if hides else [0.0]
         share = 1 / names.count(names[k]) / len(parts) / (steps if candidate.sought_in_steps else 1)
-        least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
-        for part in parts:
-            direction = np.zeros((2 * count, len(columns)))
-            direction[columns, np.arange(len(columns))] = 1.0
-            direction[columns + count, np.arange(len(columns))] = part
-            scale = FAULT * float(np.mean(tolerance[columns]))
-            hypotheses.append(Hypothesis(names[k], direction, scale, share, least, most))
-            places.append(Place(k, part))
+        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share) for part in parts]
+        places += [Place(k, part) for part in parts]
     return hypotheses, places
 
 
-def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Linearised) -> Array:
-    """Return b (2C,) of candidates of these sizes, hidden in these parts."""
-    count = len(seen.usual)
-    total = np.zeros(2 * count)
+def hypothesis_of(seen: Seen, place: Place, name: str, share: float) -> Hypothesis:
+    """Return the hypothesis that a candidate is there, hidden by wheels in a part."""
+    candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
+    direction = np.zeros((len(seen.logs[0].score), len(columns)))
+    direction[columns, np.arange(len(columns))] = 1.0
+    if place.hidden:
+        direction[columns + len(seen.usual), np.arange(len(columns))] = place.hidden
+    least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
+    return Hypothesis(name, direction, FAULT * float(np.mean(tolerances(seen)[columns])), share, least, most)
+
+
+def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Seen) -> Array:
+    """Return b (m,) of candidates of these sizes, hidden in these parts."""
+    total = np.zeros(len(seen.logs[0].score))
     for k, size, part in zip(candidates, sizes, hidden, strict=True):
         total[seen.columns[k]] += size
-        total[seen.columns[k] + count] += part * size
+        if part:
+            total[seen.columns[k] + len(seen.usual)] += part * size
     return total
 
 

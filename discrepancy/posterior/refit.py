@@ -1,35 +1,33 @@
 """Puts effects into the model and finds at which sizes logs pull them no more, what truly happened fitted anew."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import reduce
+from typing import Any, TypeVar
 
 import numpy as np
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
-from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.linearise import Linearised, linearise
+from discrepancy.posterior.answers import Cause, Seen
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import together
+
+S = TypeVar("S", bound=Seen)
 
 REFITS, SETTLED, HALVINGS = 6, 0.1, 4
 """Rounds at most; the part of its standard error by which no size changes in the end; and how often a change is halved
 that no robot can have, or with which logs are explained worse."""
-
-WORSE = 0.5
-"""By how much (natural logarithm, for every sample) logs may be less likely and count as explained no worse: creep is
-predicted anew from what truly happened, so some is lost and won by chance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sized:
     """A candidate of the catalogue and its amplitudes (columns,)."""
 
-    candidate: Candidate
+    candidate: Cause
     amplitudes: Array
 
     @property
@@ -45,26 +43,40 @@ class Sized:
         return dataclasses.replace(self, amplitudes=amplitudes)
 
 
-def robot_with(robot: RobotDescription, named: Sequence[Sized]) -> RobotDescription:
-    """Return the robot with effects beside its own."""
-    return robot.with_effects(*(one.effect for one in named))
+Look = Callable[[Sequence[Sized], S, Sequence[Cause] | None], S]
+"""Returns what logs say with effects in the model, given what they said of something similar, to begin with: of some
+candidates, or of all (None)."""
+
+V = TypeVar("V")
 
 
-def possible(robot: RobotDescription, named: Sequence[Sized]) -> bool:
-    """Whether the robot can have these effects together."""
+def with_them(vehicle: V, named: Sequence[Sized]) -> V:
+    """Return a robot, or a train, with effects beside its own."""
+    return reduce(lambda built, one: one.candidate.added(built, one.amplitudes), named, vehicle)
+
+
+def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
+    """Whether a robot, or a train, can have these effects together."""
     try:
-        robot_with(robot, named).as_built()
+        with_them(vehicle, named).as_built()
     except ValueError:  # an InputError is one
         return False
     return True
 
 
 def refitted(
-    robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], seen: Linearised, creep: Array | None
-) -> tuple[tuple[Sized, ...], Linearised]:
-    """Return effects as large as logs ask for, and what is seen beside them, of their own candidates only."""
-    none = tuple(one.moved(-one.amplitudes) for one in named)
-    now, seen = _nearer(robot, logs, none, tuple(named), seen, creep)
+    vehicle: Any, look: Look[S], worse: float, before: Sequence[Sized], named: Sequence[Sized], seen: S
+) -> tuple[tuple[Sized, ...], S]:
+    """Return effects as large as logs ask for, and what is seen beside them, of their own candidates only.
+
+    worse: by how much (natural logarithm) logs may be less likely and count as explained no worse. before: effects that
+    are in the model already, as `seen`.
+    """
+    sizes = {one.candidate: one for one in before}
+    known = tuple(
+        sizes.get(one.candidate, dataclasses.replace(one, amplitudes=np.zeros_like(one.amplitudes))) for one in named
+    )
+    now, seen = _nearer(vehicle, look, worse, known, tuple(named), seen)
     for _ in range(REFITS):
         now = tuple(one for one in now if np.any(one.amplitudes))
         if not now:
@@ -79,28 +91,24 @@ def refitted(
         ends = np.cumsum([one.candidate.columns for one in now])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
         wanted = tuple(one.moved(by) for one, by in zip(now, moves, strict=True))
-        now, seen = _nearer(robot, logs, now, wanted, seen, creep)
+        last = now
+        now, seen = _nearer(vehicle, look, worse, now, wanted, seen)
+        if now == last:  # no step is any better
+            break
     return now, seen
 
 
 def _nearer(
-    robot: RobotDescription,
-    logs: Sequence[Log],
-    now: tuple[Sized, ...],
-    wanted: tuple[Sized, ...],
-    seen: Linearised,
-    creep: Array | None,
-) -> tuple[tuple[Sized, ...], Linearised]:
+    vehicle: Any, look: Look[S], worse: float, now: tuple[Sized, ...], wanted: tuple[Sized, ...], seen: S
+) -> tuple[tuple[Sized, ...], S]:
     """Return effects as large as wanted, or half-way there and so on, until logs are not explained worse."""
-    among = [one.candidate for one in wanted]
     for _ in range(HALVINGS):
-        if possible(robot, wanted):
-            with suppress(np.linalg.LinAlgError):
-                found = linearise(robot_with(robot, wanted), logs, start=seen, creep=creep, among=among)
-                if found.log_evidence > seen.log_evidence - WORSE * sum(len(log) for log in logs):
+        if possible(vehicle, wanted):
+            with suppress(np.linalg.LinAlgError, InputError):  # it does not fit at all
+                found = look(wanted, seen, [one.candidate for one in wanted])
+                if found.log_evidence > seen.log_evidence - worse:
                     return wanted, found
         halves = zip(now, wanted, strict=True)
         wanted = tuple(one.moved((other.amplitudes - one.amplitudes) / 2) for one, other in halves)
     now = tuple(one for one in now if np.any(one.amplitudes))
-    among = [one.candidate for one in now]
-    return now, linearise(robot_with(robot, now), logs, start=seen, creep=creep, among=among)
+    return now, look(now, seen, [one.candidate for one in now])

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discrepancy.posterior.answers import Answer, Verdict
+from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import CREDIBLE
-from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized
 from estimators.calibration.identifiability import COVERAGE
@@ -29,7 +28,7 @@ MATERIAL = Material()
 def judged(
     answers: Sequence[Answer],
     named: Sequence[Sized],
-    held_out: Sequence[Linearised] | None,
+    held_out: Sequence[Seen] | None,
     order: GoodOrder | None,
     material: Material,
 ) -> tuple[Answer, ...]:
@@ -57,7 +56,7 @@ def verdict_of(answers: Sequence[Answer]) -> Verdict:
 def _judgement(
     answer: Answer,
     named: Sequence[Sized],
-    held_out: Sequence[Linearised] | None,
+    held_out: Sequence[Seen] | None,
     order: GoodOrder | None,
     material: Material,
     grows: bool,
@@ -81,7 +80,7 @@ def _judgement(
     return "named", what
 
 
-def _grows(answers: Sequence[Answer], without: Linearised, with_them: Linearised) -> bool:
+def _grows(answers: Sequence[Answer], without: Seen, with_them: Seen) -> bool:
     """Whether effects make the held-out gap larger by more than what their own errors cost."""
     if without.gap is None or with_them.gap is None:
         return False
@@ -89,7 +88,7 @@ def _grows(answers: Sequence[Answer], without: Linearised, with_them: Linearised
     return bool(with_them.gap[0] - without.gap[0] > error)
 
 
-def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Linearised, order: GoodOrder) -> float:
+def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> float:
     """Return by how much (natural logarithm) an effect, as large as found, makes held-out logs more likely."""
     if answer.candidate not in held_out.candidates:
         return 0.0

@@ -165,8 +165,7 @@ class Misfits:
         angle = (poses.after[:, 2] - poses.before[:, 2]) / reading.headings
         arm = after - before
         kept = np.ones(len(moved), dtype=bool)
-        total = np.zeros(len(moved))
-        yaw = 0.0
+        total, straight, yaw = np.zeros(len(moved)), np.zeros(len(moved)), 0.0
         for _ in range(2):  # again without the worst
             size = np.vdot(arm[kept], arm[kept]).real + 1e-3 * np.vdot(moved[kept], moved[kept]).real / self.length**2
             free = [part - arm * (np.vdot(arm[kept], part[kept]) / (size + 1e-12)) for part in (odometry, moved)]
@@ -175,7 +174,7 @@ class Misfits:
             total = np.abs(free[0] - turn * free[1]) ** 2 + (self.length * (turned - angle)) ** 2
             kept = total <= np.quantile(total, KEPT)
             yaw = float(np.angle(turn))
-        straight = np.abs(free[0] - free[1]) ** 2 + (self.length * (turned - angle)) ** 2
+            straight = np.abs(free[0] - free[1]) ** 2 + (self.length * (turned - angle)) ** 2
         way = (np.abs(odometry) ** 2 + np.abs(moved) ** 2 + self.length**2 * (turned**2 + angle**2)) / 2
         if _share(straight, way) <= STRAIGHT * max(_share(total, way), SEEN):
             return straight, way, 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from castor_envs.effects.catalogue import catalogue
 from castor_envs.vehicles.effect import Effect
 from discrepancy.hypotheses.candidates import described, family_of
-from discrepancy.posterior.answers import SHOWN, Answer
+from discrepancy.posterior.answers import SHOWN, Answer, Seen
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
@@ -41,16 +41,17 @@ def as_data(
         "robot": diagnosis.robot.name,
         "verdict": min(verdicts, key=(*WEAKEST_FIRST, "no discrepancy").index),
         "mistakes": gross,
-        "answers": [_answer(answer) for answer in diagnosis.answers],
+        "answers": [answer_data(answer) for answer in diagnosis.answers],
         "probabilities": diagnosis.inclusion,
         "names": _names(diagnosis),
-        "gap": _gaps(before, after),
-        "held_out_gap": None if diagnosis.held_out is None else _gaps(diagnosis.held_out[0], held_out_after),
+        "gap": gaps(before, after),
+        "held_out_gap": None if diagnosis.held_out is None else gaps(diagnosis.held_out[0], held_out_after),
         "noise": None if before.gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
     }
 
 
-def _answer(answer: Answer) -> Data:
+def answer_data(answer: Answer) -> Data:
+    """Return an answer as plain data; of an effect of a train's module, with its axle (from 1)."""
     effect = answer.effect
     sized = effect is not None and not effect.binary
     return {
@@ -60,7 +61,7 @@ def _answer(answer: Answer) -> Data:
         "probability": answer.probability,
         "probabilities": answer.probabilities,
         "credible_set": list(answer.credible),
-        "effect": None if effect is None else {"name": effect.name} | _fields(effect),
+        "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),
         "size": answer.size,
         "unit": effect.unit if effect is not None and sized else None,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
@@ -71,6 +72,11 @@ def _answer(answer: Answer) -> Data:
 
 def _fields(effect: Effect) -> Data:
     return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
+
+
+def _axle(answer: Answer) -> Data:
+    axle = getattr(answer.candidate, "axle", None)
+    return {} if axle is None else {"axle": axle}
 
 
 def _mistake(mistake: Mistake) -> Data:
@@ -92,7 +98,8 @@ def _names(diagnosis: Diagnosis) -> dict[str, str]:
     return {name: words.get(name, name) for name in sorted(told)}
 
 
-def _gaps(before: Linearised, after: Linearised | None) -> list[list[float] | None] | None:
+def gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
+    """Return the gap, m and rad, without and with what is named."""
     if before.gap is None:
         return None
     return [list(before.gap), None if after is None or after.gap is None else list(after.gap)]

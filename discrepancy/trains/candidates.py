@@ -1,7 +1,8 @@
 """What may be missing in a train's description, and rivals without a name that may look like it."""
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains.rows import TrainLog
+from discrepancy.posterior.linearise import COUNTS, SLIP
+from discrepancy.trains.rows import ROUGH, TrainLog
 
 OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)
 OF_AXLES = (Track, WheelRadius, AllWheelRadius)
@@ -60,8 +62,8 @@ class Placed:
     def more(self, train: TrainDescription) -> tuple["TrainDescription", float]:
         """Return the train with a little more of this effect than it has, and how much more.
 
-        A train that has it gets it larger, or less large where it cannot be any larger; others get it in the size of
-        its step.
+        A train that has it gets it larger, or less large where it cannot be any larger, and what is there or not is
+        taken away; others get it in the size of its step.
         """
         step = self.effect.step
         effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
@@ -70,10 +72,11 @@ class Placed:
             if own.name == self.effect.name and mine.same(self):
                 for change in (step, -step):
                     try:
-                        changed = mine.sized(mine.value + change).effect
+                        changed = () if own.binary else (mine.sized(mine.value + change).effect,)
                     except ValueError:
                         continue
-                    rest = (*effects[:k], changed, *effects[k + 1 :])
+                    change = -step if own.binary else change
+                    rest = (*effects[:k], *changed, *effects[k + 1 :])
                     if self.axle is None:
                         return dataclasses.replace(train, effects=rest), change
                     modules = list(train.modules)
@@ -98,23 +101,63 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Something without a name. log: from 0. kind: of the equations that show it; change: what a unit of it adds."""
+    """Something without a name.
+
+    what: in words. family: the same at whatever time it is. log: from 0. kind: of the equations that show it; change:
+    what a unit of it adds. usual: how large it may be in a train in good order.
+    """
 
     what: str
+    family: str
     unit: str
     log: int
     kind: str
     change: Array
+    usual: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Candidate:
     """What may be missing: an effect, or a rival without a name. what: in words. unit: of its amplitude."""
 
     what: str
     unit: str
     placed: Placed | None = None
-    rival: Rival | None = None
+    rival: Rival | None = field(default=None, compare=False)
+    columns = 1
+
+    @property
+    def family(self) -> str:
+        """The same for all that are one answer: rivals at any time."""
+        return self.what if self.rival is None else self.rival.family
+
+    @property
+    def kinds(self) -> tuple[Effect, ...]:
+        """The effect; none for a rival."""
+        return () if self.placed is None else (self.placed.effect,)
+
+    @property
+    def axle(self) -> int | None:
+        """The axle (from 1) whose module has the effect."""
+        return None if self.placed is None else self.placed.axle
+
+    def restored(self, change: float) -> tuple[int, int] | None:
+        """Return the frame and the gauge, from 1, that live again when there is less of this effect."""
+        effect = None if self.placed is None else self.placed.effect
+        return (effect.frame, effect.gauge) if isinstance(effect, DeadGauge) and change < 0 else None
+
+    def sized(self, amplitudes: Sequence[float] | Array) -> Placed:
+        """Return the effect of this amplitude (1,); raises ValueError if it cannot have it."""
+        assert self.placed is not None
+        return self.placed.sized(float(amplitudes[0]))
+
+    def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
+        """Return the effect of this amplitude (1,), wherever it is; raises ValueError if it cannot have it."""
+        return self.sized(amplitudes).effect
+
+    def added(self, train: TrainDescription, amplitudes: Sequence[float] | Array) -> TrainDescription:
+        """Return the train with the effect of this amplitude (1,) beside its own."""
+        return self.sized(amplitudes).added(train)
 
     @property
     def frame(self) -> int | None:
@@ -142,42 +185,60 @@ def dead_gauges(train: TrainDescription) -> list[Candidate]:
     return [Candidate(Placed(effect).what(train), "1", Placed(effect)) for effect in DeadGauge.variants(train)]
 
 
+def every_candidate(train: TrainDescription, logs: Sequence[TrainLog]) -> list[Candidate]:
+    """Return every effect that the train may have, and rivals without a name in each log."""
+    unnamed = [rival for number, log in enumerate(logs) for rival in rivals(train, log, number)]
+    return [*named_candidates(train), *(Candidate(rival.what, rival.unit, rival=rival) for rival in unnamed)]
+
+
 def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
-    """Return rivals without a name in a log, `number` from 0."""
+    """Return rivals without a name in a log, `number` from 0.
+
+    What a wheel counts otherwise at its usual speed is its radius in all but name.
+    """
     found: list[Rival] = []
     t, name = log.t, f"log {number + 1}"
     edges = np.linspace(0.0, t[-1], BLOCKS + 1)
+    way = np.sqrt(np.mean(log.signed_travel**2))
 
-    def add(what: str, unit: str, kind: str, width: int, at: int, course: Array) -> None:
+    def add(family: str, when: str, unit: str, kind: str, width: int, at: int, course: Array, usual: float) -> None:
         change = np.zeros((len(course), width))
         change[:, at] = -course
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
-        found.append(Rival(what, unit, number, kind, change))
+        usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
+        found.append(Rival(f"{family} {when}", family, unit, number, kind, change, usual))
 
     for b in range(BLOCKS):
         inside = ((t >= edges[b]) & (t < edges[b + 1] + (b == BLOCKS - 1))).astype(float)
         since = (t >= edges[b]).astype(float)
         ramp = np.clip((t - edges[b]) / (edges[b + 1] - edges[b]), 0.0, 1.0)
-        span = f"from {edges[b]:.1f} to {edges[b + 1]:.1f} s of {name}"
+        span, at = f"from {edges[b]:.1f} to {edges[b + 1]:.1f} s of {name}", f"at {edges[b]:.1f} s of {name}"
         for w, wheel in enumerate(train.wheel_names):
-            add(f"wheel {wheel} counts otherwise {span}", "counts", "counts", 2 * log.n, w, ramp)
+            add(f"wheel {wheel} counts otherwise", span, "counts", "counts", 2 * log.n, w, ramp, COUNTS)
         for i in range(log.n):
-            add(f"axle {i + 1} slips to its side {span}", "m", "side", log.n, i, np.diff(ramp))
+            add(f"axle {i + 1} slips to its side", span, "m", "side", log.n, i, np.diff(ramp), SLIP * way)
         for f, letter in enumerate(train.frame_names):
             for j, (part, unit) in enumerate(PARTS):
                 sensor = f"{part} of frame {letter}'s sensor"
-                add(f"{sensor} is off {span}", unit, f"gauges{f}", 3, j, inside)
+                add(f"{sensor} is off", span, unit, f"gauges{f}", 3, j, inside, ROUGH[j])
                 if b:
-                    add(f"{sensor} jumps at {edges[b]:.1f} s of {name}", unit, f"gauges{f}", 3, j, since)
+                    add(f"{sensor} jumps", at, unit, f"gauges{f}", 3, j, since, ROUGH[j])
     for f, letter in enumerate(train.frame_names):
         for j, (part, unit) in enumerate(PARTS):
-            what = f"{part} of frame {letter}'s sensor drifts in {name}"
-            add(what, f"{unit}/s", f"gauges{f}", 3, j, t - t.mean())
+            family = f"{part} of frame {letter}'s sensor drifts"
+            add(family, f"in {name}", f"{unit}/s", f"gauges{f}", 3, j, t - t.mean(), ROUGH[j])
     speed = np.abs(np.gradient(_middle(log.signed_travel), t, axis=0))
     for w, wheel in enumerate(train.wheel_names):
-        course = np.cumsum(np.append(0.0, speed[1:, w // 2] * log.signed_travel[:, w // 2]))
-        add(f"wheel {wheel} counts otherwise with speed in {name}", "counts s/m2", "counts", 2 * log.n, w, course)
+        travel = log.signed_travel[:, w // 2]
+        usual_speed = speed[1:, w // 2] @ travel**2 / max(float(np.sum(travel**2)), 1e-12)
+        course = np.cumsum(np.append(0.0, (speed[1:, w // 2] - usual_speed) * travel))
+        family = f"wheel {wheel} counts otherwise with speed"
+        add(family, f"in {name}", "counts s/m2", "counts", 2 * log.n, w, course, COUNTS)
+        turned = log.turned[:, w]
+        for part, course in (("sine", np.sin(turned)), ("cosine", np.cos(turned))):
+            family = f"wheel {wheel} counts otherwise with its angle"
+            add(family, f"({part}) in {name}", "counts", "counts", 2 * log.n, w, course, COUNTS)
     return found
 
 

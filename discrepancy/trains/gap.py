@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains.evidence import Settled
+from discrepancy.trains.evidence import Settled, settled
 from discrepancy.trains.motion import Motion
 from discrepancy.trains.rows import TrainLog
 
@@ -60,6 +61,26 @@ def gap_of(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) ->
         None if none else _rms(pose[:, :2]),
         None if none else _rms(pose[:, 2:]),
     )
+
+
+def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> tuple[float, float] | None:
+    """Return what the train's localisation by counts and relative poses gets wrong within `HORIZON` against the
+    reference, m and rad (rms); None without one, or where there is no solution.
+
+    state: the motions that go with the train and its effects.
+    """
+    built, poses = train.as_built(), [np.zeros((0, 3))]
+    try:
+        blind = settled(train, [log.without_reference() for log in logs], state, state.sizes)
+    except InputError:
+        return None
+    for log, motion, localised in zip(logs, state.motions, blind.motions, strict=True):
+        if len(log.at):
+            moved = replace(motion, pose=_carried(localised.pose, motion, log.t))
+            left = log.residuals(built, moved)
+            poses.append(np.concatenate([left["position"], left["heading"][..., None]], axis=-1).reshape(-1, 3))
+    pose = np.concatenate(poses)
+    return (_rms(pose[:, :2]), _rms(pose[:, 2:])) if len(pose) else None
 
 
 def _carried(odometry: Array, motion: Motion, t: Array) -> Array:

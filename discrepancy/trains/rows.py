@@ -4,6 +4,7 @@ Unknown of every sample are the axles' poses, how far wheels have rolled, and th
 log its nuisances: offsets of the gauges, where the reference tracks each axle, and its clock.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,10 +101,17 @@ class TrainLog:
         per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
         radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
+        self.turned = roll
         steps = np.abs(np.diff(roll, axis=0)) * radius
         self.travel = np.sqrt(steps.reshape(-1, self.n, 2).mean(axis=2) + LEAST_TRAVEL)
         self.rolled = steps.reshape(-1, self.n, 2)
         self.signed_travel = (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2).mean(axis=2)
+
+    def without_reference(self) -> "TrainLog":
+        """Return the log as counts and relative poses alone tell it."""
+        other = copy(self)
+        other.at, other.reference = self.at[:0], self.reference[:0]
+        return other
 
     def prior(self, train: TrainDescription) -> Array:
         """Return the standard deviations of the nuisances (n,) before anything is read."""
@@ -316,6 +324,17 @@ class TrainLog:
             found |= self._reference_derivatives(motion)
         found["start"] = self._sparse(np.arange(3)[:, None], np.ones((3, 1)))
         return found
+
+    def offset_of(
+        self, frame: int, gauge: int, built: TrainDescription, motion: Motion, ends: Array, now: dict[str, Array]
+    ) -> tuple[int, tuple[str, Array]]:
+        """Return which nuisance the offset of a gauge is, and what it changes in a train in which that gauge lives.
+
+        frame, gauge: from 1. now: residuals of this train. A dead gauge's offset is not known, nor what it would read.
+        """
+        at, kind, small = int(self.gauges[frame - 1]) + gauge - 1, f"gauges{frame - 1}", 1e-4
+        moved = replace(motion, offsets=motion.offsets + small * np.eye(len(motion.offsets))[at])
+        return at, (kind, (self.residuals(built, moved, ends)[kind] - now[kind]) / small)
 
     def noise(self, built: TrainDescription, motion: Motion, f: int) -> tuple[float, int]:
         """Return how large the noise of a frame's gauges is, in what its description says, and from how many readings.

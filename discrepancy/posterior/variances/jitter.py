@@ -35,8 +35,7 @@ def jitter_answer(
         return None
     found = jitter_of(robot, clean) if clean else None
     usual, tolerance = 0.0 if found is None else found.value, SampleJitter.tolerance
-    log_odds, size, error = _told(_log_likelihood(robot, logs, usual))
-    probability = 1 / (1 + np.exp(-log_odds) * NOTHING * names / (1 - NOTHING))
+    probability, size, error = weighed(_log_likelihood(robot, logs, usual), names)
     if probability < CREDIBLE:
         return None
     (kind,) = SampleJitter.variants(robot)
@@ -48,8 +47,7 @@ def jitter_answer(
         candidate = Candidate(name)
     confirmed = None
     if held_out:
-        confirmed = float(np.interp(size, SIZES, _log_likelihood(robot, held_out, usual)))
-        confirmed -= _averaged(_log_likelihood(robot, held_out, usual), _good_order())
+        confirmed = borne_out(_log_likelihood(robot, held_out, usual), size)
     cost = (cost_of(robot, effect, logs) or 0.0) / effect.value
     return Answer(
         probabilities={name: probability, "nothing": 1 - probability},
@@ -79,8 +77,9 @@ def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) 
     return -np.sum(np.log(variance) + squares / variance, axis=1) / 2 / ORDER
 
 
-def _told(log_likelihood: Array) -> tuple[float, float, float]:
-    """Return the log Bayes factor of a fault against good order, and a fault's size and standard error, in tolerances.
+def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
+    """Return how likely a fault is, given how likely logs are with it in `SIZES`, and its size and standard error, in
+    tolerances. names: of faults that may be there, each as likely before logs are seen.
 
     As of every other effect: in good order normal, with the tolerance as standard deviation; a fault is Cauchy
     distributed.
@@ -89,7 +88,13 @@ def _told(log_likelihood: Array) -> tuple[float, float, float]:
     log_odds = _averaged(log_likelihood, fault) - _averaged(log_likelihood, _good_order())
     weight = np.exp(log_likelihood + fault - np.max(log_likelihood + fault)) * SIZES
     size = float(np.average(SIZES, weights=weight))
-    return log_odds, size, float(np.sqrt(np.average((SIZES - size) ** 2, weights=weight)))
+    error = float(np.sqrt(np.average((SIZES - size) ** 2, weights=weight)))
+    return 1 / (1 + float(np.exp(min(-log_odds, 700.0))) * NOTHING * names / (1 - NOTHING)), size, error
+
+
+def borne_out(log_likelihood: Array, size: float) -> float:
+    """Return by how much (natural logarithm) a fault of a size, in tolerances, makes other logs more likely."""
+    return float(np.interp(size, SIZES, log_likelihood)) - _averaged(log_likelihood, _good_order())
 
 
 def _good_order() -> Array:

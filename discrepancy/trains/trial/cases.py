@@ -13,12 +13,26 @@ import numpy as np
 
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.candidates import Placed, dead_gauges, named_candidates
+from discrepancy.trains.trial.outside import Outside, draw_outside
 
-Stratum = Literal["clean", "one", "two"]
+Stratum = Literal["clean", "one", "two", "outside"]
 Drive = Literal["yielding", "held"]
 
-MIX: tuple[Stratum, ...] = ("one", "clean", "one", "two", "one", "one", "clean", "one", "two", "one")
-"""Of every ten pairs, in order: 6 one effect, 2 two, 2 clean."""
+MIX: tuple[Stratum, ...] = (
+    "one",
+    "clean",
+    "one",
+    "two",
+    "one",
+    "outside",
+    "one",
+    "clean",
+    "one",
+    "two",
+    "one",
+    "outside",
+)
+"""Of every twelve pairs, in order: 6 one effect, 2 two, 2 clean, 2 something outside the catalogue."""
 
 BOUNDS = {
     "gauge_gain": (0.05, 0.4),
@@ -48,6 +62,7 @@ class Case:
     hidden: tuple[Placed, ...]
     thirds: tuple[str, ...]
     seeds: tuple[int, int]
+    outside: Outside | None = None
 
 
 def draw(number: int, seed: int, train: TrainDescription) -> Case:
@@ -56,7 +71,7 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
     stratum = MIX[(number - 1) // 2 % len(MIX)]
     every = [found.placed for found in (*named_candidates(train), *dead_gauges(train)) if found.placed is not None]
     kinds = sorted({placed.effect.name for placed in every})
-    chosen = random.choice(kinds, size=("clean", "one", "two").index(stratum), replace=False)
+    chosen = random.choice(kinds, size={"one": 1, "two": 2}.get(stratum, 0), replace=False)
     hidden, thirds = [], []
     for kind in chosen.tolist():
         places = [placed for placed in every if placed.effect.name == kind]
@@ -70,7 +85,8 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
         thirds.append(THIRDS[min(int(3 * part), 2)] if kind in BOUNDS else "none")
     first, second = (int(seed_value) for seed_value in random.integers(10**9, size=2))
     drive: Drive = "yielding" if number % 2 else "held"
-    return Case(number, stratum, drive, tuple(hidden), tuple(thirds), (first, second))
+    outside = draw_outside(train, random) if stratum == "outside" else None
+    return Case(number, stratum, drive, tuple(hidden), tuple(thirds), (first, second), outside)
 
 
 def plain(placed: Placed, train: TrainDescription) -> dict[str, object]:

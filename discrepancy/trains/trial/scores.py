@@ -17,9 +17,10 @@ from castor_envs.errors import InputError
 from castor_envs.files import read_json
 from discrepancy.trains.trial.cases import THIRDS, Drive
 from discrepancy.trains.trial.run import plan_of
+from discrepancy.trials.finders import QUIET
 from discrepancy.trials.scores import NORMAL, Rate, wilson
 
-FORMAT = "castor-train-trial/1"
+FORMAT = "castor-train-trial/2"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Trial:
     @property
     def exact(self) -> bool:
         """Whether it is what the finder is sure of, no less and no more."""
-        return set(self.outcome["named"]) == self.truth and self.outcome["verdict"] in ("named", "no discrepancy")
+        return set(self.outcome["named"]) == self.truth and self.outcome["verdict"] in ("named", *QUIET)
 
     @property
     def in_the_set(self) -> bool:
@@ -52,7 +53,12 @@ class Trial:
     @property
     def alarm(self) -> bool:
         """Whether the finder says that something is not as described."""
-        return self.outcome["verdict"] != "no discrepancy"
+        return self.outcome["verdict"] not in QUIET
+
+    @property
+    def flagged(self) -> bool:
+        """Whether the finder says that something has no name, or that it cannot tell which it has."""
+        return self.outcome["verdict"] in ("unexplained", "ambiguous")
 
     @property
     def extra(self) -> bool:
@@ -60,10 +66,10 @@ class Trial:
         return bool(set(self.outcome["named"]) - self.truth)
 
 
-def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
-    """Return all cases of a trial of which the finder has spoken; raises InputError if there are none."""
+def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
+    """Return all cases of a trial of which a finder has spoken; raises InputError if there are none."""
     folder = Path(folder)
-    paths = sorted((folder / "outcomes").glob("case-*.json"))
+    paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
     if not paths:
         raise InputError(f"{folder}: nothing was found yet; judge the cases first")
     return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
@@ -76,8 +82,8 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         count = sum(map(so, cases))
         return Rate(what, count, len(cases), *wilson(count, len(cases)))
 
-    clean, single, double = (
-        [trial for trial in trials if trial.label["stratum"] == kind] for kind in ("clean", "one", "two")
+    clean, single, double, outside = (
+        [trial for trial in trials if trial.label["stratum"] == kind] for kind in ("clean", "one", "two", "outside")
     )
     thirds = {third: [trial for trial in single if trial.label["hidden"][0]["third"] == third] for third in THIRDS}
     return [
@@ -90,6 +96,8 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         rate("one effect: a wrong name, the truth not among them", single, lambda trial: trial.wrong),
         rate("two effects: both named exactly", double, lambda trial: trial.exact),
         rate("two effects: sure of something that is not there", double, lambda trial: trial.extra),
+        rate("outside the catalogue: flagged", outside, lambda trial: trial.flagged),
+        rate("outside the catalogue: a sure name", outside, lambda trial: trial.extra),
         rate("the finder broke down", list(trials), lambda trial: trial.outcome["verdict"] == "broken"),
     ]
 
@@ -117,9 +125,9 @@ def coverage(trials: Sequence[Trial]) -> Rate:
     return Rate("true size within the 95 % interval", sum(inside), len(inside), *wilson(sum(inside), len(inside)))
 
 
-def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return all scores of a trial as plain data."""
-    trials = trials_of(folder)
+def report(folder: str | os.PathLike[str], finder: str) -> dict[str, Any]:
+    """Return all scores of a finder in a trial as plain data."""
+    trials = trials_of(folder, finder)
     drives: dict[str, Any] = {}
     for drive in get_args(Drive):
         driven = [trial for trial in trials if trial.label["drive"] == drive]
@@ -130,6 +138,7 @@ def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
     verdicts = Counter(f"{trial.label['stratum']}, {trial.outcome['verdict']}" for trial in trials)
     return {
         "format": FORMAT,
+        "finder": finder,
         "plan": dataclasses.asdict(plan_of(folder)),
         "judged": len(trials),
         "drives": drives,
@@ -142,7 +151,8 @@ def lines(scores: dict[str, Any]) -> list[str]:
     """Return the scores of `report` as text."""
     plan = scores["plan"]
     text = [
-        f"{scores['judged']} of {plan['cases']} cases, {plan['train']}, seed {plan['seed']}, {plan['duration']:g} s"
+        f"{scores['judged']} of {plan['cases']} cases, {plan['train']}, seed {plan['seed']}, {plan['duration']:g} s, "
+        f"finder {scores['finder']}"
     ]
     for drive, rates_of in scores["drives"].items():
         text += ["", "Wheels that yield to each other:" if drive == "yielding" else "Wheels held at speed:"]

@@ -7,8 +7,8 @@ import pytest
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.train import GaugeGain
 from castor_envs.vehicles.presets import cfmmr
-from discrepancy.trains.diagnosis import diagnose_train
-from discrepancy.trains.report import as_data, as_lines
+from discrepancy.trains.selection.diagnosis import diagnose_train
+from discrepancy.trains.selection.report import as_data, as_lines
 from discrepancy.trains.trial.simulate import log_at_random
 
 TRAIN = cfmmr(2)

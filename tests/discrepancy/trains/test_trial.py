@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from castor_envs import command_line
@@ -12,6 +13,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli
 from discrepancy.trains.trial import run, scores
 from discrepancy.trains.trial.cases import BOUNDS, MIX, ONE_WAY, draw
+from discrepancy.trains.trial.outside import KINDS, Outside
 from discrepancy.trains.trial.scores import Trial
 
 TRAIN = cfmmr(2)
@@ -23,7 +25,8 @@ def test_cases_are_what_their_numbers_and_the_seed_say():
     assert [case.drive for case in cases[:4]] == ["yielding", "held", "yielding", "held"]
     assert [case.stratum for case in cases[::2]] == [case.stratum for case in cases[1::2]] == list(MIX)
     for case in cases:
-        assert len(case.hidden) == ("clean", "one", "two").index(case.stratum)
+        assert len(case.hidden) == {"one": 1, "two": 2}.get(case.stratum, 0)
+        assert (case.outside is not None) == (case.stratum == "outside")
         assert len({one.effect.name for one in case.hidden}) == len(case.hidden)
         for one, third in zip(case.hidden, case.thirds, strict=True):
             if one.effect.name not in BOUNDS:
@@ -72,8 +75,8 @@ def test_a_trial_goes_on_where_it_stopped_and_is_judged(folder):
     assert times == {path: path.stat().st_mtime_ns for path in times}
     with pytest.raises(InputError, match="another trial"):
         run.make(4, 6, "cfmmr-2", folder, duration=8.0, jobs=1)
-    run.judge(folder, jobs=1)
-    scored = scores.report(folder)
+    run.judge(folder, "selection", jobs=1)
+    scored = scores.report(folder, "selection")
     assert scored["judged"] == 4
     for own in scored["drives"].values():
         counts = {one["what"]: (one["count"], one["total"]) for one in own["rates"]}
@@ -90,8 +93,8 @@ def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch, tmp_path):
         def fails(*_, error=error):
             raise error
 
-        monkeypatch.setattr(run, "diagnose_train", fails)
-        run._judge_case(folder / "cases" / "case-0003", tmp_path / "outcome.json")
+        monkeypatch.setattr(run.diagnosis, "diagnose_train", fails)
+        run._judge_case(folder / "cases" / "case-0003", tmp_path / "outcome.json", "selection")
         outcome = json.loads((tmp_path / "outcome.json").read_text(encoding="utf-8"))
         assert (outcome["verdict"], outcome["named"]) == (verdict, [])
         assert str(error) in outcome["reason"]
@@ -131,8 +134,27 @@ def test_the_command_makes_judges_and_scores_trains(capsys):
         command_line.run(cli.app, asked)
     assert ended.value.code == 0
     scored = json.loads(capsys.readouterr().out)
-    assert (scored["format"], scored["judged"]) == ("castor-train-trial/1", 2)
+    assert (scored["format"], scored["judged"]) == ("castor-train-trial/2", 2)
     assert scored["plan"] == {"cases": 2, "seed": 1, "train": "cfmmr-2", "duration": 10.0}
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_what_the_catalogue_does_not_have_changes_the_log_alone(folder, name):
+    log = read_log(folder / "cases" / "case-0003" / "log.csv", TRAIN)
+    size = KINDS[name][2]
+    changed = Outside(name, wheel=1, frame=0, value=size, begins=0.3).changed(TRAIN, log)
+    assert np.array_equal(changed.t, log.t)
+    assert changed.reference is log.reference
+    others = [0, 2, 3]
+    assert np.array_equal(changed.wheel[:, others], log.wheel[:, others])
+    assert changed.rps is not None
+    assert log.rps is not None
+    assert not (np.array_equal(changed.wheel, log.wheel) and np.array_equal(changed.rps, log.rps))
+
+
+def test_no_finder_of_another_name(folder):
+    with pytest.raises(InputError, match="posterier"):
+        run.judge(folder, "posterier", jobs=1)
 
 
 def test_trains_have_no_foreign_simulator(capsys):

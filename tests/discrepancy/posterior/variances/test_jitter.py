@@ -1,6 +1,7 @@
 """Jitter that is put in by hand comes out with its size, its probability and its interval; nothing else does."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ def log_of(seed, size=0.0):
     return Log(STAMPS, wheel - wheel[0], np.empty((len(STAMPS), 0)))
 
 
-def answer(log, held_out=(), clean=()):
+def answer(log, held_out=(), clean=()) -> Any:
     return jitter_answer(ROBOT, [log], held_out, clean, NAMES)
 
 

@@ -8,8 +8,8 @@ from pydantic import TypeAdapter
 
 from discrepancy.report.text import COVERAGE, FORMAT
 from discrepancy.trains.candidates import Placed
-from discrepancy.trains.diagnosis import Finding, Rank, TrainDiagnosis
 from discrepancy.trains.gap import HORIZON, Gap
+from discrepancy.trains.selection.diagnosis import Finding, Rank, TrainDiagnosis
 
 SHOWN = 8
 """Candidates that are shown, best first."""

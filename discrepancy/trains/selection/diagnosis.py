@@ -26,6 +26,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.candidates import Candidate, Placed, dead_gauges
 from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
 from discrepancy.trains.gap import Gap, gap_of
+from discrepancy.trains.linearise import equations_of
 from discrepancy.trains.rows import TrainLog
 
 Verdict = Literal["named", "ambiguous", "unconfirmed", "unexplained", "no discrepancy"]
@@ -57,9 +58,6 @@ NOISIER = 1.15
 
 DIFFERENCES = 2 / 3
 """Of a reading's worth is what a difference of successive ones tells of their noise."""
-
-OFTEN = 0.9
-"""Part of the time up to which an axle is believed to slide; where it seems to more, the description is to blame."""
 
 STOPPED = 5
 """Samples for which a sensor must repeat itself to the end of a log to have stopped."""
@@ -168,19 +166,16 @@ def diagnose_train(
     """
     if not logs:
         raise InputError("there is no log to look at")
-    for some in (logs, held_out, clean):
-        for number, log in enumerate(some, start=1):
-            _check(train, log, number)
     background: list[Placed] = []
     least = LEAST_GAIN
     if clean:
-        there, settling = _logs(train, clean)
+        there, settling = equations_of(train, clean)
         background = [one.placed for one in _noise(train, there, settling) if one.placed is not None]
         found, rest, _ = _one_after_another(_with(train, background), there, LEAST_GAIN)
         background += _placed(found)
         least = max(least, 2 * max((one.gain for one in _ranks(rest)), default=0.0))
     base = _with(train, background)
-    own, state = _logs(base, logs)
+    own, state = equations_of(base, logs)
     first = evidence_of(base, own, state)
     beside = [*_stops(base, logs), *_noise(base, own, state)]
     noisier = _with(base, [one.placed for one in beside if one.placed is not None])
@@ -212,32 +207,6 @@ def diagnose_train(
         slip=(left.settled.sizes.rolling, left.settled.sizes.side),
         sliding=float(np.mean(np.concatenate([log.loose.any(axis=1) for log in own]))),
     )
-
-
-def _check(train: TrainDescription, log: Log, number: int) -> None:
-    """Raise InputError where a log is not of this train, or neither sensors nor a reference tell anything."""
-    if log.wheel.shape[1] != 2 * train.n_axles:
-        raise InputError(
-            f"log {number} has counts of {log.wheel.shape[1]} wheels; train {train.name!r} has {2 * train.n_axles}"
-        )
-    seen = [values is not None and bool(np.isfinite(values).any()) for values in (log.rps, log.reference)]
-    if not any(seen):
-        raise InputError(
-            f"log {number} has neither relative poses nor a reference, so nothing can be seen; give logs with rps or "
-            "ref columns"
-        )
-
-
-def _logs(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], Settled]:
-    """Return logs as equations, in which steps that axles may have slid in count for little, and their motion."""
-    rough = [TrainLog(train, log) for log in logs]
-    state, built = settled(train, rough), train.as_built()
-    loose = [one.sliding(built, motion) for one, motion in zip(rough, state.motions, strict=True)]
-    loose = [own & (own.mean(axis=0) <= OFTEN) for own in loose]
-    if not any(own.any() for own in loose):
-        return rough, state
-    own = [TrainLog(train, log, slid) for log, slid in zip(logs, loose, strict=True)]
-    return own, settled(train, own, state)
 
 
 def _with(train: TrainDescription, effects: Sequence[Placed]) -> TrainDescription:
@@ -307,7 +276,7 @@ def _tried(train: TrainDescription, logs: Sequence[TrainLog], left: Evidence, ra
                 tries.append(_Try(candidate, now.deviance - state.deviance, candidate.placed, 0.0, state))
     for one in without:
         with suppress(InputError):
-            state = settled(train, logs, now, rival=one.candidate.rival)
+            state = settled(train, logs, now, unnamed=[] if one.candidate.rival is None else [one.candidate.rival])
             tries.append(_Try(one.candidate, now.deviance - state.deviance, None, one.error, state))
     return sorted(tries, key=lambda one: -one.gain)
 
@@ -451,7 +420,7 @@ def _borne_out(
     train: TrainDescription, held_out: Sequence[Log], findings: Sequence[Finding]
 ) -> tuple[list[Finding], tuple[Gap, Gap]]:
     """Return the findings as held-out logs bear them out, and the gap there before and after."""
-    logs, apart = _logs(train, held_out)
+    logs, apart = equations_of(train, held_out)
     every = [one.placed for one in findings if one.placed is not None]
     full = _with(train, every)
     state = settled(full, logs)

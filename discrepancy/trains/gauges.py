@@ -1,0 +1,202 @@
+"""Gauges that are dead or noisier than described, and sensors that stop: how likely, and how much."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from castor_envs.effects.train import DeadGauge, GaugeNoise, SensorStops
+from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.answers import SHOWN, Answer, Cause
+from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
+from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.variances.jitter import SIZES, borne_out, weighed
+from discrepancy.trains.candidates import Candidate, Placed
+from discrepancy.trains.evidence import cost_of_noise
+from discrepancy.trains.linearise import Linearised
+
+DIFFERENCES = 2 / 3
+"""Of a reading's worth is what a difference of successive ones tells of their noise."""
+
+STOPPED = 5
+"""Samples for which a sensor must repeat itself to the end of a log to have stopped."""
+
+
+def with_dead_gauges(
+    answers: Sequence[Answer], named: Sequence[Sized], look: Callable[..., Linearised], seen: Linearised, names: int
+) -> list[Answer]:
+    """Return the answers, with those that a gauge is dead weighed by putting each gauge of the frame into the model.
+
+    A dead gauge bends all that is fitted, so its signature from afar is not to be trusted. named: effects in the model.
+    names: of effects that may be there, each as likely before logs are seen.
+    """
+    told: dict[Cause, Answer] = {}
+    for answer in answers:
+        (kind,) = answer.candidate.kinds or (None,)
+        if not isinstance(kind, DeadGauge):
+            told[answer.candidate] = answer
+            continue
+        rest = [one for one in named if one.candidate != answer.candidate]
+        without = seen.log_evidence if len(rest) == len(named) else _log_evidence(look, rest, seen)
+        dead = [one for one in seen.candidates if one.kinds and isinstance(one.kinds[0], DeadGauge)]
+        others = {one.candidate for one in rest}
+        gauges = [one for one in dead if one.frame == kind.frame and one not in others]
+        each = [_log_evidence(look, [*rest, Sized(one, np.ones(1))], seen) for one in gauges]
+        weights = np.array([without + np.log(NOTHING), *(np.array(each) + np.log1p(-NOTHING) - np.log(names))])
+        nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()
+        likeliest = sorted(zip(parts, gauges, strict=True), key=lambda entry: -entry[0])
+        if nothing > 1 - CREDIBLE:
+            continue
+        count = int(np.searchsorted(np.cumsum([part for part, _ in likeliest]), CREDIBLE - nothing)) + 1
+        _, best = likeliest[0]
+        told[best] = dataclasses.replace(
+            answer,
+            probabilities={one.family: part for part, one in likeliest if part > SHOWN},
+            credible=tuple(one.family for _, one in likeliest[:count]),
+            unnamed=False,
+            candidate=best,
+            amplitudes=np.ones(1),
+            covariance=np.zeros((1, 1)),
+            cost=seen.cost[:, seen.candidates.index(best)],
+        )
+    return list(told.values())
+
+
+def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start: Linearised) -> float:
+    """Return how likely logs are with effects in the model; -inf where they do not fit at all."""
+    try:
+        return look(named, start, [one.candidate for one in named]).log_evidence
+    except InputError:
+        return -np.inf
+
+
+def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | None, names: int) -> list[Answer]:
+    """Return the answers that gauges of frames are noisier than described, and than in clean logs.
+
+    names: of effects that may be there, each as likely before logs are seen.
+    """
+    answers = []
+    for kind in GaugeNoise.variants(seen.train):
+        f, tolerance = kind.frame - 1, GaugeNoise.tolerance
+        usual = 0.0 if good is None else _excess(good, f)
+        probability, size, error = weighed(_log_likelihood(seen, f, usual), names)
+        if probability < CREDIBLE:
+            continue
+        confirmed = None if held is None else borne_out(_log_likelihood(held, f, usual), size)
+        candidate = _candidate(Placed(kind), seen.train)
+        cost = cost_of_noise(seen.train, seen.own, seen.settled, f)
+        answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
+    return answers
+
+
+def stop_answers(
+    train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log], seen: Linearised
+) -> list[Answer]:
+    """Return the answers that sensors stop within logs, at one time in all of them; what costs is the reading kept."""
+    answers = []
+    for f in range(len(train.frames)):
+        when, period = [_stop(train, log, f) for log in logs], train.sample_period
+        known = [time for time in when if time is not None]
+        expected = train.as_built().frames[f].rps_stops
+        if not known or (expected is not None and abs(expected - known[0]) < 2 * period):
+            continue
+        time = float(np.median(known))
+        candidate, error = _candidate(Placed(SensorStops(frame=f + 1, value=time)), train), period / 12**0.5
+        if not _agree(train, logs, f, time):
+            told = ", ".join("not" if own is None else f"at {own:.2f} s" for own in when)
+            candidate = Candidate(f"{candidate.what}, but not always at one time: {told}", "s")
+        confirmed = None
+        if held_out:
+            shown = any(_lasts(train, log, time) for log in held_out)
+            confirmed = 0.0 if not shown else np.inf if _agree(train, held_out, f, time) else -np.inf
+        off = [_kept(seen, k, f, time) for k in range(len(logs))]
+        answers.append(_answer(candidate, time, error, np.sqrt(np.mean(np.square(off), axis=0)) / time, 1.0, confirmed))
+    return answers
+
+
+def _candidate(placed: Placed, train: TrainDescription) -> Candidate:
+    return Candidate(placed.what(train), placed.effect.unit, placed)
+
+
+def _answer(
+    candidate: Cause, size: float, error: float, cost: Array, probability: float, confirmed: float | None
+) -> Answer:
+    return Answer(
+        probabilities={candidate.family: probability, "nothing": 1 - probability},
+        credible=(candidate.family,),
+        unnamed=not candidate.kinds,
+        candidate=candidate,
+        amplitudes=np.array([size]),
+        covariance=np.array([[error**2]]),
+        hidden=0.0,
+        explained=0.0,
+        cost=cost,
+        confirmed=confirmed,
+    )
+
+
+def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:
+    """Return how likely readings of a frame are (natural logarithm, up to a constant) with noise of `SIZES` beside what
+    is described and usual, 1/m."""
+    number, square = _noise(seen, f)
+    described = seen.train.as_built().frames[f].gauge_noise
+    part = 1 + (usual**2 + (SIZES * GaugeNoise.tolerance) ** 2) / max(described, 1e-12) ** 2
+    return -number / 2 * (np.log(part) + square / part)
+
+
+def _noise(seen: Linearised, f: int) -> tuple[float, float]:
+    """Return how many readings of a frame there are, and the square of their noise, in what is described."""
+    built = seen.train.as_built()
+    each = [log.noise(built, motion, f) for log, motion in zip(seen.own, seen.settled.motions, strict=True)]
+    number = sum(count for _, count in each)
+    square = sum(count * size**2 for size, count in each) / max(number, 1)
+    return DIFFERENCES * number, square
+
+
+def _excess(seen: Linearised, f: int) -> float:
+    """Return by how much gauges of a frame are noisier than described, 1/m."""
+    _, square = _noise(seen, f)
+    return float(seen.train.as_built().frames[f].gauge_noise * max(square - 1, 0.0) ** 0.5)
+
+
+def _stop(train: TrainDescription, log: Log, f: int) -> float | None:
+    """Return when (s) a frame's sensor took the reading that it repeats to the log's end; None where it goes on."""
+    if log.rps is None or log.rps_age is None:
+        return None
+    read, age = log.rps[:, 3 * f : 3 * f + 3], log.rps_age[:, f]
+    if not np.isfinite(read[-1]).all():
+        return None
+    same = np.all(read == read[-1], axis=1)
+    first = int(len(same) - np.argmin(same[::-1])) if not same.all() else 0
+    if len(same) - first <= STOPPED:
+        return None
+    aged = age[-1] > STOPPED * train.sample_period / 2
+    noisy = train.as_built().frames[f].gauge_noise > 0
+    return float(log.t[first] - age[first]) if aged or noisy else None
+
+
+def _lasts(train: TrainDescription, log: Log, time: float) -> bool:
+    """Whether a log goes on long enough to show that a sensor stops at a time."""
+    return bool(log.t[-1] > time + 2 * STOPPED * train.sample_period)
+
+
+def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) -> bool:
+    """Whether a frame's sensor stops at a time in all logs that last so long."""
+    when = [(_stop(train, log, f), log) for log in logs]
+    return all(
+        abs(own - time) < 2 * train.sample_period if own is not None else not _lasts(train, log, time)
+        for own, log in when
+    )
+
+
+def _kept(seen: Linearised, k: int, f: int, time: float) -> Array:
+    """Return how far (2,), m and rad, a frame's relative pose is off what it was when its sensor stopped, rms."""
+    log, relative = seen.own[k], seen.settled.motions[k].relative[:, f]
+    after = log.t + log.clock_start >= time
+    if not after.any():
+        return np.zeros(2)
+    off = relative[after] - relative[after][0]
+    return np.sqrt([np.mean(np.sum(off[:, :2] ** 2, axis=1)), np.mean(off[:, 2] ** 2)])

@@ -1,0 +1,149 @@
+"""What each log of a train says of every candidate, all that nobody wants to know integrated out, around its motion."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.priors import bounds_of
+from discrepancy.posterior.random_effects import Statistics
+from discrepancy.trains.candidates import Candidate, Rival
+from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
+from discrepancy.trains.gap import localised_off
+from discrepancy.trains.motion import Sizes
+from discrepancy.trains.rows import TrainLog
+
+OFTEN = 0.9
+"""Part of the time up to which an axle is believed to slide; where it seems to more, the description is to blame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Candidates of a train, one size each, and what its logs say of them beyond its effects; see
+    `posterior.linearise.Linearised`."""
+
+    train: TrainDescription
+    own: tuple[TrainLog, ...]
+    evidence: Evidence
+
+    @property
+    def settled(self) -> Settled:
+        """The motions around which all is linear, and the sizes of noise."""
+        return self.evidence.settled
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """What may be missing."""
+        return self.evidence.candidates
+
+    @property
+    def columns(self) -> tuple[NDArray[np.intp], ...]:
+        """The sizes of each candidate, by their numbers."""
+        return tuple(np.array([k], dtype=np.intp) for k in range(len(self.candidates)))
+
+    @property
+    def logs(self) -> tuple[Statistics, ...]:
+        """Information and score of each log."""
+        return self.evidence.logs
+
+    @property
+    def usual(self) -> Array:
+        """Size of what has no name in logs of a train in good order; NaN of effects."""
+        return np.array([np.nan if one.rival is None else one.rival.usual for one in self.candidates])
+
+    @property
+    def cost(self) -> Array:
+        """What a unit of each candidate makes the train's localisation wrong by."""
+        return self.evidence.cost
+
+    @property
+    def log_evidence(self) -> float:
+        """How likely the logs are (natural logarithm, up to a constant of the logs)."""
+        return -self.settled.deviance / 2
+
+    @property
+    def gap(self) -> tuple[float, float] | None:
+        """What the train's localisation gets wrong (`localised_off`), m and rad."""
+        return localised_off(self.train, self.own, self.settled)
+
+    def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
+        """Return the same at the noise that is left beside effects, each as large as logs want, and beside the family
+        without a name that explains most.
+
+        What is not in the model passes for slip, and for noise.
+        """
+        chosen = [k for k, one in enumerate(self.candidates) if one in effects]
+        wanted, _ = self.evidence.best(chosen)
+        built, information, pull = self.train, self.evidence.information, self.evidence.pull
+        for k, size in zip(chosen, wanted.tolist(), strict=True):
+            size = float(np.clip(size, *bounds_of(self.candidates[k].kinds[0])))
+            if size * (2 * pull[k] - size * information[k, k]) > 0:
+                built = self.candidates[k].added(built, [size])
+        with suppress(InputError):  # it does not fit at all
+            beside = settled(built, self.own, self.settled, unnamed=self._likeliest_unnamed())
+            sizes = self.settled.sizes.at_most(beside.sizes)
+            if sizes != self.settled.sizes:
+                return linearise(self.train, self.own, self.settled, self.candidates, sizes)
+        return self
+
+    def _likeliest_unnamed(self) -> list[Rival]:
+        """Return all rivals of the family that explains most together."""
+        information, pull = self.evidence.information, self.evidence.pull
+        families: dict[str, list[int]] = {}
+        for k, one in enumerate(self.candidates):
+            if one.rival is not None and information[k, k] > 0:
+                families.setdefault(one.family, []).append(k)
+        gains = {name: float(pull[k] @ self.evidence.best(k)[0]) / len(k) for name, k in families.items()}
+        chosen = families[max(gains, key=gains.__getitem__)] if gains else []
+        return [rival for k in chosen if (rival := self.candidates[k].rival) is not None]
+
+
+def linearise(
+    train: TrainDescription,
+    own: Sequence[TrainLog],
+    start: Settled | None,
+    among: Sequence[Candidate],
+    sizes: Sizes | None = None,
+) -> Linearised:
+    """Return what logs say of candidates around their most likely motion.
+
+    start: the motion in a similar train. sizes: of noise, to hold to; None: found. Raises InputError for logs that the
+    train cannot have made.
+    """
+    return Linearised(train, tuple(own), evidence_of(train, own, settled(train, own, start, sizes), among))
+
+
+def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], Settled]:
+    """Return logs as equations, in which steps that axles may have slid in count for little, and their motion.
+
+    Raises InputError for a log that is not of this train, or in which neither sensors nor a reference tell anything.
+    """
+    for number, log in enumerate(logs, start=1):
+        _check(train, log, number)
+    rough = [TrainLog(train, log) for log in logs]
+    state, built = settled(train, rough), train.as_built()
+    loose = [one.sliding(built, motion) for one, motion in zip(rough, state.motions, strict=True)]
+    loose = [own & (own.mean(axis=0) <= OFTEN) for own in loose]
+    if not any(own.any() for own in loose):
+        return rough, state
+    own = [TrainLog(train, log, slid) for log, slid in zip(logs, loose, strict=True)]
+    return own, settled(train, own, state)
+
+
+def _check(train: TrainDescription, log: Log, number: int) -> None:
+    if log.wheel.shape[1] != 2 * train.n_axles:
+        raise InputError(
+            f"log {number} has counts of {log.wheel.shape[1]} wheels; train {train.name!r} has {2 * train.n_axles}"
+        )
+    seen = [values is not None and bool(np.isfinite(values).any()) for values in (log.rps, log.reference)]
+    if not any(seen):
+        raise InputError(
+            f"log {number} has neither relative poses nor a reference, so nothing can be seen; give logs with rps or "
+            "ref columns"
+        )

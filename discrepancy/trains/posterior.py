@@ -1,0 +1,103 @@
+"""The finder for trains: the posterior of single robots (`posterior.finder`), asked of what logs of trains say.
+
+What truly happened is fitted first; around it every candidate acts linearly (`linearise`). Noise of gauges and sensors
+that stop have no mean to be told by, and are asked for apart (`gauges`).
+"""
+
+from collections.abc import Sequence
+
+from threadpoolctl import threadpool_limits
+
+from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.answers import Answer, Cause, Place
+from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
+from discrepancy.posterior.priors import hypothesis_of, order_of, sizes_of
+from discrepancy.posterior.refit import Sized, with_them
+from discrepancy.posterior.single_effects import Hypothesis, Posterior
+from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
+from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
+from discrepancy.trains.evidence import STILL
+from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
+from discrepancy.trains.linearise import Linearised, equations_of, linearise
+
+
+@threadpool_limits.wrap(limits=1)
+def diagnose_train(
+    train: TrainDescription,
+    logs: Sequence[Log],
+    held_out: Sequence[Log] = (),
+    clean: Sequence[Log] = (),
+    material: Material = MATERIAL,
+) -> Diagnosis[TrainDescription, Linearised]:
+    """Return what logs say is missing in a train's description, how likely it is, and what it costs.
+
+    held_out: logs that a name must be borne out by. clean: logs of the train in good order. material: what matters.
+    Raises InputError for logs that are not of this train, or that show nothing.
+    """
+    if not logs:
+        raise InputError("there is no log to look at")
+    good = _first(train, clean) if clean else None
+    first = _first(train, logs)
+    named, seen, posterior, answers = _named(train, first, good)
+    held, order = None, None
+    if held_out:
+        own, state = equations_of(train, held_out)
+        among = _of_trains([one.candidate for one in named])
+        without = linearise(train, own, state, among)
+        beside = linearise(with_them(train, named), own, None, among)
+        held, order = (without, beside), order_of(beside, good)
+    noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
+    apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
+    told = judged([*answers, *apart], named, held, order, material)
+    inclusion = {answer.credible[0]: answer.probability for answer in apart} | posterior.inclusion()
+    return Diagnosis(train, verdict_of(told), told, inclusion, first, seen, held)
+
+
+def _named(
+    train: TrainDescription, first: Linearised, good: Linearised | None
+) -> tuple[tuple[Sized, ...], Linearised, Posterior, list[Answer]]:
+    """Return the effects that logs name, what logs say beside these, and the answers."""
+
+    def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
+        every = first.candidates if among is None else among
+        return linearise(with_them(train, named), first.own, start.settled, _of_trains(every))
+
+    def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
+        there = _sizes(seen, named)
+        fitted = _sizes(
+            seen, [one for one in named if not one.effect.binary]
+        )  # what is there or not has no size to fit
+        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), there, fitted)
+        return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
+
+    return named_together(train, look, ask, STILL / 2, first)
+
+
+def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
+    """Return all that may be there, and of each hypothesis what it is about.
+
+    Every family is as likely as any other; what has no name shares that with all times where it was looked for.
+    """
+    names = [candidate.family for candidate in seen.candidates]
+    places = [Place(k, 0.0) for k in range(len(names))]
+    return [
+        hypothesis_of(seen, place, name, 1 / names.count(name)) for place, name in zip(places, names, strict=True)
+    ], places
+
+
+def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
+    candidates = [seen.candidates.index(one) for one in _of_trains([each.candidate for each in named])]
+    return sizes_of(candidates, [one.amplitudes for one in named], [0.0] * len(named), seen)
+
+
+def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:
+    """Return what logs say of all that may be missing."""
+    own, state = equations_of(train, logs)
+    return linearise(train, own, state, [*dead_gauges(train), *every_candidate(train, own)])
+
+
+def _of_trains(causes: Sequence[Cause]) -> list[Candidate]:
+    return [cause for cause in causes if isinstance(cause, Candidate)]

@@ -1,0 +1,128 @@
+"""Trains with hidden effects: what the posterior says of them, on perfect rolling."""
+
+import json
+
+import pytest
+
+from castor_envs import command_line
+from castor_envs.effects.train import DeadGauge, SensorStops
+from castor_envs.errors import InputError
+from castor_envs.logs.csv import write_log
+from castor_envs.vehicles.presets import cfmmr
+from discrepancy import cli
+from discrepancy.posterior.verdicts import Material
+from discrepancy.report import sentences
+from discrepancy.trains.posterior import diagnose_train
+
+
+def found_in(*logs, **more):
+    """What the finder says of such logs."""
+    return diagnose_train(logs[0][1], [log for log, _ in logs], **more)
+
+
+def only(found):
+    """The one answer that matters."""
+    (answer,) = (answer for answer in found.answers if answer.verdict != "negligible")
+    return answer
+
+
+def named(found):
+    """The sizes of effects that are named, by their names and axles."""
+    sure = [(one, one.candidate.sized(one.amplitudes)) for one in found.answers if one.verdict == "named"]
+    return {(placed.effect.name, placed.axle): one.size for one, placed in sure}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_train_in_good_order_raises_no_alarm(driven, seed):
+    found = found_in(driven(seed=seed, reference=seed > 1))
+    assert found.verdict in ("no discrepancy", "negligible")
+    assert found.found == found.robot
+
+
+def test_an_effect_is_named_within_its_interval(driven, hidden_effect):
+    how, effect, axle = hidden_effect
+    found = found_in(driven(**how), held_out=[driven(seed=2, **how)[0]])
+    answer = only(found)
+    assert (found.verdict, type(answer.effect)) == ("named", type(effect)), answer.reason
+    assert [*named(found)] == [(effect.name, axle)]
+    assert abs(answer.size - effect.value) < 3 * answer.error < abs(effect.value)
+    assert answer.probability > 0.95
+    assert found.found.as_described() == found.robot
+
+
+def test_a_dead_gauge_is_there_or_not(driven):
+    found = found_in(driven(dead=(3,)), held_out=[driven(seed=2, dead=(3,))[0]])
+    assert found.verdict == "named"
+    assert only(found).effect == DeadGauge(frame=1, gauge=3)
+    assert found.held_out is not None
+    before, after = (seen.gap for seen in found.held_out)
+    assert before is not None
+    assert after is not None
+    assert after[1] < before[1]
+
+
+def test_a_sensor_that_stops_is_named_at_its_time(driven):
+    found = found_in(driven(stops=7.0), held_out=[driven(seed=2, stops=7.0)[0]])
+    answer = only(found)
+    assert (found.verdict, type(answer.effect)) == ("named", SensorStops)
+    assert answer.size == pytest.approx(7.0, abs=0.06)
+    denied = found_in(driven(stops=7.0), held_out=[driven(seed=2)[0]])
+    assert only(denied).verdict == "unconfirmed"
+
+
+def test_two_effects_are_named_together(driven):
+    hidden = {"gains": (1.15,) * 4, "radii": (1.0, 1.015, 1.0, 1.0)}
+    found = found_in(driven(**hidden), held_out=[driven(seed=2, **hidden)[0]])
+    assert named(found) == {
+        ("gauge_gain", None): pytest.approx(0.15, abs=0.02),
+        ("wheel_radius", 1): pytest.approx(0.015, abs=1e-3),
+    }
+    assert found.verdict == "named"
+
+
+def test_a_wheel_that_loses_counts_for_a_while_is_unexplained(driven):
+    found = found_in(driven(lost=(2, 4.5, 6.0, 0.08)))
+    assert found.verdict == "unexplained"
+    assert any(answer.credible == ("wheel 2l counts otherwise",) for answer in found.answers)
+    assert found.found == found.robot
+
+
+def test_a_name_that_held_out_logs_deny_is_not_confirmed(driven):
+    found = found_in(driven(gains=(1.15,) * 4), held_out=[driven(seed=2)[0]])
+    assert only(found).verdict == "unconfirmed"
+
+
+def test_what_clean_logs_show_as_well_is_good_order(driven):
+    worn = {"gains": (1.1,) * 4}
+    clean = [driven(seed=seed, **worn)[0] for seed in (4, 5)]
+    found = found_in(driven(tracks=(1.03, 1.0), **worn), clean=clean)
+    assert [*named(found)] == [("track", 1)]
+
+
+def test_what_costs_less_than_matters_is_negligible(driven):
+    found = found_in(driven(drift=0.02), material=Material(10.0, 10.0))
+    assert found.verdict == "negligible"
+    assert found.found == found.robot
+
+
+def test_json_and_words_say_the_same(driven, tmp_path, capsys):
+    log, train = driven(tracks=(1.03, 1.0))
+    write_log(tmp_path / "log.csv", log, train)
+    train.save(tmp_path / "train.json")
+    with pytest.raises(SystemExit) as end:
+        command_line.run(cli.app, ["find", str(tmp_path / "log.csv"), "--finder", "posterior", "--json"])
+    assert not end.value.code
+    data = json.loads(capsys.readouterr().out)
+    assert (data["format"], data["verdict"]) == ("castor-diagnosis/2", "named")
+    (answer,) = data["answers"]
+    assert (answer["effect"]["name"], answer["effect"]["axle"]) == ("track", 1)
+    lines = sentences.as_lines(data)
+    assert any("track (distance between the wheels), axle 1" in line for line in lines)
+
+
+def test_a_log_of_another_train_is_refused(driven):
+    log, train = driven(seconds=1.0)
+    with pytest.raises(InputError, match="counts of 4 wheels; train 'CFMMR, 3 axles' has 6"):
+        diagnose_train(cfmmr(3), [log])
+    with pytest.raises(InputError, match="no log"):
+        diagnose_train(train, [])
