@@ -31,6 +31,9 @@ MATTERS, COSTLY, SEPARATE, STRONG, LOUD = 1e-3, 2e-3, 5.0, 8.0, 20.0
 """m per 10 m that matter to a user; m per 10 m, z_sep and z of effects that have to be named; z to be flagged at
 outside of the catalogue."""
 
+ALIKE = 1.0
+"""z_sep below which no log can tell an effect from the one that is nearest."""
+
 TOLD = 0.05
 """Probability from which on a name counts as told: a set of 95 % leaves out no more."""
 
@@ -51,14 +54,21 @@ class Trial:
         return frozenset(hidden["class"] for hidden in self.label["hidden"])
 
     @property
+    def alike(self) -> dict[str, str]:
+        """Classes that this robot's log cannot tell from one that was hidden, and that one."""
+        log = self.label["log"] or {"z_sep": [], "nearest": []}
+        each = zip(self.label["hidden"], log["z_sep"], log["nearest"], strict=False)  # wiring has no strength
+        return {nearest: hidden["class"] for hidden, z_sep, nearest in each if z_sep < ALIKE and nearest}
+
+    @property
     def named(self) -> frozenset[str]:
         """The classes that the finder is sure of."""
-        return frozenset(self.outcome["named"])
+        return frozenset(self.alike.get(name, name) for name in self.outcome["named"])
 
     @property
     def credible(self) -> frozenset[str]:
         """The classes in all its credible sets."""
-        return frozenset(name for names in self.outcome["credible"] for name in names)
+        return frozenset(self.alike.get(name, name) for names in self.outcome["credible"] for name in names)
 
     @property
     def exact(self) -> bool:
@@ -107,6 +117,11 @@ class Trial:
         return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
 
     @property
+    def plainly_outside(self) -> bool:
+        """Whether what was hidden, and has no name, matters and is loud."""
+        return self.least("cost") >= MATTERS and self.least("z") >= LOUD
+
+    @property
     def gap_grew(self) -> bool:
         """Whether what was named made odometry on the held-out log worse."""
         gap = self.outcome["gap"]
@@ -118,7 +133,11 @@ class Trial:
         None of wrong wiring: that is for the pre-flight, which tells no probabilities.
         """
         every = self.outcome["probabilities"].items() if self.label["stratum"] != "wiring" else ()
-        return [(probability, name in self.truth) for name, probability in every if probability >= TOLD]
+        return [
+            (probability, self.alike.get(name, name) in self.truth)
+            for name, probability in every
+            if probability >= TOLD
+        ]
 
     def covered(self) -> list[bool]:
         """Return of every size named rightly, with an interval, whether the true one lies within it."""
@@ -186,8 +205,8 @@ RATES: tuple[tuple[str, Which, Which], ...] = (
     (f"three effects, each {ENOUGH}: named exactly", _plain("three"), lambda trial: trial.exact),
     ("  the truth in the credible sets", _plain("three"), lambda trial: trial.among),
     (
-        f"outside the catalogue, z {LOUD:g} or more: flagged",
-        lambda trial: trial.label["stratum"] == "outside" and trial.least("z") >= LOUD,
+        f"outside the catalogue, {1e3 * MATTERS:g} mm per 10 m and z {LOUD:g} or more: flagged",
+        lambda trial: trial.label["stratum"] == "outside" and trial.plainly_outside,
         lambda trial: trial.flagged,
     ),
     ("outside the catalogue: a sure name", _stratum("outside"), lambda trial: trial.wrong),

@@ -14,6 +14,7 @@ from discrepancy.trials.scores import Trial, calibration_error, confusion, rates
 def trial(stratum, truth=(), named=(), credible=None, z=30.0, z_sep=20.0, cost=0.01, held_out=30.0, **more):
     """A case in which classes `truth` were hidden and `named` said."""
     strength = {"z": [z] * len(truth), "z_sep": [z_sep] * len(truth), "cost": [cost] * len(truth)}
+    strength["nearest"] = ["track 9"] * len(truth)
     hidden = [{"class": own, "from": "catalogue", "what": {"name": own.split()[0], "value": 0.01}} for own in truth]
     label = {"stratum": stratum, "robot": "swerve", "clean": False, "reference": True, "hidden": hidden, "seconds": 1.0}
     label |= {"log": strength if truth else None, "holdout": {**strength, "z": [held_out]} if truth else None}
@@ -59,6 +60,13 @@ def test_names_are_told_from_five_percent_on():
     one = trial("one", ["track 1"], probabilities={"track 1": 0.9, "track 2": 0.06, "track 3": 0.04})
     assert sorted(one.told()) == [(0.06, False), (0.9, True)]
     assert trial("wiring", ["encoders_swapped 1"], ["encoders_swapped 1"]).told() == []
+
+
+def test_a_name_that_no_log_tells_from_what_was_hidden_is_right():
+    alike = trial("one", ["track 1"], ["track 9"], z_sep=0.1)
+    assert (alike.exact, alike.among, alike.wrong, alike.told()) == (True, True, False, [(1.0, True)])
+    other = trial("one", ["track 1"], ["track 9"])
+    assert (other.exact, other.among, other.wrong, other.told()) == (False, False, True, [(1.0, False)])
 
 
 def test_any_word_on_a_clean_log_is_an_alarm_but_what_is_negligible():
