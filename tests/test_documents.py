@@ -15,6 +15,7 @@ from benchmarks.leaderboard.ranking import interval, ranks
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks, select_tasks
+from discrepancy.trials.scores import wilson
 from estimators.plugins.registry import load_estimator
 
 ROOT = Path(__file__).parents[1]
@@ -26,8 +27,8 @@ FEW_DIGITS = 1e-7
 """Relative: the stored numbers have ten digits, and limits of intervals lose some of them."""
 
 
-def make_results():
-    spec = importlib.util.spec_from_file_location("make_results", ROOT / "scripts" / "make_results.py")
+def script_called(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -50,11 +51,20 @@ def rank(task):
 
 
 def test_tables_are_those_of_the_stored_results():
-    script = make_results()
+    script = script_called("make_results")
     pages = [path.read_text(encoding="utf-8") for path in script.PAGES]
     assert [script.with_tables(page, FIGURES) for page in pages] == pages, "run python scripts/make_results.py"
     for name in script.TABLES:
         assert sum(page.count(script.START.format(name)) for page in pages) == 1, name
+
+
+def test_the_table_of_trials_is_that_of_the_stored_ones():
+    script = script_called("make_trial_tables")
+    page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
+    assert script.with_table(page, figures) == page, "run python scripts/make_trial_tables.py"
+    for trial in figures["trials"]:
+        for rate in trial["rates"]:
+            assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
 
 
 def test_stored_results_are_of_the_official_tasks():

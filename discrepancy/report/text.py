@@ -1,5 +1,6 @@
 """A diagnosis as lines of text, as JSON data, and as files."""
 
+import dataclasses
 import os
 import shutil
 from collections.abc import Sequence
@@ -7,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from castor_envs.description import fingerprint
 from castor_envs.errors import InputError
@@ -134,7 +134,7 @@ def _finding_data(robot: RobotDescription, finding: Finding, logs: Sequence[Log]
         "verdict": finding.verdict,
         "reason": finding.reason,
         "title": described(effect) if effect is not None else finding.chosen[0].candidate.what,
-        "effect": None if effect is None else TypeAdapter(Effect).dump_python(effect, mode="json"),
+        "effect": None if effect is None else dataclasses.asdict(effect),
         "unit": None if effect is None else effect.unit,
         "standard_error": error,
         "interval": None
@@ -153,7 +153,7 @@ def _finding_data(robot: RobotDescription, finding: Finding, logs: Sequence[Log]
 
 def mistake_data(mistake: Mistake) -> Data:
     """Return the data of a gross mistake, as of a finding."""
-    effects = [TypeAdapter(Effect).dump_python(effect, mode="json") for effect in mistake.effects]
+    effects = [dataclasses.asdict(effect) for effect in mistake.effects]
     return {
         "verdict": "ambiguous" if mistake.alternatives else "named",
         "reason": mistake.what,

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, remove_leftovers, write_json
@@ -249,7 +248,7 @@ def _told(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
 
 
 def _plain(effect: Effect) -> dict[str, Any]:
-    return TypeAdapter(Effect).dump_python(effect, mode="json")
+    return dataclasses.asdict(effect)
 
 
 def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dict[str, float] | None:

@@ -114,6 +114,7 @@ def test_the_folder_holds_page_data_and_robot(folder, capsys):
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert data["robot_file"] == str(out / "robot.json")
     assert [one["name"] for one in data["effects"]] == ["encoder_latency"]
+    assert data["findings"][0]["effect"] == data["effects"][0]
     assert RobotDescription.load(out / "robot.json").effects[0].name == "encoder_latency"
     assert "latency of one encoder, castor 3" in text
 

@@ -145,6 +145,9 @@ def test_a_finder_that_knows_the_truth_is_right_throughout(folder, monkeypatch):
         )
 
     outcomes = judged(folder, monkeypatch, knows)
+    for label, outcome in zip(labels(folder), outcomes, strict=True):
+        hidden = [one["what"] for one in label["hidden"] if one["from"] != "outside"]
+        assert [size["effect"] for size in outcome["sizes"]] == hidden
     gaps = [outcome["gap"] for outcome in outcomes if outcome["gap"]]
     assert gaps
     assert all(gap["after"] <= 1.05 * gap["before"] for gap in gaps)

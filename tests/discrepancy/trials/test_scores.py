@@ -118,7 +118,8 @@ def test_outside_the_catalogue():
     maybe = trial("outside", ["Wobble"], [], [["track 1"]], verdict="ambiguous", unnamed=True)
     quiet = trial("outside", ["Wobble"], z=10.0)
     assert rate_of([sure, flagged, maybe, quiet], "outside the catalogue: a sure name") == (1, 4)
-    assert rate_of([sure, flagged, maybe, quiet], "outside the catalogue, z 20") == (2, 3)
+    cheap = trial("outside", ["Wobble"], cost=1e-4)
+    assert rate_of([sure, flagged, maybe, quiet, cheap], "outside the catalogue, 1 mm") == (2, 3)
 
 
 def test_wiring_is_found_or_refused():
