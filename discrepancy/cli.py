@@ -137,33 +137,34 @@ def find(
         ),
     ] = None,
     finder: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="selection (takes effects in by thresholds) or posterior (a probability of every name; of trains text "
-            "and JSON only, not finished)."
+            help="posterior (a probability of every name) or selection (takes effects in by thresholds; knows slippery "
+            "patches and bursts). Default: posterior for robots, selection for trains."
         ),
-    ] = "selection",
+    ] = None,
     material: Annotated[
         float, typer.Option(help="With the finder posterior: mm after 10 m, and mrad after a turn, that matter.", min=0)
     ] = 1.0,
     as_json: Annotated[
         bool,
-        typer.Option("--json", help="Print JSON (castor-diagnosis/1; of the finder posterior castor-diagnosis/2)."),
+        typer.Option("--json", help="Print JSON (castor-diagnosis/2; of the finder selection castor-diagnosis/1)."),
     ] = False,
 ) -> None:
     """Name the effects that the robot file lacks; the word `find` may be left out.
 
     Verdicts: named; ambiguous (these motions cannot distinguish several effects); unconfirmed (the held-out logs do not
-    confirm it); unexplained (no effect of the catalogue explains the logs); no discrepancy; and, of the finder
-    posterior, negligible (it costs less than --material).
+    confirm it); unexplained (no effect of the catalogue explains the logs); negligible (it costs less than --material);
+    no discrepancy.
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
-    if finder not in FINDERS:
+    if finder is not None and finder not in FINDERS:
         raise InputError(f"--finder {finder}{did_you_mean(finder, FINDERS)}")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
+    finder = finder or ("selection" if isinstance(description, TrainDescription) else "posterior")
     matters = Material(1e-3 * material, 1e-3 * material)
     if isinstance(description, TrainDescription):
         check_logs({str(path): log for path, log in read.items()})
@@ -216,7 +217,12 @@ def trial(
     robot: Annotated[
         str | None, typer.Option(help="A preset's name, of a robot or a train. Default: all robots that can be judged.")
     ] = None,
-    finder: Annotated[str, typer.Option(help="Which finder to judge: selection or posterior.")] = "selection",
+    finder: Annotated[
+        str | None,
+        typer.Option(
+            help="Which finder to judge: posterior or selection. Default: posterior for robots, selection for trains."
+        ),
+    ] = None,
     duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
         Path | None,
@@ -229,11 +235,12 @@ def trial(
 
     def run_in(folder: Path) -> None:
         if robot is not None and isinstance(any_preset(robot), TrainDescription):
-            _trial_of_train(cases, generator, seed, robot, finder, duration, folder, jobs, as_json)
+            _trial_of_train(cases, generator, seed, robot, finder or "selection", duration, folder, jobs, as_json)
             return
+        judge = finder or "posterior"
         run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
-        run.judge(folder, finder, jobs=jobs)
-        scored = scores.report(folder, finder)
+        run.judge(folder, judge, jobs=jobs)
+        scored = scores.report(folder, judge)
         print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
 
     if out is not None:

@@ -22,7 +22,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from castor_envs.effects.clocks import SampleJitter
-from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.bursts import losing, lost_in_bursts
@@ -36,7 +35,7 @@ from discrepancy.inference.evidence_cache import Known, Looks
 from discrepancy.inference.findings import BORNE_OUT, WEAKEST_FIRST, Diagnosis, Finding, Left, Rank, without
 from discrepancy.inference.ranking import LEAST_GAIN, MARGIN, alike, margin, pick, ranks_of, sine
 from discrepancy.inference.selection import BESIDE, Found, Look, decided, foretold, one_after_another
-from discrepancy.validation.parity import BLIND, parity_residual
+from discrepancy.validation.sufficient import check_seen, must_fit
 
 SHAKEN = 1.5
 """Times more that an effect must take away where encoders are read early and late at random."""
@@ -47,17 +46,6 @@ HIDDEN = 0.07
 EXERCISED, SHOWN = 25.0, 10.0
 """The deviance that an effect of its size would make on held-out logs for them to bear it out or not; or that it takes
 away from them."""
-
-
-UNSEEN = (
-    "the encoders of robot {!r} do not tell its motion: they and wheels that do not slip sideways hold {} of its 3 "
-    "directions (forward, to the side, turning); give the encoders that it has in the robot file, pivots too"
-)
-CONTRADICTION = (
-    "the logs cannot be made to fit robot {!r}, or show too little motion; look for channels that are swapped, "
-    "reversed or dead, counts per turn or dimensions that are wrong by a factor, reference poses not in m and rad, and "
-    "counts or poses that jump: castor-diagnose inspect shows them"
-)
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -74,20 +62,9 @@ def diagnose(
     beyond them is named. before: the robot as it made these, if its description was another.
     Raises InputError for logs that the robot cannot have made, or that show nothing.
     """
-    _check_seen(robot, logs[0])
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit
-            return _diagnosed(robot, logs, held_out, clean, before)
-    except np.linalg.LinAlgError:
-        raise InputError(CONTRADICTION.format(robot.name)) from None
-
-
-def _check_seen(robot: RobotDescription, log: Log) -> None:
-    """Raise InputError for a robot whose motion its encoders leave open."""
-    parity = parity_residual(robot, log)
-    held = len(parity.wheels) + len(parity.castors) - parity.redundancy
-    if held < 3:
-        raise InputError(UNSEEN.format(robot.name, held))
+    check_seen(robot, logs, held_out, clean)
+    with must_fit(robot):
+        return _diagnosed(robot, logs, held_out, clean, before)
 
 
 def _diagnosed(
@@ -98,10 +75,6 @@ def _diagnosed(
     before: RobotDescription | None,
 ) -> Diagnosis:
     """Return what `diagnose` does."""
-    for some in (logs, held_out, clean):
-        blind = [log for log in some if log.reference is None or not np.isfinite(log.reference).any()]
-        if blind and parity_residual(robot, blind[0]).redundancy == 0:
-            raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
     asked, robot = robot, without(robot, SampleJitter)
     good = _of_clean(without(before or robot, SampleJitter), tuple(clean)) if clean else None
     known = Known.of(robot, good)

@@ -28,6 +28,7 @@ from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEf
 from discrepancy.posterior.variances.at_times import at_times
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
+from discrepancy.validation.sufficient import check_seen, must_fit
 
 LOOKS = 6
 """Times that all candidates are looked at, at most, beside what has been named by then."""
@@ -88,7 +89,20 @@ def diagnose(
     made these, if its description was another. material: what matters.
     Raises InputError for logs that the robot cannot have made, or that show nothing.
     """
-    robot = without(robot, SampleJitter)
+    check_seen(robot, logs, held_out, clean)
+    with must_fit(robot):
+        return _diagnosed(without(robot, SampleJitter), logs, held_out, clean, before, material)
+
+
+def _diagnosed(
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    held_out: Sequence[Log],
+    clean: Sequence[Log],
+    before: RobotDescription | None,
+    material: Material,
+) -> Diagnosis[RobotDescription, Linearised]:
+    """Return what `diagnose` does."""
     good = linearise(without(before or robot, SampleJitter), clean) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from discrepancy.posterior.calibrated import FREEDOM, REFITTED, SIGNATURE
+from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
 
 ROUNDS, SETTLED = 60, 0.01
 """Most steps of expectation and maximisation, and the part of a variance by which none changes in the end."""
@@ -75,7 +75,8 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
     """
     usual = tolerance**2
-    scatter, between = usual / 2, usual / 2
+    begin = FAULT**2 if clean else 1.0  # from above: what begins too small is not believed, and stays so
+    scatter, between = begin * usual / 2, begin * usual / 2
     first = np.arange(len(usual))
     background, doubt = np.zeros(len(pattern) * len(first)), _spread(pattern, between)
     for _ in range(ROUNDS if clean else 0):

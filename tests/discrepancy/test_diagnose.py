@@ -106,7 +106,7 @@ def call(capsys, *arguments):
 
 def test_the_folder_holds_page_data_and_robot(folder, capsys):
     out = folder / "found"
-    code, text, err = call(capsys, folder / "a.csv", "--out", out)
+    code, text, err = call(capsys, folder / "a.csv", "--out", out, "--finder", "selection")
     assert code == 0, err
     assert sorted(path.name for path in out.iterdir()) == ["diagnosis.json", "report.html", "robot.json"]
     page, data = (out / "report.html").read_text(), json.loads((out / "diagnosis.json").read_text())

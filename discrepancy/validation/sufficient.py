@@ -1,0 +1,43 @@
+"""Whether logs and a robot's encoders tell enough to say anything of what is missing."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.validation.parity import BLIND, parity_residual
+
+UNSEEN = (
+    "the encoders of robot {!r} do not tell its motion: they and wheels that do not slip sideways hold {} of its 3 "
+    "directions (forward, to the side, turning); give the encoders that it has in the robot file, pivots too"
+)
+CONTRADICTION = (
+    "the logs cannot be made to fit robot {!r}, or show too little motion; look for channels that are swapped, "
+    "reversed or dead, counts per turn or dimensions that are wrong by a factor, reference poses not in m and rad, and "
+    "counts or poses that jump: castor-diagnose inspect shows them"
+)
+
+
+def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:
+    """Raise InputError for a robot whose motion its encoders leave open, or logs without the poses that it needs."""
+    parity = parity_residual(robot, log_sets[0][0])
+    held = len(parity.wheels) + len(parity.castors) - parity.redundancy
+    if held < 3:
+        raise InputError(UNSEEN.format(robot.name, held))
+    for logs in log_sets:
+        blind = [log for log in logs if log.reference is None or not np.isfinite(log.reference).any()]
+        if blind and parity_residual(robot, blind[0]).redundancy == 0:
+            raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
+
+
+@contextmanager
+def must_fit(robot: RobotDescription) -> Iterator[None]:
+    """Turn what linear algebra says of logs that a robot cannot have made into an InputError."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit
+            yield
+    except np.linalg.LinAlgError:
+        raise InputError(CONTRADICTION.format(robot.name)) from None
