@@ -143,21 +143,21 @@ class Examined:
             return answers.html_of(data, [picture for picture in shown if picture is not None])
         shown.append(pictures.drift(traces))
         if data["where"] is not None:
-            befores, afters = next(iter(traces.values()))
+            plain, mended = next(iter(traces.values()))
             k = data["logs"].index(data["where"]["log"])
-            left = afters[k] if afters else befores[k]
-            maps = [pictures.slip(befores[k], afters[k] if afters else None)]
+            left = mended[k] if mended else plain[k]
+            maps = [pictures.slip(plain[k], mended[k] if mended else None)]
             maps += [pictures.floor(left)] if len(left.times) else []
-            log = f"{names_apart(data['logs'])[data['where']['log']]}: " if len(befores) > 1 else ""
+            log = f"{names_apart(data['logs'])[data['where']['log']]}: " if len(plain) > 1 else ""
             shown += [dataclasses.replace(picture, caption=f"{log}{picture.caption}") for picture in maps]
         return answers.html_of(data, [picture for picture in shown if picture is not None])
 
     def _traces(self, logs: Logs, before: Linearised, after: Linearised | None) -> tuple[list[Traces], list[Traces]]:
-        befores, afters = (
+        plain, mended = (
             [] if left is None else [_traces(robot, log, left.state, k) for k, log in enumerate(logs.values())]
             for robot, left in ((self.nominal, before), (self.explained, after))
         )
-        return befores, afters
+        return plain, mended
 
 
 def examine_by_posterior(

@@ -143,11 +143,11 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
         every[1, 0].set_ylabel("heading, mrad")
         _legend_above(every[0, 0])
         svg = _svg(figure, "drift")
-    found = any(afters for _, afters in seen.values())
+    found = any(mended for _, mended in seen.values())
     said = [
         f"{title}, {_ends(first, second)}"
-        for title, (befores, afters) in seen.items()
-        for first, second in [(befores[0], next(iter(afters), None))]
+        for title, (plain, mended) in seen.items()
+        for first, second in [(plain[0], next(iter(mended), None))]
     ]
     return Picture(
         "drift",

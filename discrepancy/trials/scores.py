@@ -56,19 +56,21 @@ class Trial:
     @property
     def alike(self) -> dict[str, str]:
         """Classes that this robot's log cannot tell from one that was hidden, and that one."""
-        log = self.label["log"] or {"z_sep": [], "nearest": []}
+        log: dict[str, Any] = self.label["log"] or {"z_sep": [], "nearest": []}
         each = zip(self.label["hidden"], log["z_sep"], log["nearest"], strict=False)  # wiring has no strength
         return {nearest: hidden["class"] for hidden, z_sep, nearest in each if z_sep < ALIKE and nearest}
 
     @property
     def named(self) -> frozenset[str]:
         """The classes that the finder is sure of."""
-        return frozenset(self.alike.get(name, name) for name in self.outcome["named"])
+        named: Iterable[str] = self.outcome["named"]
+        return frozenset(self.alike.get(name, name) for name in named)
 
     @property
     def credible(self) -> frozenset[str]:
         """The classes in all its credible sets."""
-        return frozenset(self.alike.get(name, name) for names in self.outcome["credible"] for name in names)
+        sets: Iterable[Iterable[str]] = self.outcome["credible"]
+        return frozenset(self.alike.get(name, name) for names in sets for name in names)
 
     @property
     def exact(self) -> bool:

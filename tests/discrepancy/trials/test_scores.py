@@ -14,7 +14,7 @@ from discrepancy.trials.scores import Trial, calibration_error, confusion, rates
 def trial(stratum, truth=(), named=(), credible=None, z=30.0, z_sep=20.0, cost=0.01, held_out=30.0, **more):
     """A case in which classes `truth` were hidden and `named` said."""
     strength = {"z": [z] * len(truth), "z_sep": [z_sep] * len(truth), "cost": [cost] * len(truth)}
-    strength["nearest"] = ["track 9"] * len(truth)
+    strength |= {"nearest": ["track 9"] * len(truth)}  # type: ignore[dict-item]
     hidden = [{"class": own, "from": "catalogue", "what": {"name": own.split()[0], "value": 0.01}} for own in truth]
     label = {"stratum": stratum, "robot": "swerve", "clean": False, "reference": True, "hidden": hidden, "seconds": 1.0}
     label |= {"log": strength if truth else None, "holdout": {**strength, "z": [held_out]} if truth else None}
