@@ -25,5 +25,5 @@ much as what the catalogue states."""
 
 SIGNATURE, REFITTED = 0.05, 0.002
 """Part by which the signature of an effect is wrong, in any direction that other effects span: standard deviations, of
-effects looked at from afar, linearly, and of those in the model. The second was set on `castor-diagnose trial --cases 80
---seed 201`: with 1 % small effects beside one of 100 mm per 10 m stay unseen; seed 203 has borne it out (docs)."""
+effects looked at from afar, linearly, and of those in the model. The second was set on cases of `castor-diagnose trial
+--cases 80 --seed 201`: with 1 %, small effects beside one of 100 mm per 10 m stay unseen; seed 203 bears it out."""
