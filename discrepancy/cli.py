@@ -20,13 +20,13 @@ from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.diagnose import examine, examine_by_posterior
+from discrepancy.diagnose import examine
 from discrepancy.inspect import inspect_logs
 from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight import check_logs
 from discrepancy.report import sentences
+from discrepancy.report.files import write_diagnosis
 from discrepancy.report.page import html_of
-from discrepancy.report.text import as_lines, write_diagnosis
 from discrepancy.trains import posterior as train_posterior
 from discrepancy.trains import told
 from discrepancy.trains.selection import report as train_report
@@ -72,6 +72,7 @@ app = typer.Typer(
 )
 
 FINDERS = ("selection", "posterior")
+"""Of trains; robots have the posterior alone."""
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
 NO_TRAINS = "is a train; castor-diagnose inspect serves single robots"
@@ -139,16 +140,14 @@ def find(
     finder: Annotated[
         str | None,
         typer.Option(
-            help="posterior (a probability of every name) or selection (takes effects in by thresholds; knows slippery "
-            "patches and bursts). Default: posterior for robots, selection for trains."
+            help="Of trains: selection (the default: takes effects in by thresholds) or posterior (a probability of "
+            "every name, as for robots)."
         ),
     ] = None,
-    material: Annotated[
-        float, typer.Option(help="With the finder posterior: mm after 10 m, and mrad after a turn, that matter.", min=0)
-    ] = 1.0,
+    material: Annotated[float, typer.Option(help="mm after 10 m, and mrad after a turn, that matter.", min=0)] = 1.0,
     as_json: Annotated[
         bool,
-        typer.Option("--json", help="Print JSON (castor-diagnosis/2; of the finder selection castor-diagnosis/1)."),
+        typer.Option("--json", help="Print JSON (castor-diagnosis/2; of trains' selection castor-diagnosis/1)."),
     ] = False,
 ) -> None:
     """Name the effects that the robot file lacks; the word `find` may be left out.
@@ -159,12 +158,10 @@ def find(
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
-    if finder is not None and finder not in FINDERS:
-        raise InputError(f"--finder {finder}{did_you_mean(finder, FINDERS)}")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
-    finder = finder or ("selection" if isinstance(description, TrainDescription) else "posterior")
+    finder = _finder(finder, isinstance(description, TrainDescription))
     matters = Material(1e-3 * material, 1e-3 * material)
     if isinstance(description, TrainDescription):
         check_logs({str(path): log for path, log in read.items()})
@@ -183,14 +180,11 @@ def find(
         _tell(data, train_report.as_lines(found, names), out, as_json)
         return
     named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
-    if finder == "posterior":
-        examined, lines_of = examine_by_posterior(description, named, held_out, before, matters), sentences.as_lines
-    else:
-        examined, lines_of = examine(description, named, held_out, before), as_lines
+    examined = examine(description, named, held_out, before, matters)
     data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
-    _tell(data, lines_of(data), out, as_json)
+    _tell(data, sentences.as_lines(data), out, as_json)
 
 
 def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: bool) -> None:
@@ -219,9 +213,7 @@ def trial(
     ] = None,
     finder: Annotated[
         str | None,
-        typer.Option(
-            help="Which finder to judge: posterior or selection. Default: posterior for robots, selection for trains."
-        ),
+        typer.Option(help="Of trains, which finder to judge: selection (the default) or posterior."),
     ] = None,
     duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
@@ -234,13 +226,14 @@ def trial(
     """Hide effects in simulated logs, diagnose the logs in separate processes, and score the diagnoses."""
 
     def run_in(folder: Path) -> None:
-        if robot is not None and isinstance(any_preset(robot), TrainDescription):
-            _trial_of_train(cases, generator, seed, robot, finder or "selection", duration, folder, jobs, as_json)
+        train = robot is not None and isinstance(any_preset(robot), TrainDescription)
+        judge = _finder(finder, train)
+        if robot is not None and train:
+            _trial_of_train(cases, generator, seed, robot, judge, duration, folder, jobs, as_json)
             return
-        judge = finder or "posterior"
         run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
-        run.judge(folder, judge, jobs=jobs)
-        scored = scores.report(folder, judge)
+        run.judge(folder, jobs=jobs)
+        scored = scores.report(folder)
         print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
 
     if out is not None:
@@ -269,6 +262,15 @@ def _trial_of_train(
     train_run.judge(folder, finder, jobs=jobs)
     scored = train_scores.report(folder, finder)
     print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(train_scores.lines(scored)))
+
+
+def _finder(asked: str | None, train: bool) -> str:
+    """Return the finder for a train or a robot; raises InputError for one that it does not have."""
+    if asked is not None and asked not in FINDERS:
+        raise InputError(f"--finder {asked}{did_you_mean(asked, FINDERS)}")
+    if asked == "selection" and not train:
+        raise InputError("--finder selection: is of trains alone; leave it out")
+    return asked or ("selection" if train else "posterior")
 
 
 def _robot(spec: str) -> RobotDescription:

@@ -20,17 +20,14 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.inference.findings import WEAKEST_FIRST, Diagnosis, without
-from discrepancy.inference.forward_selection import diagnose
-from discrepancy.posterior.finder import Diagnosis as Posterior
-from discrepancy.posterior.finder import diagnose as diagnose_by_posterior
+from discrepancy.hypotheses.candidates import without
+from discrepancy.posterior.finder import Diagnosis, diagnose
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake, Preflight, check_logs, preflight
 from discrepancy.report import answers, pictures, sentences, told
-from discrepancy.report.page import html_of
 from discrepancy.report.parts import names_apart
-from discrepancy.report.text import Data, as_data, mistake_data
+from discrepancy.report.told import Data
 from discrepancy.report.traces import Traces, traces_of
 from discrepancy.validation.replay import Replay, joined, replay
 from estimators.calibration.log_likelihood import Noise
@@ -39,73 +36,9 @@ from estimators.calibration.maximum_likelihood import State
 Logs = Mapping[str, Log]
 
 
-@dataclass(frozen=True, eq=False)
-class Examination:
-    """What was found: as data (castor-diagnosis/1), and the robot with it; None if nothing is named."""
-
-    data: Data
-    found: RobotDescription | None
-    diagnosis: Diagnosis
-    logs: Logs
-    mistakes: tuple[Mistake, ...]
-    replays: tuple[Replay, Replay | None] | None
-
-    def page(self) -> str:
-        """Return the report as one HTML page."""
-        log, diagnosis = next(iter(self.logs.values())), self.diagnosis
-        before = _traces(diagnosis.nominal, log, diagnosis.before.state)
-        after = None
-        if diagnosis.after is not None:
-            after = _traces(diagnosis.explained, log, diagnosis.after.state)
-        named = [finding.chosen[0].candidate.what for finding in diagnosis.findings]
-        shown = [
-            pictures.paths(before, after),
-            pictures.errors(before, after),
-            pictures.slip(before, after),
-            pictures.floor(before),
-            pictures.candidates(self.data["candidates"], named),
-        ]
-        if self.replays is not None:
-            shown.append(pictures.replays(*self.replays))
-        return html_of(self.data, shown)
-
-
-def examine(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, *, replayed: bool = True) -> Examination:
-    """Return what logs, by their names, say of a robot, as `diagnosis.diagnose` does with what surrounds it.
-
-    Gross mistakes of the logs are undone in held-out ones too; clean logs, of before, are mended by what is wrong with
-    themselves. replayed: whether to drive the full simulation as the logs.
-    Raises InputError for logs of which nothing can be said before they, or the robot file, are mended.
-    """
-    mended, once, checked, wiring, straight, kept_back, good = _prepared(robot, logs, held_out, clean)
-    diagnosis = diagnose(mended, list(straight.values()), list(kept_back.values()), good, once)
-    found = _found(robot, checked, wiring, diagnosis.effects)
-    data = as_data(diagnosis, straight) | {
-        "robot_hash": robot.hash(),
-        "held_out_logs": list(held_out),
-        "clean_logs": list(clean),
-        "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
-        "effects": [] if found is None else found.to_dict()["effects"][len(robot.effects) :],
-    }
-    _add_mistakes(data, checked.mistakes)
-    unsure = next((finding for finding in data["findings"] if finding["verdict"] == "ambiguous"), None)
-    data["cannot_be_told_apart"] = [] if unsure is None else unsure["cannot_be_told_apart"]
-    data["separating_motion"] = None if unsure is None else unsure["separating_motion"]
-    data["where"], data["replay"] = _where(diagnosis.nominal, straight, diagnosis.before.state), None
-    if not replayed:
-        return Examination(data, found, diagnosis, straight, checked.mistakes, None)
-    nominal = diagnosis.nominal
-    states = (None if left is None else left.state for left in (diagnosis.before, diagnosis.after))
-    replays = _replays(nominal, diagnosis.explained, straight, *states)
-    states = (left.state for left in diagnosis.held_out or ())
-    held = _replays(nominal, diagnosis.explained, kept_back, *states)
-    data["replay"] = _replay_data(None if diagnosis.before.position is None else diagnosis.before.noise, replays, held)
-    return Examination(data, found, diagnosis, straight, checked.mistakes, replays)
-
-
 def posterior_of(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
-) -> tuple[tuple[Mistake, ...], Posterior]:
+) -> tuple[tuple[Mistake, ...], Diagnosis[RobotDescription, Linearised]]:
     """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
     prepared = _prepared(robot, logs, held_out, clean)
     return prepared.checked.mistakes, _posterior(prepared, material)
@@ -160,7 +93,7 @@ class Examined:
         return plain, mended
 
 
-def examine_by_posterior(
+def examine(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> Examined:
     """Return what logs, by their names, say of a robot, as `posterior_of`, with what its report holds.
@@ -246,9 +179,9 @@ def _prepared(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) 
     return _Prepared(mended, once, checked, wiring, straight, kept_back, good)
 
 
-def _posterior(prepared: _Prepared, material: Material) -> Posterior:
+def _posterior(prepared: _Prepared, material: Material) -> Diagnosis[RobotDescription, Linearised]:
     logs, held_out = list(prepared.logs.values()), list(prepared.held_out.values())
-    return diagnose_by_posterior(prepared.robot, logs, held_out, prepared.clean, prepared.before, material)
+    return diagnose(prepared.robot, logs, held_out, prepared.clean, prepared.before, material)
 
 
 def _mended(robot: RobotDescription, checked: Preflight) -> tuple[RobotDescription, Sequence[Effect]]:
@@ -265,17 +198,6 @@ def _found(
     built = [effect for effect in checked.effects if not effect.wiring and effect not in doubtful]
     effects = [*built, *named, *(effect for effect in wiring if effect not in doubtful)]
     return robot.with_effects(*effects) if effects else None
-
-
-def _add_mistakes(data: Data, mistakes: Sequence[Mistake]) -> None:
-    """Put gross mistakes before the other findings."""
-    if not mistakes:
-        return
-    told = [mistake_data(mistake) for mistake in mistakes]
-    verdicts = [finding["verdict"] for finding in told] + [data["verdict"]] * bool(data["findings"])
-    data["reason"] = "; ".join([mistake.what for mistake in mistakes] + [data["reason"]] * bool(data["findings"]))
-    data["findings"] = [*told, *data["findings"]]
-    data["verdict"] = min(verdicts, key=WEAKEST_FIRST.index)
 
 
 def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log:

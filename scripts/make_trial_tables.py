@@ -1,6 +1,6 @@
 """Write docs/trials.json from the folders of trials, and the table of docs/diagnose.md from that.
 
-    castor-diagnose trial --finder posterior --out FOLDER && python scripts/make_trial_tables.py FOLDER...
+    castor-diagnose trial --out FOLDER && python scripts/make_trial_tables.py FOLDER...
 
 Without folders, the table is made anew of what is stored. Folders may hold what several finders said.
 """

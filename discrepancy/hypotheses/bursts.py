@@ -15,8 +15,6 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, described
-from discrepancy.inference.findings import Finding, Rank
 from estimators.calibration.log_likelihood import LogLikelihood
 
 OF_ONE_WHEEL, OPPOSITE, OF_FAST = 0.5, 0.1, 0.6
@@ -38,9 +36,6 @@ LEAST_KEPT = 0.1
 
 EVEN, MOSTLY = 0.1, 0.75
 """Part of the period by which bursts may be off a steady beat, and how many of them must not be."""
-
-ALIKE = 2.0
-"""Times that held-out logs may show more or less lost."""
 
 
 @dataclass(frozen=True)
@@ -102,23 +97,6 @@ def losing(robot: RobotDescription, logs: Sequence[Log]) -> Losing | None:
     )
     gain = float(np.sum((every[hit] / usual) ** 2))
     return Losing(effect, error, gain, beat is not None)
-
-
-def lost_in_bursts(robot: RobotDescription, found: Losing, held_out: Sequence[Log]) -> Finding:
-    """Return the finding of a wheel that loses counts in bursts, which held-out logs have to bear out."""
-    effect, again = found.effect, losing(robot, held_out) if held_out else None
-    candidate = Candidate(described(effect), (effect,))
-    verdict, reason = "named", candidate.what
-    if held_out and (again is None or _place(again.effect) != _place(effect)):
-        verdict, reason = "unconfirmed", f"the held-out logs do not confirm {candidate.what}"
-    elif again is not None and not 1 / ALIKE < again.effect.value / effect.value < ALIKE:
-        verdict, reason = "unconfirmed", f"the held-out logs show another part lost in {candidate.what}"
-    rank = Rank(candidate, found.gain, found.gain, 0.0, (effect.value,), (found.error,))
-    return Finding(verdict, reason, (rank,), (), effect, found.error)
-
-
-def _place(effect: TickLossBursts) -> tuple[int, int]:
-    return effect.castor, effect.wheel
 
 
 def _missed(geometry: Geometry, log: Log) -> tuple[Array, Array]:

@@ -46,14 +46,13 @@ BUMP_GAIN, PASSES, LARGEST = 20.0, 6, 2
 class Line:
     """A straight cable through (x, y) along `direction` (rad, in N, 0 to pi) of some diameter, m.
 
-    gain: deviance that it takes away from the slips; lasting: the same without the `LARGEST` passes; passes: over it.
+    lasting: deviance that it takes away from the slips without the `LARGEST` passes; passes: over it.
     """
 
     x: float
     y: float
     direction: float
     diameter: float
-    gain: float
     lasting: float
     passes: int
 
@@ -186,22 +185,22 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
     options = {"initial_simplex": simplex, "xatol": 2e-4, "fatol": 0.05, "maxfev": 150}
     best = minimize(missed, begin, method="Nelder-Mead", options=options)
     x, y, direction, diameter = told(best.x)
-    gain, lasting, passes = _gain(here, _rolls_more(here, x, y, direction, diameter), len(steps.slip))
-    return Line(x, y, direction % math.pi, diameter, gain, lasting, passes)
+    lasting, passes = _lasting(here, _rolls_more(here, x, y, direction, diameter))
+    return Line(x, y, direction % math.pi, diameter, lasting, passes)
 
 
-def _gain(here: Steps, shape: Array, every: int) -> tuple[float, float, int]:
-    """Return the deviance that what wheels roll more, `shape` (M,) in some of `every` steps, takes away, the same
-    without the `LARGEST` passes, and how many passes there are."""
+def _lasting(here: Steps, shape: Array) -> tuple[float, int]:
+    """Return the deviance that what wheels roll more, `shape` (M,), takes away without the `LARGEST` passes, and how
+    many passes there are."""
     there = shape != 0.0
     number = here.passes(there)
     passes = int(number[-1]) + 1 if len(number) else 0
     pull = np.bincount(number, -(here.weight * shape * here.slip)[there], passes)
     power = np.bincount(number, (here.weight * shape**2)[there], passes)
     kept = np.argsort(pull)[: max(passes - LARGEST, 0)]
-    gains = [max(pull[own].sum(), 0.0) ** 2 / (power[own].sum() + 1e-12) for own in (np.arange(passes), kept)]
+    lasting = max(pull[kept].sum(), 0.0) ** 2 / (power[kept].sum() + 1e-12)
     strong = power > 0.1 * power.max(initial=0.0)
-    return gains[0], gains[1], int(strong.sum())
+    return lasting, int(strong.sum())
 
 
 def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: float) -> Array:

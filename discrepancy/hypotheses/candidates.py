@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from castor_envs.effects.catalogue import catalogue, radii_of, readings
 from castor_envs.effects.clocks import AllLatency, EncoderLatency
-from castor_envs.effects.encoders import PivotEccentricity, TickLoss
+from castor_envs.effects.encoders import PivotEccentricity
 from castor_envs.effects.floor import Bump
 from castor_envs.effects.parts import channel
 from castor_envs.errors import InputError
@@ -36,9 +36,6 @@ BLOCKS = 4
 ENDS = 0.05
 """Part of a log at each of its ends in which no jump is looked for: there it is a bias in all but name."""
 
-SPEEDS = tuple(k / 32 for k in range(17))
-"""Parts of the fastest wheel's speed: above one of these counts may be lost."""
-
 DITHERS = (np.arange(4) - 1.5) / 4
 """Counts a sample: the signature of an effect that hangs on parts of a count is the mean over such parts."""
 
@@ -55,14 +52,12 @@ class Candidate:
     """A possible cause.
 
     kinds: of the catalogue, in the size of its step; two that differ by a quarter turn of `phase` are one effect of any
-    phase; none: a rival without a name, as `what`. columns: amplitudes that it takes. sought: numbers beside these that
-    are chosen to suit the logs.
+    phase; none: a rival without a name, as `what`. columns: amplitudes that it takes.
     """
 
     what: str
     kinds: tuple[Effect, ...] = ()
     columns: int = 1
-    sought: int = 0
 
     @property
     def family(self) -> str:
@@ -92,13 +87,6 @@ class Candidate:
     def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:
         """Return the robot with the effect of these amplitudes beside its own; raises ValueError for what cannot be."""
         return robot.with_effects(self.effect(amplitudes))
-
-    def amplitudes(self, effect: Effect) -> Array:
-        """Return the amplitudes (columns,) of an effect of this kind."""
-        if self.columns == 1:
-            return np.array([effect.value])
-        phase = getattr(effect, "phase")  # noqa: B009
-        return effect.value * np.array([math.cos(phase), math.sin(phase)])
 
     def is_of(self, effect: Effect) -> bool:
         """Whether an effect is of this kind and place, whatever its size and phase."""
@@ -312,21 +300,9 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 
 
-def finer(robot: RobotDescription, effect: Effect) -> list[Candidate]:
-    """Return an effect's candidates by the numbers that say where it is, to choose among; none where it has none."""
-    if not isinstance(effect, TickLoss):
-        return []
-    speeds = [part * robot.max_wheel_speed for part in SPEEDS]
-    kinds = [dataclasses.replace(effect, value=effect.step, above=speed) for speed in speeds]
-    usual = candidates_of(robot)
-    plain = (Candidate(described(one), (one,)) for one in kinds)
-    return [one if one in usual else dataclasses.replace(one, sought=1) for one in plain]
-
-
-def finest_of(robot: RobotDescription, effect: Effect) -> Candidate | None:
-    """Return the candidate that an effect is of where it is none of `candidates_of`; None where it is one of these."""
-    own = (one for one in finer(robot, effect) if one.is_of(effect))
-    return next((one for one in own if one not in candidates_of(robot)), None)
+def without(robot: RobotDescription, kind: type[Effect]) -> RobotDescription:
+    """Return a robot without its effects of some kind."""
+    return dataclasses.replace(robot, effects=tuple(one for one in robot.effects if not isinstance(one, kind)))
 
 
 def differ(one: Geometry, other: Geometry) -> bool:

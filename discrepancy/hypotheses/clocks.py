@@ -3,22 +3,16 @@
 Neither shows as an effect on angles: the mean of jitter is nothing, and the reference's clock is fitted in any case.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from castor_envs.effects.clocks import ClockSkew, SampleJitter
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
-from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, described
-from discrepancy.inference.evidence import Evidence, evidence_of
-from discrepancy.inference.findings import BORNE_OUT, Finding, Rank, without
 
 ORDER = 6
 """Of the differences in which a robot's motion, that is smooth, is nothing beside jitter."""
@@ -42,9 +36,6 @@ a squared normal number."""
 
 SPREAD = math.comb(2 * ORDER, ORDER)
 """Times the variance of single samples that such differences have: the sum of squared binomial coefficients."""
-
-LEAST_SKEW, LEAST_SKEW_GAIN = 1e-4, 18.0
-"""s/s, and deviance, from which on clocks are said to run apart."""
 
 
 class Amount(NamedTuple):
@@ -145,64 +136,3 @@ def _binomial() -> Array:
     for _ in range(ORDER):
         weights = np.convolve(weights, [1.0, -1.0])
     return weights
-
-
-def of_time(
-    robot: RobotDescription,
-    logs: Sequence[Log],
-    seen: Evidence,
-    held_out: Sequence[Log],
-    good: Evidence | None,
-    clean: Sequence[Log],
-) -> list[Finding]:
-    """Return what is wrong with time, beyond the robot's effects and clean logs."""
-    findings = []
-    jitter = jitter_of(robot, logs)
-    known = max((one.value for one in robot.effects if isinstance(one, SampleJitter)), default=0.0)
-    usual = jitter_of(robot, clean) if clean else None
-    known = max(known, 0.0 if usual is None else usual.value)
-    if jitter is not None and jitter.value > (1 + BORNE_OUT) * known:
-        again = jitter_of(robot, held_out) if held_out else jitter
-        if jitter.seldom:
-            findings.append(_seldom(jitter))
-        else:
-            findings += _in_time(SampleJitter, robot, jitter, 0.0 if again is None else again.value)
-    if seen.left is not None:
-        skew = skew_of(seen.state.clocks, seen.clock_errors)
-        known, unsure = sum(one.value for one in robot.effects if isinstance(one, ClockSkew)), 0.0
-        if good is not None and good.left is not None:
-            usually = skew_of(good.state.clocks, good.clock_errors)
-            known, unsure = usually.value, usually.error
-        value, error = skew.value - known, float(np.hypot(skew.error, unsure))
-        beyond = Amount(value, error, (value / error) ** 2)
-        if abs(value) >= LEAST_SKEW and beyond.gain >= LEAST_SKEW_GAIN:
-            again = evidence_of(without(robot, SampleJitter), held_out, among=()) if held_out else None
-            if again is None or again.left is None:
-                shown = value
-            else:
-                shown = skew_of(again.state.clocks, again.clock_errors).value - known
-            findings += _in_time(ClockSkew, robot, beyond, shown)
-    return findings
-
-
-def _seldom(late: Amount) -> Finding:
-    """Return the finding that encoders are read early or late together, but at some times only."""
-    what = f"all encoders are read early or late together at some times, most {late.seldom}"
-    rank = Rank(Candidate(what), late.gain, late.gain, 0.0, (late.value,), (late.error,))
-    return Finding("unexplained", f"no effect of the catalogue explains it; it looks like: {what}", (rank,), ())
-
-
-def _in_time(kind: type[Effect], robot: RobotDescription, amount: Amount, again: float) -> list[Finding]:
-    """Return the finding of an effect on time; again: its size in held-out logs."""
-    findings = []
-    for variant in kind.variants(robot):
-        candidate = Candidate(described(variant), (variant,))
-        rank = Rank(candidate, amount.gain, amount.gain, 0.0, (amount.value,), (amount.error,))
-        finding = Finding(
-            "named", candidate.what, (rank,), (), dataclasses.replace(variant, value=amount.value), amount.error
-        )
-        if abs(again - amount.value) > BORNE_OUT * abs(amount.value):
-            reason = f"the held-out logs do not confirm {candidate.what}"
-            finding = dataclasses.replace(finding, verdict="unconfirmed", reason=reason)
-        findings.append(finding)
-    return findings

@@ -17,7 +17,7 @@ from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
 from discrepancy.inference.creep_prediction import CREEPS, FORCED, QUICK, Slipping
 from discrepancy.inference.design_matrix import Shared, together, without
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
-from estimators.calibration.maximum_likelihood import LEAST, ROUNDS, State, fitted
+from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 
 DOUBT = 0.5
 """Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
@@ -46,26 +46,25 @@ def settled(
     robot: RobotDescription,
     models: list[LogLikelihood],
     logs: Sequence[Log],
-    noise: Noise | None,
     start: tuple[State, Noise] | None,
     usual: Array | None,
-    least: Noise = LEAST,
+    least: Noise,
 ) -> tuple[State, Noise, Shared, list[Slips]]:
     """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
 
     what truly happened tells how wheels disagree, and how they creep for that tells what truly happened. start: state
-    and noise to begin with. usual: parts of the creep predicted that clean logs show. least: noise.
+    and noise to begin with. usual: parts of the creep predicted that clean logs show. least: no noise is less.
     """
     geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
-        at, sizes, _ = fitted(models, geometry, (), none, noise, least=least)
+        at, sizes, _ = fitted(models, geometry, (), none, None, least=least)
     else:
-        at, sizes = start[0], noise or start[1]
+        at, sizes = start
     off: list[Array | float] = [0.0] * len(models)  # what its sensors make of angles, which is taken off the counts
     if robot.effects:
         off = _corrected(robot, models, logs, at, off)
         if start is None:
-            at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), least=least)
+            at, sizes, _ = fitted(models, geometry, (), none, None, (at, sizes), least=least)
     parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
     while True:
         slips = []
@@ -76,7 +75,7 @@ def settled(
         shared = _shared(models, geometry, at, sizes, [one.known for one in slips], parts, usual)
         parts = shared.parts
         _expect(models, slips, parts)
-        at, sizes, _ = fitted(models, geometry, (), none, noise, (at, sizes), SOME if k else ROUNDS, least=least)
+        at, sizes, _ = fitted(models, geometry, (), none, None, (at, sizes), SOME if k else ROUNDS, least=least)
         if not k:
             return at, sizes, replace(shared, mount=at.mount), slips
         if robot.effects:

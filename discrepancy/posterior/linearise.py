@@ -100,7 +100,7 @@ def linearise(
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
     begin = None if start is None else (start.state, start.noise)
-    at, noise, shared, slips = settled(robot, models, logs, None, begin, creep, LEAST_NOISE)
+    at, noise, shared, slips = settled(robot, models, logs, begin, creep, LEAST_NOISE)
     beyond = tuple(
         slips_of(robot, model, log, state, slip.certain + slip.known @ shared.parts)
         for model, log, state, slip in zip(models, logs, at.states, slips, strict=True)

@@ -30,6 +30,11 @@ from discrepancy.report.parts import (
 )
 from discrepancy.report.pictures import Picture
 
+FORMAT = "castor-diagnosis/1"
+
+COVERAGE = 1.96
+"""Standard errors on either side of a 95 % interval."""
+
 PLACES = {"at_s": "when", "from_s": "from", "to_s": "to", "x_m": "where, x", "y_m": "where, y"}
 """Keys of where it is whose numbers are read as they stand."""
 

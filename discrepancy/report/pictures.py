@@ -36,7 +36,7 @@ def _hex(color: Color) -> str:
     return "#{:02x}{:02x}{:02x}".format(*color)
 
 
-BEFORE, AFTER, MEASURED = "#9b978c", _hex(TRUTH), _hex(INK)
+BEFORE, AFTER = "#9b978c", _hex(TRUTH)
 SIGNED = LinearSegmentedColormap.from_list("signed", [_hex(color) for color in (ESTIMATE, WHITE, TRUTH)])
 PLAIN = LinearSegmentedColormap.from_list("plain", ["#e9e7e0", _hex(TRUTH)])
 
@@ -74,49 +74,6 @@ class Picture:
     svg: str
     alt: str
     caption: str
-
-
-def paths(before: Traces, after: Traces | None = None) -> Picture:
-    """Return dead reckoning beside the reference, seen from above."""
-    with mpl.rc_context(STYLE):
-        figure, (axes,) = _figure(3.6, 1)
-        for traces, color, label in _both(before, after, "dead reckoning as described", "with what was found"):
-            axes.plot(traces.path[:, 0], traces.path[:, 1], color=color, label=label)
-        if len(before.reference):
-            x, y, _ = before.reference.T
-            axes.plot(x, y, ".", color=MEASURED, markersize=3, label="reference")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("x, m")
-        axes.set_ylabel("y, m")
-        _legend_above(axes)
-        svg = _svg(figure, "paths")
-    return Picture(
-        "paths",
-        svg,
-        f"The path seen from above: dead reckoning{_also(after)}, {_count(before.reference, 'reference pose')}.",
-        "Dead reckoning from the counts alone, from the first reference pose on.",
-    )
-
-
-def errors(before: Traces, after: Traces | None = None) -> Picture:
-    """Return by how much dead reckoning is off the reference, along time."""
-    with mpl.rc_context(STYLE):
-        figure, (position, heading) = _figure(3.2, 2)
-        for traces, color, label in _both(before, after, "as described", "with what was found"):
-            position.plot(traces.times, 1e3 * np.hypot(traces.off[:, 0], traces.off[:, 1]), color=color, label=label)
-            heading.plot(traces.times, 1e3 * traces.off[:, 2], color=color)
-        position.set_ylabel("position, mm")
-        position.set_ylim(bottom=0)
-        heading.set_ylabel("heading, mrad")
-        heading.set_xlabel("time, s")
-        _legend_above(position)
-        svg = _svg(figure, "errors")
-    return Picture(
-        "errors",
-        svg,
-        f"How far dead reckoning is off the reference along time{_also(after)}: {_ends(before, after)}.",
-        "By how much dead reckoning is off the reference.",
-    )
 
 
 def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Picture | None:
@@ -219,28 +176,6 @@ def floor(before: Traces) -> Picture:
     )
 
 
-def candidates(ranks: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) -> Picture:
-    """Return what each candidate alone explains.
-
-    ranks: with "what" and "deviance". named: the "what" of those that were named.
-    """
-    best = sorted(ranks, key=lambda rank: -float(rank["deviance"]))[:SHOWN]
-    gains = [max(float(rank["deviance"]), 0.0) for rank in best]
-    svg = _bars(
-        "candidates",
-        [(str(rank["what"]), gain, f"{gain:.0f}") for rank, gain in zip(best, gains, strict=True)],
-        named,
-        "2 ln(likelihood ratio) of each candidate alone",
-    )
-    first = f"{best[0]['what']} first, with {gains[0]:.0f}" if best else "none"
-    return Picture(
-        "candidates",
-        svg,
-        f"Bars of 2 ln(likelihood ratio) of each candidate alone: {first}.",
-        "Twice the gain in log-likelihood by each candidate alone; within 6 of the best the logs do not decide.",
-    )
-
-
 def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] = ()) -> Picture:
     """Return how likely each name is, the likeliest first: (name, probability, how that is written).
 
@@ -338,10 +273,6 @@ def _ends(before: Traces, after: Traces | None) -> str:
         if traces is not None and len(traces.off)
     ]
     return (" and ".join(sizes) + " rms") if sizes else "there is no reference"
-
-
-def _count(rows: Array, what: str) -> str:
-    return f"{len(rows)} {what}" + ("" if len(rows) == 1 else "s")
 
 
 def _plain(text: str) -> str:

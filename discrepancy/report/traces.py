@@ -24,8 +24,7 @@ class Traces:
     """One log, as a robot's description explains it.
 
     path (K, 3): dead reckoning at `t` (K,), from where the body truly was at the first reference pose, or from 0.
-    times (k,), reference (k, 3):
-    the body's poses as the reference tells. off (k, 3): dead reckoning less reference, in N, m and rad.
+    times (k,): of reference poses. off (k, 3): dead reckoning less reference then, in N, m and rad.
     channels: wheels' rolling and castors' side slip. middle (n,): of windows, s. place (n, 2): where the body was, m.
     slip (n, channels): by how much each misses perfect rolling in a window, m, added up with its sign.
     """
@@ -33,7 +32,6 @@ class Traces:
     t: Array
     path: Array
     times: Array
-    reference: Array
     off: Array
     channels: tuple[str, ...]
     middle: Array
@@ -66,13 +64,11 @@ def traces_of(
     state: Array,
     clock: ArrayLike = (0.0, 0.0),
     mount: ArrayLike = (0.0, 0.0, 0.0),
-    expected: Array | None = None,
-    window: float = WINDOW,
 ) -> Traces:
     """Return the traces of a log.
 
     robot: with its effects. state (K, m): what truly happened, as `LogLikelihood` has it; clock, mount: of the
-    reference, as in `replay`. expected (K - 1, rows): m of slip in each step that the robot's effects cause. window: s.
+    reference, as in `replay`.
     """
     geometry, model = Geometry.of(robot.as_built()), LogLikelihood(Geometry.of(robot.as_built()), log)
     t, path = dead_reckoning(robot, log)
@@ -83,12 +79,11 @@ def traces_of(
         path, at = (compose(truly, relative_pose(at[0], poses)) for poses in (path, at))
     else:
         at = np.zeros((0, 3))
-    edges = _edges(log.t, window)
+    edges = _edges(log.t, WINDOW)
     middle = (log.t[edges[:-1]] + log.t[edges[1:]]) / 2
     place = np.stack([np.interp(middle, log.t, state[:, axis]) for axis in (0, 1)], axis=-1)
-    residual = model.missed(geometry, state) - (0.0 if expected is None else expected)
-    slip = np.add.reduceat(residual, edges[:-1], axis=0)
-    return Traces(t, path, times, reference, at - reference, _names(robot, model.rows), middle, place, slip)
+    slip = np.add.reduceat(model.missed(geometry, state), edges[:-1], axis=0)
+    return Traces(t, path, times, at - reference, _names(robot, model.rows), middle, place, slip)
 
 
 def dead_reckoning(robot: RobotDescription, log: Log) -> tuple[Array, Array]:

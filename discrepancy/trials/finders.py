@@ -1,26 +1,24 @@
-"""The finders that a trial can judge, and what each of them says, in one form."""
+"""What the finder says of a case of a trial, in one form."""
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from castor_envs.effects.catalogue import EFFECTS, catalogue
-from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.diagnose import examine, posterior_of
+from discrepancy.diagnose import posterior_of
 from discrepancy.hypotheses.candidates import family_of
-from discrepancy.inference.findings import Finding
 from discrepancy.posterior.answers import Answer
 from discrepancy.preflight import Mistake
 from discrepancy.trials.strength.separation import class_of
 
-FinderName = Literal["selection", "posterior"]
+FINDER = "posterior"
+"""The name by which trials keep what it says."""
 
 NORMAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
@@ -73,16 +71,6 @@ class Single:
 
 
 Logs = Mapping[str, Log]
-Finder = Callable[[RobotDescription, Logs, Logs, Logs], Said]
-"""Called with a robot, logs, held-out logs and clean ones, by their names."""
-
-
-def finder(name: str) -> Finder:
-    """Return a finder; raises InputError for an unknown one."""
-    known: dict[str, Finder] = {"selection": _selection, "posterior": _posterior}
-    if name not in known:
-        raise InputError(f"unknown finder {name!r}; there are {' and '.join(known)}")
-    return known[name]
 
 
 def said_of(singles: Sequence[Single], reason: str = "") -> Said:
@@ -110,8 +98,8 @@ def _size(effect: Effect, error: float | None) -> Size:
     return Size(class_of(effect), effect, *ends)
 
 
-def _posterior(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
-    """Ask the posterior of single effects."""
+def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
+    """Return what the posterior says of a robot, its logs, held-out logs and clean ones, by their names."""
     mistakes, found = posterior_of(robot, logs, held_out, clean)
     singles = [*_of_mistakes(mistakes), *(_single(robot, answer) for answer in found.answers)]
     reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in found.answers)]
@@ -146,27 +134,3 @@ def _class_named(family: str, classes: Mapping[str, str]) -> str | None:
     """Return the class of a family, or of something at a place on the floor; None of what has no name."""
     name, *_ = family.split()
     return classes.get(family, name if name in EFFECTS else None)
-
-
-def _selection(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
-    """Ask the forward selection. It tells no probabilities: they are what its deviances say of the names it gives."""
-    examined = examine(robot, logs, held_out, clean, replayed=False)
-    singles = _of_mistakes(examined.mistakes)
-    singles += [_of_finding(finding) for finding in examined.diagnosis.findings]
-    said = said_of(singles, str(examined.data["reason"]))
-    effects = () if examined.found is None else examined.found.effects[len(robot.effects) :]
-    return dataclasses.replace(said, verdict=examined.data["verdict"], effects=effects)
-
-
-def _of_finding(finding: Finding) -> Single:
-    most = max((rank.gain for rank in finding.chosen), default=0.0)
-    weights: dict[str | None, float] = {}
-    for rank in finding.chosen:
-        kinds = rank.candidate.kinds if finding.verdict != "unexplained" else ()
-        name = class_of(kinds[0]) if kinds else None
-        weights[name] = max(weights.get(name, 0.0), math.exp((rank.gain - most) / 2))
-    if finding.verdict in ("named", "unconfirmed") and finding.effect is not None:
-        weights = {class_of(finding.effect): 1.0}
-    total = sum(weights.values())
-    probabilities = {name: weight / total for name, weight in weights.items()}
-    return Single(finding.verdict, probabilities, tuple(weights), finding.effect, finding.error)

@@ -4,10 +4,10 @@
     cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): what the finder is given
     clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which it is given besides in some cases
     labels/case-0001.json, .npz     what is hidden and how strong it is; the true path of the held-out log
-    outcomes/selection/case-0001.json     what a finder said
+    outcomes/posterior/case-0001.json     what the finder said
 
-Files that are there already are kept, so a trial that was interrupted continues, and several finders may be judged by
-the same cases. To judge a finder again, delete its outcomes.
+Files that are there already are kept, so a trial that was interrupted continues. To judge the finder again, delete its
+outcomes.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import BOUNDS, Case, Hidden, hide, motion, setting
-from discrepancy.trials.finders import Said, finder
+from discrepancy.trials.finders import FINDER, Said, say
 from discrepancy.trials.folder import asked_of, begin, each, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import Noise
@@ -98,17 +98,16 @@ def make(
     each(tasks, jobs)
 
 
-def judge(folder: str | os.PathLike[str], finder_name: str, *, jobs: int | None = None) -> None:
-    """Let a finder say what is in every case that it has not seen yet."""
+def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Let the finder say what is in every case that it has not seen yet."""
     folder = Path(folder)
-    finder(finder_name)
-    plan, outcomes = plan_of(folder), folder / "outcomes" / finder_name
+    plan, outcomes = plan_of(folder), folder / "outcomes" / FINDER
     outcomes.mkdir(parents=True, exist_ok=True)
     remove_leftovers(outcomes)
     made = [k for k in range(1, plan.cases + 1) if (folder / "labels" / f"{name_of(k)}.json").exists()]
     missing = [k for k in made if not (outcomes / f"{name_of(k)}.json").exists()]
-    missing.sort(key=lambda k: plan.setting(k).robot)  # finders may remember what they know of clean logs
-    each([(_judge_case, (folder, name_of(k), finder_name)) for k in missing], jobs)
+    missing.sort(key=lambda k: plan.setting(k).robot)  # the finder remembers what it knows of clean logs
+    each([(_judge_case, (folder, name_of(k))) for k in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:
@@ -217,14 +216,14 @@ def _hidden(hidden: Hidden) -> dict[str, Any]:
     return {"class": hidden.label, "from": kind, "what": dataclasses.asdict(hidden.what)}
 
 
-def _judge_case(folder: Path, name: str, finder_name: str) -> None:
-    """Write what a finder says of one case; it sees the case's files and, where the case has them, clean logs."""
+def _judge_case(folder: Path, name: str) -> None:
+    """Write what the finder says of one case; it sees the case's files and, where the case has them, clean logs."""
     label, case = read_json(folder / "labels" / f"{name}.json"), folder / "cases" / name
     robot, started = RobotDescription.load(case / "robot.json"), time.process_time()
     log, held_out = (read_log(case / file, robot) for file in ("log.csv", "holdout.csv"))
     good = _read_clean(folder, label["robot"], label["reference"]) if label["clean"] else {}
     try:
-        said = finder(finder_name)(robot, {"log.csv": log}, {"holdout.csv": held_out}, good)
+        said = say(robot, {"log.csv": log}, {"holdout.csv": held_out}, good)
     except InputError as error:
         said = Said("refused", reason=str(error))
     except Exception:  # a finder that breaks fails its own case, no other
@@ -232,8 +231,8 @@ def _judge_case(folder: Path, name: str, finder_name: str) -> None:
     result = _told(said, robot, log) | {"seconds": time.process_time() - started}
     with np.load(folder / "labels" / f"{name}.npz") as kept:
         result["gap"] = _gap(said, robot, held_out, kept["path"])
-    outcome = folder / "outcomes" / finder_name / f"{name}.json"
-    write_json(outcome, {"format": FORMAT, "case": label["case"], "finder": finder_name} | result)
+    outcome = folder / "outcomes" / FINDER / f"{name}.json"
+    write_json(outcome, {"format": FORMAT, "case": label["case"], "finder": FINDER} | result)
 
 
 def _told(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json
-from discrepancy.trials.finders import NORMAL, QUIET
+from discrepancy.trials.finders import FINDER, NORMAL, QUIET
 from discrepancy.trials.run import Plan, plan_of
 
 __all__ = ["NORMAL", "Rate", "lines", "report", "wilson"]
@@ -302,7 +302,7 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
 
 
-def report(folder: str | os.PathLike[str], finder: str) -> dict[str, Any]:
+def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, Any]:
     """Return all scores of a finder in a trial as plain data."""
     plan, trials = plan_of(folder), trials_of(folder, finder)
     parts: dict[str, Which] = {

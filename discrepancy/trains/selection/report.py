@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from discrepancy.report.text import COVERAGE, FORMAT
+from discrepancy.report.page import COVERAGE, FORMAT
 from discrepancy.trains.candidates import Placed
 from discrepancy.trains.gap import HORIZON, Gap
 from discrepancy.trains.selection.diagnosis import Finding, Rank, TrainDiagnosis

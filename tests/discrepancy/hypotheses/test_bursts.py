@@ -1,13 +1,10 @@
 """Counts lost in bursts: taken off by hand from a robot that rolls perfectly, and found with wheel, part and times."""
 
-# pyright: reportOptionalMemberAccess=false, reportOptionalOperand=false, reportOperatorIssue=false
-
 from functools import cache
 
 import numpy as np
 import pytest
 
-from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
@@ -15,11 +12,8 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.bursts import losing
-from discrepancy.inference.forward_selection import diagnose
-from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
-EFFECT = TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
 
 
 @cache
@@ -97,34 +91,11 @@ def test_encoders_that_cannot_contradict_each_other_tell_nothing():
     assert losing(preset("differential"), [log]) is None
 
 
-@cache
-def driven(seed, *effects):
-    motion = wander(np.random.default_rng([seed, 1]), duration=40.0)
-    return drive(ROBOT.with_effects(*effects), motion, seed, duration=40.0)
-
-
-def test_a_wheel_that_loses_counts_in_physics_is_named_and_explained():
-    found = diagnose(ROBOT, [driven(3, EFFECT)], [driven(4, EFFECT)])
-    assert found.verdict == "named", found.reason
-    (effect,) = found.effects
-    assert isinstance(effect, TickLossBursts)
-    assert (effect.castor, effect.wheel) == (2, 1)
-    assert effect.value == pytest.approx(0.2, rel=0.1)
-    before, after = found.before, found.after
-    assert after.position < 0.4 * before.position
-    assert after.heading < 0.4 * before.heading
-
-
-def test_held_out_logs_without_bursts_do_not_bear_them_out():
-    found = diagnose(ROBOT, [driven(3, EFFECT)], [driven(4)])
-    assert found.verdict == "unconfirmed", found.reason
-
-
 @pytest.mark.parametrize(("starts", "there"), [((5.0, 20.0, 40.0), True), ((5.0, 20.0), False)])
 def test_three_bursts_are_enough_where_every_step_loses_the_same_part(starts, there):
     found = losing(ROBOT, [read(less(3, 0.3 * when(starts, 0.6)))])
     assert (found is not None) == there
-    if there:
+    if found is not None:
         assert found.effect.value == pytest.approx(0.3, rel=0.05)
 
 

@@ -1,12 +1,22 @@
 """Hidden effects, what the posterior says of them, and that calibration says the same."""
 
+# pyright: reportOptionalMemberAccess=false, reportOptionalOperand=false, reportOptionalSubscript=false
+# pyright: reportOptionalIterable=false, reportOperatorIssue=false
+
+import os
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs.effects.clocks import EncoderLatency
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
+from castor_envs.effects.encoders import PivotEccentricity, TickLoss
+from castor_envs.errors import InputError
+from castor_envs.logs.importers.optiodom import find_sessions, read_session
+from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
@@ -66,6 +76,15 @@ def test_a_wheel_of_any_robot_is_named_not_a_latency_that_looks_like_it(robot):
     assert answer.error < 0.1 * RADIUS.value
 
 
+def test_an_eccentric_encoder_is_found_at_any_phase():
+    effect = PivotEccentricity(castor=1, value=0.006, phase=2.4)
+    (named,) = found("asoc-prototype", effect).found.effects
+    assert isinstance(named, PivotEccentricity)
+    assert named.castor == 1
+    assert named.value == pytest.approx(effect.value, rel=0.15)
+    assert named.phase == pytest.approx(effect.phase, abs=0.15)
+
+
 def test_two_effects_are_named_together():
     effects = RADIUS, PivotBias(castor=2, value=0.02)
     diagnosis = found("asoc-prototype", *effects)
@@ -86,6 +105,43 @@ def test_logs_of_another_robot_do_not_confirm_a_name():
     diagnosis = diagnose(ROBOT, [driven("asoc-prototype", 3, RADIUS)], [driven("asoc-prototype", 4)])
     (answer,) = (answer for answer in diagnosis.answers if answer.effect is not None)
     assert answer.verdict == "unconfirmed"
+
+
+def test_a_motion_that_does_not_show_it_cannot_bear_it_out():
+    """Counts are lost while a wheel turns; in the held-out log the robot stands still."""
+    effect = TickLoss(castor=1, wheel=2, value=0.05, above=5.0)
+    log = driven("asoc-prototype", 3, effect)
+    still = Log(log.t, np.zeros_like(log.wheel), np.tile(log.pivot[:1], (len(log), 1)), reference=0 * log.reference)
+    diagnosis = diagnose(ROBOT, [log], [still])
+    assert [answer.effect.name for answer in diagnosis.answers if answer.verdict == "unconfirmed"] == ["tick_loss"]
+    assert not diagnosis.found.effects
+
+
+def test_a_measured_base_that_was_told_too_large_is_named():
+    root = Path(os.environ.get("CASTOR_DATA", ""))
+    if not os.environ.get("CASTOR_DATA") or not (root / "optiodom").is_dir():
+        pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/")
+    session = read_session(find_sessions(root)["230620202144"])
+    diagnosis = diagnose(session.robot, [session.runs[k] for k in (0, 2)], [session.runs[1]])
+    (track,) = (effect for effect in diagnosis.found.effects if effect.name == "track")
+    assert 0.205 * (1 + track.value) == pytest.approx(0.2013, abs=0.001)
+    before, after = (seen.gap[0] for seen in diagnosis.held_out)
+    assert after < before / 2
+
+
+def test_the_finder_uses_one_thread_of_linear_algebra(monkeypatch):
+    """Its matrices are small: beside other work on the machine, more threads took 15 times as long as one."""
+    used = []
+
+    def looked(*_, **__):
+        used.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        raise InputError("seen")
+
+    monkeypatch.setattr("discrepancy.posterior.finder.linearise", looked)
+    with threadpool_limits(2), pytest.raises(InputError, match="seen"):
+        diagnose(ROBOT, [driven("asoc-prototype", 3)])
+    assert used
+    assert set(used) == {1}
 
 
 def test_clean_logs_that_have_the_effect_too_make_it_good_order():

@@ -3,6 +3,7 @@
 import json
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -24,7 +25,7 @@ REAL = ROBOT.with_effects(WheelRadius(castor=1, wheel=2, value=0.01))
 
 def command(capsys, *words):
     with pytest.raises(SystemExit) as end:
-        command_line.run(cli.app, ["find", *map(str, words), "--robot", "differential", "--finder", "posterior"])
+        command_line.run(cli.app, ["find", *map(str, words), "--robot", "differential"])
     return end.value.code, *capsys.readouterr()
 
 
@@ -62,6 +63,10 @@ def test_the_folder_holds_page_data_and_the_robot_whose_gap_is_told(log, tmp_pat
     assert (data["robot_hash"], data["logs"], data["robot_file"]) == (ROBOT.hash(), [str(log)], str(out / "robot.json"))
     written = RobotDescription.load(out / "robot.json")
     assert written.to_dict()["effects"] == data["effects"]
+    env = gym.make("castor_envs:castor/ASOC-v0", robot=str(out / "robot.json"))
+    env.reset(seed=0)
+    env.step(np.full(2, 0.2, dtype=np.float32))
+    env.close()
     before, after = data["gap"]
     assert after[0] < 0.2 * before[0]
     assert data["replay"]["after"]["position_rms_mm"] < 0.5 * data["replay"]["before"]["position_rms_mm"]
@@ -104,8 +109,8 @@ def test_what_is_not_confirmed_is_not_written_and_slip_is_shown(log, tmp_path, c
     assert f"{log.parent.name}/log.csv, held out: good/log.csv" in page.read_text()
 
 
-def test_a_finder_that_there_is_not_is_one_line(log, capsys):
-    with pytest.raises(SystemExit) as end:
-        command_line.run(cli.app, ["find", str(log), "--robot", "differential", "--finder", "guess"])
-    assert end.value.code == 2
-    assert "--finder guess" in capsys.readouterr().err
+@pytest.mark.parametrize("name", ["guess", "selection"])
+def test_a_finder_that_robots_do_not_have_is_one_line(log, capsys, name):
+    code, _, err = command(capsys, log, "--finder", name)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"--finder {name}" in err

@@ -19,7 +19,7 @@ def trial(capsys, *options):
 
 
 def test_the_command_makes_judges_and_scores(capsys, tmp_path):
-    asked = ("--cases", "2", "--finder", "posterior", "--out", str(tmp_path / "kept"))
+    asked = ("--cases", "2", "--out", str(tmp_path / "kept"))
     code, printed = trial(capsys, *asked, "--json")
     assert code == 0
     scored = json.loads(printed.out)
@@ -54,7 +54,7 @@ def test_a_generator_that_is_not_installed_says_how_it_is(monkeypatch):
 def test_what_is_unknown_is_told(capsys):
     for options, known in (
         (("--generator", "gazebo"), "pymunk"),
-        (("--cases", "1", "--finder", "magic"), "posterior"),
+        (("--cases", "1", "--finder", "selection"), "of trains alone"),
         (("--robot", "cfmmr-33"), "did you mean 'cfmmr-"),
     ):
         code, printed = trial(capsys, *options)

@@ -1,25 +1,24 @@
-"""What finders say, in one form: classes, probabilities, credible sets and sizes."""
+"""What the finder says, in one form: classes, probabilities, credible sets and sizes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from castor_envs.effects.dimensions import Track, WheelRadius
+from castor_envs.effects.dimensions import Track
 from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.effects.floor import Bump
 from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate, family_of
-from discrepancy.inference.findings import Finding, Rank
 from discrepancy.posterior.answers import Answer
 from discrepancy.preflight import Mistake
 from discrepancy.trials import finders
-from discrepancy.trials.finders import NORMAL, Said, Single, finder, said_of
+from discrepancy.trials.finders import NORMAL, Said, Single, said_of, say
 
 ROBOT = preset("asoc-prototype")
-TRACK, RADIUS = Track(castor=1, value=1e-3), WheelRadius(castor=1, wheel=2, value=2e-3)
+TRACK = Track(castor=1, value=1e-3)
 
 
 def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitudes=(1e-3,), covariance=((0.0,),)):
@@ -34,7 +33,7 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
 
 def posterior_says(monkeypatch, *answers, mistakes=()):
     monkeypatch.setattr(finders, "posterior_of", lambda *_: (mistakes, cast("Any", Answers(list(answers)))))
-    return finder("posterior")(ROBOT, {}, {}, {})
+    return say(ROBOT, {}, {}, {})
 
 
 @dataclass
@@ -105,55 +104,10 @@ def test_the_whole_is_as_sure_as_its_weakest_part():
         assert said_of(list(parts.values())[:fewer]).verdict == expected
 
 
-@dataclass
-class Diagnosed:
-    findings: tuple = ()
-
-
-@dataclass
-class Examined:
-    data: dict
-    diagnosis: Diagnosed = field(default_factory=Diagnosed)
-    mistakes: tuple = ()
-    found: object = None
-
-
-def selection_says(monkeypatch, verdict, findings=(), mistakes=(), found=None):
-    examined = Examined({"verdict": verdict, "reason": "so"}, Diagnosed(findings), mistakes, found)
-    monkeypatch.setattr(finders, "examine", lambda *_, **__: cast("Any", examined))
-    return finder("selection")(ROBOT, {}, {}, {})
-
-
-def rank(kind=None, gain=40.0):
-    candidate = Candidate("something") if kind is None else Candidate("an effect", (kind,))
-    return Rank(candidate, gain, gain, 0.0, (1e-3,), (1e-4,))
-
-
-def test_what_the_forward_selection_says(monkeypatch):
-    sure = Finding("named", "", (rank(TRACK),), (), TRACK, 1e-4)
-    said = selection_says(monkeypatch, "named", (sure,), found=ROBOT.with_effects(TRACK))
-    assert (said.named, said.credible, said.effects) == ({"track 1": 1.0}, (("track 1",),), (TRACK,))
-    unsure = Finding("ambiguous", "", (rank(RADIUS), rank(TRACK, 40.0 - 2 * np.log(3))), ())
-    said = selection_says(monkeypatch, "ambiguous", (unsure,))
-    assert said.named == {}
-    assert said.probabilities == pytest.approx({"wheel_radius 1 2": 0.75, "track 1": 0.25})
-    assert selection_says(monkeypatch, "ambiguous", (Finding("ambiguous", "", (rank(TRACK), rank()), ()),)).unnamed
-    said = selection_says(monkeypatch, "unexplained", (Finding("unexplained", "", (rank(TRACK),), ()),))
-    assert (said.unnamed, said.credible) == (True, ((),))
-    unconfirmed = selection_says(
-        monkeypatch, "unconfirmed", (Finding("unconfirmed", "", (rank(TRACK),), (), TRACK, 1e-4),)
-    )
-    assert (unconfirmed.named, unconfirmed.credible) == ({}, (("track 1",),))
-
-
 def test_wiring_is_named_unless_it_may_be_something_else(monkeypatch):
     swapped = EncodersSwapped(castor=1)
-    surely, maybe = (Mistake("so", (swapped,)),), (Mistake("so", (swapped,), ("or not",)),)
-    for said in (
-        selection_says(monkeypatch, "named", mistakes=surely, found=ROBOT.with_effects(swapped)),
-        posterior_says(monkeypatch, mistakes=surely),
-    ):
-        assert (said.verdict, said.named, said.sizes) == ("named", {"encoders_swapped 1": 1.0}, ())
-        assert said.effects == (swapped,)
-    for said in (selection_says(monkeypatch, "ambiguous", mistakes=maybe), posterior_says(monkeypatch, mistakes=maybe)):
-        assert (said.verdict, said.named, said.effects) == ("ambiguous", {}, ())
+    said = posterior_says(monkeypatch, mistakes=(Mistake("so", (swapped,)),))
+    assert (said.verdict, said.named, said.sizes) == ("named", {"encoders_swapped 1": 1.0}, ())
+    assert said.effects == (swapped,)
+    said = posterior_says(monkeypatch, mistakes=(Mistake("so", (swapped,), ("or not",)),))
+    assert (said.verdict, said.named, said.effects) == ("ambiguous", {}, ())

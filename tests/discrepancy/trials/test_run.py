@@ -50,11 +50,11 @@ def labels(folder):
 
 def judged(folder, monkeypatch, finder):
     """The outcomes of a trial by a finder that is a function."""
-    monkeypatch.setattr(run, "finder", lambda name: finder)
-    for path in (folder / "outcomes" / "selection").glob("*.json"):
+    monkeypatch.setattr(run, "say", finder)
+    for path in (folder / "outcomes" / "posterior").glob("*.json"):
         path.unlink()
-    run.judge(folder, "selection")
-    return [read(path) for path in sorted((folder / "outcomes" / "selection").glob("*.json"))]
+    run.judge(folder)
+    return [read(path) for path in sorted((folder / "outcomes" / "posterior").glob("*.json"))]
 
 
 def test_there_is_something_of_each(folder):
@@ -125,10 +125,10 @@ def test_a_trial_goes_on_where_it_stopped(folder, monkeypatch):
         make(folder, duration=14.0)
 
     judged(folder, monkeypatch, lambda *_: Said("no discrepancy"))
-    (folder / "outcomes" / "selection" / "case-0003.json").unlink()
-    monkeypatch.setattr(run, "finder", lambda name: lambda *_: Said("unexplained"))
-    run.judge(folder, "selection")
-    said = Counter(read(path)["verdict"] for path in (folder / "outcomes" / "selection").glob("*.json"))
+    (folder / "outcomes" / "posterior" / "case-0003.json").unlink()
+    monkeypatch.setattr(run, "say", lambda *_: Said("unexplained"))
+    run.judge(folder)
+    said = Counter(read(path)["verdict"] for path in (folder / "outcomes" / "posterior").glob("*.json"))
     assert said == {"no discrepancy": CASES - 1, "unexplained": 1}
 
 
@@ -151,7 +151,7 @@ def test_a_finder_that_knows_the_truth_is_right_throughout(folder, monkeypatch):
     gaps = [outcome["gap"] for outcome in outcomes if outcome["gap"]]
     assert gaps
     assert all(gap["after"] <= 1.05 * gap["before"] for gap in gaps)
-    every = scores.report(folder, "selection")["all"]
+    every = scores.report(folder)["all"]
     rates = {rate["what"]: rate for rate in every["rates"]}
     assert rates["clean: any alarm"]["count"] == 0
     assert rates["wiring: named, or refused with a reason"]["share"] == 1.0
@@ -175,10 +175,8 @@ def test_what_cannot_be_is_refused(tmp_path):
         run.make(1, 0, "magic", tmp_path)
     with pytest.raises(InputError, match="unknown robot"):
         run.make(1, 0, "pymunk", tmp_path, robot="magic")
-    with pytest.raises(InputError, match="unknown finder"):
-        run.judge(tmp_path, "magic")
     with pytest.raises(InputError, match="no trial"):
-        run.judge(tmp_path, "selection")
+        run.judge(tmp_path)
 
 
 def test_robots_are_those_that_a_generator_can_drive():

@@ -173,14 +173,14 @@ def test_report_is_plain_data_and_text(tmp_path):
     plan = Plan(3, 0, "pymunk", ["omni3", "swerve"])
     (tmp_path / "trial.json").write_text(json.dumps(dataclasses.asdict(plan)), encoding="utf-8")
     with pytest.raises(InputError, match="judge"):
-        scores.report(tmp_path, "selection")
+        scores.report(tmp_path)
     every = [trial("one", ["track 1"], ["track 1"]), trial("clean", robot="omni3"), trial("clean", clean=True)]
     for k, one in enumerate(every, start=1):
-        for part, data in (("labels", one.label), ("outcomes/selection", one.outcome)):
+        for part, data in (("labels", one.label), ("outcomes/posterior", one.outcome)):
             (tmp_path / part).mkdir(exist_ok=True, parents=True)
             (tmp_path / part / f"case-{k:04}.json").write_text(json.dumps(data), encoding="utf-8")
-    found = json.loads(json.dumps(scores.report(tmp_path, "selection"), allow_nan=False))
-    assert (found["format"], found["finder"], found["judged"]) == ("castor-trial/3", "selection", 3)
+    found = json.loads(json.dumps(scores.report(tmp_path), allow_nan=False))
+    assert (found["format"], found["finder"], found["judged"]) == ("castor-trial/3", "posterior", 3)
     sizes = {name: group["cases"] for name, group in found["groups"].items()}
     parts = {"clean logs given": 1, "no clean logs given": 2, "with a reference": 3}
     assert sizes == {"omni3": 1, "swerve": 2, **parts}

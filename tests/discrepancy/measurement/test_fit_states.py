@@ -1,0 +1,77 @@
+"""What truly happened, how contacts crept, and the noise beside it, against physics that is integrated by itself."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.contact import SlipStiffness
+from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.inference import fit_states
+from discrepancy.inference.creep_prediction import FORCED, QUICK
+from discrepancy.posterior.linearise import linearise
+from discrepancy.trials.pymunk_generator import drive
+from estimators.calibration.log_likelihood import LogLikelihood
+from estimators.calibration.maximum_likelihood import LEAST
+
+ROBOT = preset("asoc-prototype")
+"""Its logs are of the physics: whatever creeps there, no formula of the finder's made it."""
+
+
+@cache
+def driven(*effects):
+    motion = wander(np.random.default_rng([11, 0]), duration=40.0)
+    return drive(ROBOT.with_effects(*effects), motion, 11, duration=40.0)
+
+
+def fitted_parts(robot, log):
+    """The parts of creep as predicted that a log shows."""
+    model = LogLikelihood(Geometry.of(robot.as_built()), log)
+    _, _, shared, _ = fit_states.settled(robot, [model], [log], None, None, LEAST)
+    return shared.parts
+
+
+def parts(*effects, robot=ROBOT):
+    return fitted_parts(robot, driven(*effects))
+
+
+def test_contacts_creep_as_predicted_where_wheels_disagree_and_under_forces(monkeypatch):
+    monkeypatch.setattr(fit_states, "AS_DESCRIBED", fit_states.DOUBT)  # as if nothing was known of it
+    assert parts()[: QUICK.start] == pytest.approx([1.0, 1.0], abs=0.08)
+
+
+def test_steered_wheels_that_disagree_from_one_step_to_the_next_creep_to_their_sides_at_once():
+    robot = preset("swerve")
+    log = drive(robot, wander(np.random.default_rng([102, 1]), duration=15.0), 102, duration=15.0)
+    _, side = fitted_parts(robot, log)[QUICK]
+    assert side == pytest.approx(1.0, abs=0.25)
+
+
+def test_softer_contacts_creep_more_under_forces_and_no_more_where_wheels_disagree(monkeypatch):
+    """Slip goes as one over stiffness; wheels that disagree have to come to terms whatever the stiffness is."""
+    monkeypatch.setattr(fit_states, "AS_DESCRIBED", fit_states.DOUBT)
+    softer = parts(SlipStiffness(value=-0.4))
+    assert softer[FORCED] == pytest.approx(1 / 0.6, rel=0.15)
+    assert softer[0] == pytest.approx(1.0, abs=0.15)
+
+
+def test_contacts_that_hardly_creep_are_taken_for_rigid():
+    softest = ROBOT.with_effects(SlipStiffness(value=-0.9))  # described so; the log is of contacts ten times stiffer
+    told = fitted_parts(softest.as_built(), driven())
+    assert told[FORCED] < fit_states.RIGID
+
+
+def test_noise_beside_an_effect_is_what_it_leaves():
+    """Where encoders cannot contradict each other an effect that is not in the model passes for slip."""
+    robot, radius = preset("differential"), WheelRadius(castor=1, wheel=1, value=0.002)
+    motion = wander(np.random.default_rng([11, 1]), duration=30.0, holonomic=False)
+    logs = [drive(robot.with_effects(*some), motion, 11, duration=30.0) for some in ((radius,), ())]
+    (candidate,) = [one for one in candidates_of(robot) if one.is_of(radius)]
+    with_it, without = (linearise(robot, [log], among=[candidate]) for log in logs)
+    assert with_it.noise.along > 4 * without.noise.along
+    left, least = (seen.quieter([candidate]).noise.along for seen in (with_it, without))
+    assert left - least < 0.1 * (with_it.noise.along - without.noise.along)
