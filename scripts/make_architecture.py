@@ -14,7 +14,7 @@ PAGE = ROOT / "docs" / "architecture.md"
 START, END = "<!-- picture: made by scripts/make_architecture.py -->\n", "<!-- end of picture -->\n"
 PACKAGES = ("castor_envs", "estimators", "benchmarks", "discrepancy")
 EVERYWHERE = {"errors", "files", "discovery", "command_line", "processes", "__init__", "__main__", "progress"}
-TOGETHER = {f"discrepancy/{room}": "discrepancy/inference" for room in ("hypotheses", "validation")}
+TOGETHER = {"discrepancy/validation": "discrepancy/hypotheses"}
 """Rooms that import each other, drawn as one."""
 
 

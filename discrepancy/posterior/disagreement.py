@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
-from discrepancy.inference.design_matrix import Columns
+from discrepancy.measurement.design_matrix import Columns
 
 WINDOW = 1.0
 """s: over which disagreement is summed. Rounding, and castors that turn between two commands, sum up to nothing."""

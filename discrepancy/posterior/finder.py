@@ -17,7 +17,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
-from discrepancy.inference.creep_prediction import CREEPS
+from discrepancy.measurement.creep_prediction import CREEPS
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of

@@ -18,10 +18,10 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.inference.creep_prediction import CREEPS
-from discrepancy.inference.design_matrix import Columns, Shared, columns_of, quieter
-from discrepancy.inference.evidence import gap_of
-from discrepancy.inference.fit_states import settled
+from discrepancy.measurement.creep_prediction import CREEPS
+from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, quieter
+from discrepancy.measurement.fit_states import settled
+from discrepancy.measurement.gap import gap_of
 from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import cost_of_sizes

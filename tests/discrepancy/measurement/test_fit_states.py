@@ -11,8 +11,8 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of
-from discrepancy.inference import fit_states
-from discrepancy.inference.creep_prediction import FORCED, QUICK
+from discrepancy.measurement import fit_states
+from discrepancy.measurement.creep_prediction import FORCED, QUICK
 from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration.log_likelihood import LogLikelihood

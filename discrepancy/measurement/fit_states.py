@@ -14,8 +14,8 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
-from discrepancy.inference.creep_prediction import CREEPS, FORCED, QUICK, Slipping
-from discrepancy.inference.design_matrix import Shared, together, without
+from discrepancy.measurement.creep_prediction import CREEPS, FORCED, QUICK, Slipping
+from discrepancy.measurement.design_matrix import Shared, together, without
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 

@@ -11,7 +11,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, signatures_of, stacked
-from discrepancy.inference.creep_prediction import Slipping
+from discrepancy.measurement.creep_prediction import Slipping
 from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 

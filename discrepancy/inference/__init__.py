@@ -1,1 +1,0 @@
-"""Which hypothesis the logs support."""

@@ -1,0 +1,1 @@
+"""What truly happened in logs, and what each candidate does to them around that."""
