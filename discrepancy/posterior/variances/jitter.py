@@ -1,7 +1,6 @@
 """Encoders that are read early or late at random, all together: how likely, and by how much.
 
-Jitter has no mean, so it is a variance and not a column of the linear problem. High-order differences of all counts,
-taken along the counts' speeds, hold little but rounding, whose variance is known, and jitter (`hypotheses.clocks`).
+Jitter has no mean, so it is a variance and not a column of the linear problem; `delays` has what tells of it.
 """
 
 import dataclasses
@@ -14,9 +13,9 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described, family_of
-from discrepancy.hypotheses.clocks import ORDER, SPREAD, delays_of, jitter_of
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, NOTHING
+from discrepancy.posterior.variances.delays import ORDER, SPREAD, delays_of, jitter_of
 from discrepancy.validation.cost import cost_of
 
 SIZES = np.geomspace(0.01, 1000.0, 201)
