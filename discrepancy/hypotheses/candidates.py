@@ -113,12 +113,19 @@ def described(effect: Effect) -> str:
     return ", ".join([effect.title, *effect.where()])
 
 
+def rate_of(effects: Sequence[Effect]) -> float:
+    """Return what the clock of the reference gains by effects, s/s."""
+    gains = (np.diff(effect.reference_time(np.array([0.0, 1.0])))[0] - 1 for effect in effects)
+    return float(np.round(sum(gains), 12))
+
+
 @dataclass(frozen=True, eq=False)
 class Signatures:
     """What candidates do to one log, a column each or two.
 
     The first G columns are of `geometries`, changed by `steps` (G,); the others of `readings` (K, s + d, R), counts
-    read more for a unit, and `slips`, R of them. places: which of the R are at a place on the floor.
+    read more for a unit, `slips`, R of them, and `rates` (R,), what the clock of the reference gains for a unit.
+    places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -126,6 +133,7 @@ class Signatures:
     steps: Array
     readings: Array
     slips: tuple[Slip, ...]
+    rates: Array
     places: tuple[int, ...]
 
 
@@ -232,12 +240,16 @@ def signatures_of(
 
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
+    clocks: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
     motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in [*candidates_of(robot), *places] if among is None else among:
         kind = candidate.kinds[0]
         if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT:
+            continue
+        if rate_of(candidate.kinds):
+            clocks.append((candidate, none, (still,)))
             continue
         try:
             changed = [robot.with_effects(one) for one in candidate.kinds]
@@ -256,6 +268,7 @@ def signatures_of(
     if among is None:
         read += [(one, more, (still,) * one.columns) for one, more in _misread(channels, log, counts, wanted, of)]
         read += [(one, np.repeat(none, one.columns, axis=-1), slips) for one, slips in _slipping(robot, motion)]
+    read += clocks if log.reference is not None else []
     of_columns = [one for one, _, slips in read for _ in slips]
     return Signatures(
         (*(one for one, _, _ in built), *(one for one, _, _ in read)),
@@ -263,6 +276,7 @@ def signatures_of(
         np.array([step for _, _, step in built]),
         np.concatenate([none[..., :0], *(more for _, more, _ in read)], axis=-1),
         tuple(slip for _, _, slips in read for slip in slips),
+        np.array([rate_of(one.kinds) / (one.kinds[0].value if one.kinds else 1.0) for one in of_columns]),
         tuple(k for k, one in enumerate(of_columns) if one.at_a_place),
     )
 
@@ -290,12 +304,12 @@ def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> S
 def candidates_of(robot: RobotDescription) -> list[Candidate]:
     """Return the effects that a robot may have, those of all phases as one.
 
-    Not those of timing: the reference's clock (all encoders late is the same) is found beside everything else, and
-    jitter has no mean. Nor wrong wiring, which is no small change.
+    Of those of timing only a clock's rate: its offset (all encoders late is the same) is found beside everything else,
+    and jitter has no mean. Nor wrong wiring, which is no small change.
     """
     found: dict[str, list[Effect]] = {}
     for effect in catalogue(robot.as_described()):
-        if not (effect.timing or effect.wiring):
+        if not effect.wiring and (not effect.timing or rate_of([effect])):
             found.setdefault(f"{effect.name} {_place_but_phase(effect)}", []).append(effect)
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 

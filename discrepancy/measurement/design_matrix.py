@@ -10,9 +10,9 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, signatures_of, stacked
+from discrepancy.hypotheses.candidates import Candidate, rate_of, signatures_of, stacked
 from discrepancy.measurement.creep_prediction import Slipping
-from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
+from estimators.calibration.log_likelihood import TIMED, LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 
 QUIETER_ROUNDS, SAME = 6, 0.02
@@ -23,7 +23,8 @@ QUIETER_ROUNDS, SAME = 6, 0.02
 class Columns:
     """The columns of one log's linear problem around a state: of C amplitudes, the first G of `geometries` changed by
     `steps` (G,), the other R of readings (K, s + d, R) and slips (K - 1, rows, R); fought (K - 1, rows, C): of what
-    wheels hide of each; own (K - 1, rows, e): of slips that are known in part."""
+    wheels hide of each; own (K - 1, rows, e): of slips that are known in part. rates (R,): what the clock of the
+    reference gains; rate: what it gains by the robot's effects, None where no poses tell."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -36,6 +37,8 @@ class Columns:
     slips: Array
     fought: Array
     own: Array
+    rates: Array
+    rate: float | None
 
     @classmethod
     def of(
@@ -74,6 +77,8 @@ class Columns:
             slips=slips,
             fought=fought,
             own=own,
+            rates=found.rates,
+            rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
         )
 
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
@@ -88,9 +93,10 @@ class Columns:
         slips = np.concatenate([self.slips[..., other], self.fought[..., columns], self.own, always], axis=-1)
         readings = np.zeros((*self.readings.shape[:2], slips.shape[-1]))
         readings[..., : len(other)] = self.readings[..., other]
-        more = More(readings, slips)
+        rates = np.pad(self.rates[other], (0, slips.shape[-1] - len(other)))
+        more = More(readings, slips, rates)
         return self.model.reduce(
-            self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, more
+            self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, more, self.rate
         )
 
     def alone(self) -> tuple[Geometry, Geometry, Array, Array, Array, Array]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
+from discrepancy.hypotheses.candidates import stacked
 from discrepancy.measurement.design_matrix import Columns
 
 WINDOW = 1.0
@@ -35,45 +36,57 @@ class Disagreement:
     """One log's disagreement, summed over W windows, as a part of the way rolled in each.
 
     seen (W, rows): beyond what wheels hide of the robot's effects. by_size (W, rows, C): what a unit of each size adds.
-    hidden (W, rows, e): what the robot's effects add where wheels hide them. along (rows,): rolling, not side slip.
+    hidden (W, rows, e): what the robot's effects add where wheels hide them. by_slip (W, rows, rows): what a slip of
+    each row adds. told_by (W,): windows that count. along (rows,): rolling, not side slip.
     t (W,): when windows begin, s. way (K - 1,): of every step, the mean of its window. steps (W,): of each window.
     """
 
     seen: Array
     by_size: Array
     hidden: Array
+    by_slip: Array
+    told_by: NDArray[np.bool_]
     along: NDArray[np.bool_]
     t: Array
     way: Array
     steps: NDArray[np.intp]
 
     @classmethod
-    def of(cls, design: Columns, log: Log, hiding: Array, parts: Array) -> "Disagreement":
-        """Return that of a log. hiding (K - 1, rows, e): slips by which wheels hide the robot's effects, in `parts`."""
+    def of(cls, design: Columns, log: Log, hiding: Array, parts: Array, released: NDArray[np.bool_]) -> "Disagreement":
+        """Return that of a log. hiding (K - 1, rows, e): slips by which wheels hide the robot's effects, in `parts`.
+
+        released (K - 1, rows): steps of which windows do not count, as a contact may slip there as it likes.
+        """
         model = design.model
         seen, by_size = model.disagreement(*design.alone())
+        by_slip = _of_slips(design)
         way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
         samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
         rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        parts_of = (seen - hiding @ parts, by_size, hiding)
+        parts_of = (seen - hiding @ parts, by_size, hiding, by_slip * way[:, None, None])
         sums = [np.add.reduceat(part, starts, axis=0) for part in parts_of]
-        scaled = [part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums]
+        of_way, by_size, hidden, by_slip = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
         steps = np.diff([*starts, len(way)])
         along = model.rows < len(design.geometry.radius)
-        return cls(scaled[0], scaled[1], scaled[2], along, log.t[starts], np.repeat(rolled / steps, steps), steps)
+        told_by = ~np.logical_or.reduceat(released.any(axis=1), starts)
+        way = np.repeat(rolled / steps, steps)
+        return cls(of_way, by_size, hidden, by_slip, told_by, along, log.t[starts], way, steps)
 
     def sizes(self) -> Sizes:
         """Return how far wheels disagree most of the time, whatever there is at others."""
-        return _size(self.seen[:, self.along]), _size(self.seen[:, ~self.along])
+        seen = self.seen[self.told_by]
+        return _size(seen[:, self.along]), _size(seen[:, ~self.along])
 
     def beside(self, columns: Sequence[int]) -> Array:
-        """Return by how many sizes wheels disagree (W, rows) beside the sizes of columns that suit best."""
+        """Return by how many sizes wheels disagree (W, rows) beside the sizes of columns that suit best; by none in
+        windows that do not count."""
         scale = np.where(self.along, *self.sizes())
-        left = (self.seen / scale).reshape(-1)
+        left = (self.told_by[:, None] * self.seen / scale).reshape(-1)
         if len(columns):
             by_size = (self.by_size[..., list(columns)] / scale[:, None]).reshape(len(left), len(columns))
+            by_size = np.repeat(self.told_by, self.seen.shape[1])[:, None] * by_size
             left = left - by_size @ np.linalg.lstsq(by_size, left, rcond=1e-9)[0]
         return left.reshape(self.seen.shape)
 
@@ -92,12 +105,20 @@ class Disagreement:
         """
         size = np.where(self.along, *sizes)
         off = np.abs(self.seen) / size
-        weight = np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
+        weight = self.told_by[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
         columns = np.concatenate([self.by_size, -self.by_size, self.hidden], axis=-1) * weight[..., None]
         columns, seen = columns.reshape(self.seen.size, -1), (self.seen * weight).reshape(-1)
         far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-        likely = -len(self.seen) * float(np.sum(np.log(size))) - float(np.sum(far))
+        likely = -float(self.told_by.sum() * np.sum(np.log(size))) - float(np.sum(far[self.told_by]))
         return columns.T @ columns, columns.T @ seen, likely
+
+
+def _of_slips(design: Columns) -> Array:
+    """Return by how much wheels disagree in every step (K - 1, rows, rows) for a metre of slip in each row."""
+    rows, state = len(design.model.rows), design.state
+    slips = np.broadcast_to(np.eye(rows), (len(state) - 1, rows, rows))
+    none = np.zeros((len(state), state.shape[1] - 3, rows))
+    return design.model.disagreement(design.geometry, stacked(design.geometry, []), np.zeros(0), state, none, slips)[1]
 
 
 def _size(seen: Array) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Generic
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from castor_envs.effects.clocks import SampleJitter
@@ -24,7 +25,7 @@ from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_them
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
-from discrepancy.posterior.variances.at_times import at_times
+from discrepancy.posterior.variances.at_times import Faulty, again, answer_of, at_times, steps_of
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
@@ -105,14 +106,15 @@ def _diagnosed(
     good = linearise(without(before or robot, SampleJitter), clean) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
-    first = linearise(robot, logs, creep=creep, places=places)
-    somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
+    faulty: list[Faulty] = []
+    released: list[NDArray[np.bool_]] = []
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         mine = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
         more = () if among is not None else tuple(dict.fromkeys((*places, *mine, *somewhere)))
         only = None if among is None else [one for one in among if isinstance(one, Candidate)]
-        return linearise(with_them(robot, named), logs, start=start, creep=creep, among=only, places=more)
+        found = with_them(robot, named)
+        return linearise(found, logs, start=start, creep=creep, among=only, places=more, released=released)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         candidates = [seen.candidates.index(one.candidate) for one in named]  # type: ignore[arg-type]
@@ -121,16 +123,32 @@ def _diagnosed(
         )
         return asked(seen, *hypotheses_of(robot, seen), order_of(seen, good), there)
 
-    named, seen, posterior, answers = named_together(robot, look, ask, WORSE * sum(len(log) for log in logs), first)
-    late = jitter_answer(robot, logs, held_out, clean, len(posterior.names))
-    beside = [*([] if late is None else [late]), *at_times(robot, seen, good, answers, len(posterior.names))]
-    inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
-    answers = [*answers, *beside]
-    held, order = None, None
+    worse = WORSE * sum(len(log) for log in logs)
+    while True:
+        first = linearise(robot, logs, creep=creep, places=places, released=released)
+        somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
+        named, seen, posterior, answers = named_together(robot, look, ask, worse, first)
+        names = len(posterior.names)
+        if not (new := at_times(seen, good, answers, names)):
+            break
+        faulty += new
+        released = steps_of(seen, faulty)
+    held, order, confirmed = None, None, [None] * len(faulty)
     if held_out:
         among = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
         found = linearise(with_them(robot, named), held_out, creep=creep, among=among)
-        held, order = (linearise(robot, held_out, creep=creep, among=among), found), order_of(found, good)
+        free: list[NDArray[np.bool_]] = []
+        if faulty:
+            there, confirmed = again(found, faulty)
+            free = steps_of(found, there)
+            found = linearise(with_them(robot, named), held_out, creep=creep, among=among, released=free)
+        held = linearise(robot, held_out, creep=creep, among=among, released=free), found
+        order = order_of(found, good)
+    late = jitter_answer(robot, logs, held_out, clean, names)
+    beside = [answer_of(robot, logs, seen, *each) for each in zip(faulty, confirmed, strict=True)]
+    beside += [] if late is None else [late]
+    inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
+    answers = [*answers, *beside]
     told = judged(answers, named, held, order, material)
     return Diagnosis(robot, verdict_of(told), told, inclusion, first, seen, held, creep)
 

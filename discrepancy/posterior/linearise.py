@@ -24,7 +24,7 @@ from discrepancy.measurement.fit_states import settled
 from discrepancy.measurement.gap import gap_of
 from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.validation.cost import cost_of_sizes
+from discrepancy.validation.cost import WAY, cost_of_sizes
 from estimators.calibration.log_likelihood import LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State
 
@@ -49,10 +49,10 @@ class Linearised:
     the robot's effects and then what wheels hide of each.
 
     usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. cost (2, C): what a unit of
-    each makes odometry wrong by on these drives (`cost_of_sizes`). parts: of the creep that is predicted, and of what
-    wheels hide of each of the robot's effects. log_evidence: how likely the logs are, sizes 0 and all else integrated
-    out (natural logarithm, up to a constant of the logs). gap: rms of what odometry is off the reference, m and
-    rad; None without one.
+    each makes odometry wrong by on these drives (`cost_of_sizes`), or a clock's rate makes it look wrong. parts: of the
+    creep that is predicted, and of what wheels hide of each of the robot's effects. log_evidence: how likely the logs
+    are, sizes 0 and all else integrated out (natural logarithm, up to a constant of the logs). gap: rms of what
+    odometry is off the reference, m and rad; None without one.
     """
 
     candidates: tuple[Candidate, ...]
@@ -90,15 +90,20 @@ def linearise(
     creep: Array | None = None,
     among: Sequence[Candidate] | None = None,
     places: Sequence[Candidate] = (),
+    released: Sequence[NDArray[np.bool_]] = (),
 ) -> Linearised:
     """Return what logs say of candidates around their most likely state.
 
     start: of the same logs, to begin with what it found. creep: parts of predicted creep in clean logs of the robot.
-    among: candidates to look at; None: all, and what has no name. places: more candidates, of the floor.
+    among: candidates to look at; None: all, and what has no name. places: more candidates, of the floor. released: as
+    `LogLikelihood.release`, of every log; none: nothing is.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
+    released = released or [np.zeros((len(model.counts) - 1, len(model.rows)), dtype=bool) for model in models]
+    for model, steps in zip(models, released, strict=True):
+        model.release(steps)
     begin = None if start is None else (start.state, start.noise)
     at, noise, shared, slips = settled(robot, models, logs, begin, creep, LEAST_NOISE)
     beyond = tuple(
@@ -126,10 +131,11 @@ def linearise(
         usual[there[unnamed]] = _usual(model, geometry, design, state)[unnamed]
         cost = np.zeros((2, count))
         cost[:, there] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
+        cost[:, there[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(design, log, slip.known[..., CREEPS:], shared.parts[CREEPS:])
-        for design, log, slip in zip(designs, logs, slips, strict=True)
+        Disagreement.of(design, log, slip.known[..., CREEPS:], shared.parts[CREEPS:], steps)
+        for design, log, slip, steps in zip(designs, logs, slips, released, strict=True)
     )
     said, log_evidence = _said(designs, disagreements, shared, noise, candidates, columns)
     return Linearised(

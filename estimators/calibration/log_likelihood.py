@@ -54,6 +54,9 @@ What such poses differ by within seconds (jitter of clocks, a filter) is not ind
 CLOCK = np.array([1.0, 0.05])
 """s and 1: what the clock of the reference may be off by, at the start and in rate; wide enough not to matter."""
 
+RATE_KNOWN = 1e-6
+"""s/s: to which a rate is known that is said to be known."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -113,11 +116,12 @@ class More(NamedTuple):
     """R parameters beside those of the geometry, by what a unit of each does.
 
     readings (K, s + d, R): counts read more than is true. slips (K - 1, rows, R): metres by which a step misses its
-    constraints.
+    constraints. rates (R,): what the clock of the reference gains, s/s; None: nothing.
     """
 
     readings: Array
     slips: Array
+    rates: Array | None = None
 
 
 class LogLikelihood:
@@ -157,6 +161,7 @@ class LogLikelihood:
         self._posed = np.isfinite(self._reference[:, 0])
         self._used_poses = _apart(np.flatnonzero(self._posed), log.t)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
+        self._released = np.zeros((len(log) - 1, len(self._used)), dtype=bool)
 
         self._rests = tuple(
             bool(np.ptp(counts, axis=0).max() <= 1) for counts in (self._counts[:REST], self._counts[-REST:])
@@ -172,6 +177,10 @@ class LogLikelihood:
     def expect(self, slips: Array) -> None:
         """Take steps to miss their constraints by `slips` (K - 1, rows), m, and not by nothing."""
         self._expected = slips
+
+    def release(self, steps: NDArray[np.bool_]) -> None:
+        """Let contacts slip by as much as they roll in some steps (K - 1, rows)."""
+        self._released = steps
 
     def rows_of(self, rolling: Array, side: Array) -> Array:
         """Return slips of wheels (K - 1, w) and, to the side, of castors (K - 1, n) as the rows of `missed`."""
@@ -293,12 +302,13 @@ class LogLikelihood:
         noise: Noise,
         probes: int = 0,
         more: More | None = None,
+        rate: float | None = None,
     ) -> Reduced:
         """Return what the log says of P parameters around a state (K, m).
 
         changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: how often residuals
         are drawn (standard normal, the same ones each time, other ones for each log) to learn what sums of squares to
-        expect. more: of the other P - G parameters.
+        expect. more: of the other P - G parameters. rate: that the clock of the reference gains (s/s), if it is known.
         """
         from scipy.linalg import cholesky_banded, get_lapack_funcs  # slow to import
 
@@ -325,14 +335,16 @@ class LogLikelihood:
                 _add(above, at, start @ rows.end)
                 _add(columns, at + 1, end @ right)
             numbers_block += _squared(right.reshape(k * r, right.shape[-1]))[:n]
-        believed = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6
+        believed, expected_clock = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6, np.zeros(2)
+        if rate is not None:
+            believed, expected_clock = np.array([believed[0], RATE_KNOWN]), np.array([0.0, rate])
         numbers_block[p:, p:n] += np.diag(believed**-2.0)
-        numbers_block[p:, n] += clock / believed**2
+        numbers_block[p:, n] += (clock - expected_clock) / believed**2
         factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
         (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
         half, _ = solve(factors, columns.reshape(-1, n + 1 + probes), trans="T")
         least = sum(float(np.sum(rows.values**2)) for rows in kinds.values()) - float(half[:, n] @ half[:, n])
-        least += float(np.sum((clock / believed) ** 2))
+        least += float(np.sum(((clock - expected_clock) / believed) ** 2))
         numbers_block -= _squared(half)[:n]
         clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
         reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
@@ -359,7 +371,7 @@ class LogLikelihood:
 
         def squares_at(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
             values = self._values(geometry, state, clock, mount, weights)
-            return float(sum(np.sum(part**2) for part in values.values()) + np.sum((clock / believed) ** 2))
+            return float(sum(np.sum(part**2) for part in (*values.values(), (clock - expected_clock) / believed)))
 
         return Reduced(
             (reduced[:, :p] + reduced[:, :p].T) / 2,
@@ -376,7 +388,9 @@ class LogLikelihood:
         unsure, rolling = self._unsure(geometry, state), len(self._rolling)
         found = {"counts": self._readings}
         for name, rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            found[name] = 1 / np.sqrt((getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None] + unsure[:, rows] ** 2)
+            free = np.where(self._released[:, rows], farthest[:, None], 0.0)
+            slip = (getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None]
+            found[name] = 1 / np.sqrt(slip + free**2 + unsure[:, rows] ** 2)
         if not self.poses:
             return found | {"pinned": np.full((1, 3), 1 / PINNED)}
         return found | {name: np.full((1, 1), 1 / getattr(noise, name)) for name in ("position", "heading")}
@@ -446,7 +460,9 @@ class LogLikelihood:
         by_mount = np.array([[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]).transpose(2, 0, 1)
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
-        numbers = np.concatenate([np.zeros((len(at), 3, first + others)), by_mount, by_clock], axis=-1)
+        rates = np.zeros(others) if more.rates is None else more.rates
+        by_others = np.concatenate([np.zeros((len(at), 3, first)), by_clock[..., 1:] * rates], axis=-1)
+        numbers = np.concatenate([by_others, by_mount, by_clock], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]

@@ -1,0 +1,129 @@
+"""A wheel's encoder that loses counts in bursts: now and then, and at other times, as fast, none.
+
+A wheel that contradicts the others at times (`at_times`) may do so for many reasons. If it always turns further than
+its encoder shows, its counts are lost: where nothing is, both senses are alike likely, every time anew.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.effects.encoders import TickLossBursts
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import stacked
+from discrepancy.measurement.design_matrix import Columns
+from discrepancy.posterior.linearise import Linearised
+
+EVEN, MOSTLY = 0.1, 0.75
+"""Part of the period by which bursts may be off a steady beat, and how many of them must not be."""
+
+
+class Bursts(NamedTuple):
+    """Counts lost in bursts, and the standard error of the part lost."""
+
+    effect: TickLossBursts
+    error: float
+
+
+def bursts_of(
+    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, row: int, hits: Sequence[NDArray[np.bool_]]
+) -> Bursts | None:
+    """Return the bursts in which the wheel of a row loses counts; None for a castor's row, or for a wheel that turns
+    less than its encoder shows in any window that is hit, (W,) of each log."""
+    k = int(seen.designs[0].model.rows[row])
+    if k >= len(robot.wheels):
+        return None
+    shares, parts, tells, windows = [], [], [], []
+    for design, one, hit in zip(seen.designs, seen.disagreements, hits, strict=True):
+        windows.append(np.repeat(np.arange(len(hit)), one.steps))
+        lost, way = _lost(design, row)
+        lost, way = lost * np.sign(way), np.abs(way)
+        by_window, farthest = (np.bincount(windows[-1], part, len(hit)) for part in (lost, way))
+        if np.any(by_window[hit] <= 0) or np.any(by_window[hit] > farthest[hit]):
+            return None
+        tells.append(way > np.median(way) / 4)  # slower steps do not tell what part is lost
+        shares.append(lost / np.maximum(way, 1e-12))
+        parts.append(shares[-1][tells[-1] & hit[windows[-1]]])
+    inside = np.concatenate(parts)
+    if not len(inside):
+        return None
+    largest = np.sort(inside)[-sum(int(hit.sum()) for hit in hits) :]  # a step of each window, or more
+    inside = inside[inside > np.median(largest) / 2]
+    value = float(np.clip(np.median(inside), 0.0, 1.0))
+    bursts = [
+        _bursts(log.t, hit, window, told, share / value)
+        for log, hit, window, told, share in zip(logs, hits, windows, tells, shares, strict=True)
+    ]
+    all_starts, all_widths = zip(*bursts, strict=True)
+    beat = _beat(all_starts[0]) if len(logs) == 1 else None
+    width = float(np.median(np.concatenate(all_widths)))
+    period = sum(float(np.ptp(log.t)) for log in logs) / sum(map(len, all_starts)) if beat is None else beat[1]
+    castor = robot.wheel_castors[k]
+    effect = TickLossBursts(
+        castor=castor + 1,
+        wheel=1 + sum(other == castor for other in robot.wheel_castors[:k]),
+        value=value,
+        period=period,
+        width=min(width, period),
+        start=0.0 if beat is None else beat[0],
+        seed=0 if beat is None else None,
+    )
+    return Bursts(effect, float(np.std(inside) / np.sqrt(len(inside))))
+
+
+def _lost(design: Columns, row: int) -> tuple[Array, Array]:
+    """Return what a wheel's encoder shows too little in every step (K - 1,), and how far the wheel rolls then, m."""
+    model, geometry, state = design.model, design.geometry, design.state
+    slips = np.zeros((len(state) - 1, len(model.rows), 1))
+    slips[:, row] = 1.0
+    none = np.zeros((len(state), state.shape[1] - 3, 1))
+    seen, of_slip = model.disagreement(geometry, stacked(geometry, []), np.zeros(0), state, none, slips)
+    lost = seen[:, row] / np.maximum(of_slip[:, row, 0], 1e-3)
+    return lost, model.rolled(geometry, state)[:, row] + lost
+
+
+def _bursts(
+    t: Array, hit: NDArray[np.bool_], window: NDArray[np.intp], told: NDArray[np.bool_], share: Array
+) -> tuple[Array, Array]:
+    """Return when bursts start, and how long they last, s: one in every run of windows that are hit (W,).
+
+    window (K - 1,): of each step. told, share: steps that tell what part of them is lost, and which, as a part of what
+    bursts lose.
+    """
+    middle, length, starts, widths = (t[1:] + t[:-1]) / 2, np.diff(t), [], []
+    near = np.convolve(hit, np.ones(3), "same") > 0  # a burst may begin or end in the window beside
+    for run in np.split(np.arange(len(hit)), np.flatnonzero(np.diff(near)) + 1):
+        steps = np.flatnonzero(np.isin(window, run) & told & (share > 0.5)) if near[run[0]] else np.zeros(0, np.intp)
+        if not len(steps):
+            continue
+        own = np.arange(max(steps[0] - 1, 0), min(steps[-1] + 2, len(share)))  # the steps beside may be lost in part
+        between = (own > steps[0]) & (own < steps[-1])
+        weight = np.where(between, 1.0, np.clip(np.where(told[own], share[own], 0.0), 0.0, 1.0)) * length[own]
+        starts.append(weight @ middle[own] / weight.sum() - weight.sum() / 2)
+        widths.append(float(weight.sum()))
+    return np.array(starts), np.array(widths)
+
+
+def _beat(t: Array) -> tuple[float, float] | None:
+    """Return the first start and the period (s) of a steady beat that bursts keep; None if they do not.
+
+    Some beats may be missing: a wheel at rest loses nothing.
+    """
+    if len(t) < 3:
+        return None
+    for times in range(1, 4):
+        period, first, kept = float(np.median(np.diff(t))) / times, t[0], np.full(len(t), True)
+        for _ in range(2):
+            beats = np.round((t - first) / period)
+            if len(np.unique(beats)) < len(t) or kept.mean() < MOSTLY:
+                break
+            period, first = (float(one) for one in np.polyfit(beats[kept], t[kept], 1))
+            kept = np.abs(t - first - period * beats) < EVEN * period
+        else:
+            if kept.mean() >= MOSTLY:
+                return first - period * np.floor(first / period), period
+    return None
