@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Generic
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from castor_envs.effects.clocks import SampleJitter
@@ -25,7 +24,7 @@ from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_them
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
-from discrepancy.posterior.variances.at_times import Faulty, again, answer_of, at_times, steps_of
+from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
@@ -106,15 +105,14 @@ def _diagnosed(
     good = linearise(without(before or robot, SampleJitter), clean) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
-    faulty: list[Faulty] = []
-    released: list[NDArray[np.bool_]] = []
+    events, released = Events(), Released()
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         mine = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
         more = () if among is not None else tuple(dict.fromkeys((*places, *mine, *somewhere)))
         only = None if among is None else [one for one in among if isinstance(one, Candidate)]
-        found = with_them(robot, named)
-        return linearise(found, logs, start=start, creep=creep, among=only, places=more, released=released)
+        mended = with_them(robot, named)
+        return linearise(mended, logs, start=start, creep=creep, among=only, places=more, released=released)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         candidates = [seen.candidates.index(one.candidate) for one in named]  # type: ignore[arg-type]
@@ -128,25 +126,22 @@ def _diagnosed(
         first = linearise(robot, logs, creep=creep, places=places, released=released)
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
         named, seen, posterior, answers = named_together(robot, look, ask, worse, first)
-        names = len(posterior.names)
-        if not (new := at_times(seen, good, answers, names)):
+        found, names = with_them(robot, named), len(posterior.names)
+        if (more := events.more(found, logs, seen, good, answers, names)) is None:
             break
-        faulty += new
-        released = steps_of(seen, faulty)
-    held, order, confirmed = None, None, [None] * len(faulty)
+        events, released = more, more.released(found, logs, seen)
+    held, order, confirmed = None, None, [None] * len(events)
     if held_out:
         among = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
-        found = linearise(with_them(robot, named), held_out, creep=creep, among=among)
-        free: list[NDArray[np.bool_]] = []
-        if faulty:
-            there, confirmed = again(found, faulty)
-            free = steps_of(found, there)
-            found = linearise(with_them(robot, named), held_out, creep=creep, among=among, released=free)
-        held = linearise(robot, held_out, creep=creep, among=among, released=free), found
-        order = order_of(found, good)
+        after, free = linearise(found, held_out, creep=creep, among=among), Released()
+        if len(events):
+            there, confirmed = events.there(found, held_out, after)
+            free = there.released(found, held_out, after)
+            after = linearise(found, held_out, creep=creep, among=among, released=free)
+        held = linearise(robot, held_out, creep=creep, among=among, released=free), after
+        order = order_of(after, good)
     late = jitter_answer(robot, logs, held_out, clean, names)
-    beside = [answer_of(robot, logs, seen, *each) for each in zip(faulty, confirmed, strict=True)]
-    beside += [] if late is None else [late]
+    beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
     answers = [*answers, *beside]
     told = judged(answers, named, held, order, material)

@@ -52,7 +52,7 @@ class Linearised:
     each makes odometry wrong by on these drives (`cost_of_sizes`), or a clock's rate makes it look wrong. parts: of the
     creep that is predicted, and of what wheels hide of each of the robot's effects. log_evidence: how likely the logs
     are, sizes 0 and all else integrated out (natural logarithm, up to a constant of the logs). gap: rms of what
-    odometry is off the reference, m and rad; None without one.
+    odometry is off the reference, m and rad; None without one. slips (K - 1, w): of wheels beyond what is expected, m.
     """
 
     candidates: tuple[Candidate, ...]
@@ -68,6 +68,7 @@ class Linearised:
     designs: tuple[Columns, ...]
     shared: Shared
     disagreements: tuple[Disagreement, ...]
+    slips: tuple[Array, ...]
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the same at the noise that is left beside effects, each as large as logs want.
@@ -152,6 +153,7 @@ def linearise(
         designs=tuple(designs),
         shared=shared,
         disagreements=disagreements,
+        slips=beyond,
     )
 
 

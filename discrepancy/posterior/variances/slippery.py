@@ -1,0 +1,159 @@
+"""A slippery patch of the floor: how likely simulation makes it, where wheels slip far more than elsewhere.
+
+Wheels that slide do so by forces that no encoder tells, in either sense, so a patch is no column of the linear problem:
+where it may be a scan for two variances tells (`hypotheses.patches`), and how likely it is replays of the logs in
+simulation. What these miss is as Student's t has it, of the size that they usually miss.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, logit
+
+from castor_envs.effects.clocks import ClockSkew
+from castor_envs.effects.floor import FrictionPatch
+from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.physics.contact_motion import ContactMotion
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import Candidate, Channels, described
+from discrepancy.hypotheses.patches import patches_of
+from discrepancy.hypotheses.wheel_tracks import placed
+from discrepancy.inference.findings import without
+from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.calibrated import CREDIBLE, FREEDOM, NOTHING
+from discrepancy.posterior.linearise import Linearised
+from discrepancy.validation.replay import replay
+
+SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
+"""Parts of friction that may be missing, alike likely; rectangles are looked at further that suit with the fourth."""
+
+TRIED = SLIPPERY[3]
+
+WINDOW = 2.0
+"""s of a replay."""
+
+PLACE = 2e-3
+"""m and rad: no replay ends nearer to a tracker's poses."""
+
+
+@dataclass(frozen=True)
+class Slippery:
+    """A patch, the standard deviation of its value, and the log odds of that it is there."""
+
+    effect: FrictionPatch
+    error: float
+    log_odds: float
+
+
+def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, names: int) -> Slippery | None:
+    """Return the patch in which wheels surely slide; None if none is sure, or robot or logs cannot be replayed.
+
+    names: of what else may be there, each as likely before logs are seen; the patch as likely anywhere on the way.
+    """
+    motions, slips = placed(robot, logs, seen.state, seen.slips)
+    if not motions:
+        return None
+    try:
+        plain = _missed(robot, logs, seen)
+    except InputError:  # a robot that cannot be replayed
+        return None
+    usual = np.median(plain, axis=1, keepdims=True)
+    way = np.concatenate([motion.pose[:, :2] for motion in motions])
+    area, best = float(np.prod(np.ptp(way, axis=0))), None
+    for patch in patches_of(robot, motions, slips):
+
+        def gain(value: float, patch: FrictionPatch = patch) -> float:
+            missed = _missed(robot.with_effects(replace(patch, value=value)), logs, seen)
+            return float(np.sum(_log_density(missed, usual) - _log_density(plain, usual)))
+
+        if gain(TRIED) <= 0:
+            continue
+        log_factors = np.array([gain(value) for value in SLIPPERY])
+        elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
+        log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - np.log(names) - logit(NOTHING)
+        weight = np.exp(log_factors - log_factors.max())
+        value = float(np.average(SLIPPERY, weights=weight))
+        error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
+        error = float(np.hypot(error, (1 - value) / 2))  # the rectangle is not known any better
+        found = Slippery(replace(patch, value=round(value, 3)), error, float(log_odds))
+        best = found if best is None or found.log_odds > best.log_odds else best
+    return best if best is not None and expit(best.log_odds) >= CREDIBLE else None
+
+
+def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> float:
+    """Return by how much (natural logarithm) a patch, or one that these logs show there, makes other logs likelier.
+
+    How far a patch reaches one log hardly tells.
+    """
+    try:
+        plain, missed = (_missed(one, logs, seen) for one in (robot, robot.with_effects(patch.effect)))
+    except InputError:  # logs without what it takes
+        return 0.0
+    usual = np.median(plain, axis=1, keepdims=True)
+    as_found = float(np.sum(_log_density(missed, usual) - _log_density(plain, usual)))
+    again = slippery_in(robot, logs, seen, 1)
+    if again is None or not (_holds(patch.effect, again.effect) or _holds(again.effect, patch.effect)):
+        return as_found
+    return max(as_found, again.log_odds)
+
+
+def _holds(patch: FrictionPatch, other: FrictionPatch) -> bool:
+    """Whether the middle of another patch lies on a patch."""
+    c, s, x, y = np.cos(patch.angle), np.sin(patch.angle), other.x - patch.x, other.y - patch.y
+    return bool(abs(c * x + s * y) <= patch.length / 2 and abs(c * y - s * x) <= patch.width / 2)
+
+
+def inside(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> list[NDArray[np.bool_]]:
+    """Return the steps (K - 1, rows) of each log in which wheels stand on a patch, or castors with one that does."""
+    every = []
+    for log, design in zip(logs, seen.designs, strict=True):
+        motion = Channels(robot).motion(log, design.state, consistent_wheels=True)
+        wheels = patch.effect.inside(ContactMotion(robot.as_built(), motion))
+        of = np.asarray(robot.wheel_castors)
+        sideways = np.stack([np.any(wheels[:, of == castor], axis=1) for castor in of], axis=1)
+        every.append(np.column_stack([wheels, sideways])[:, design.model.rows])
+    return every
+
+
+def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
+    """Return what is said of a patch. cost (2,): of it all; confirmed: as `Answer` has it."""
+    probability, candidate = float(expit(patch.log_odds)), Candidate(described(patch.effect), (patch.effect,))
+    return Answer(
+        probabilities={candidate.family: probability, "nothing": 1 - probability},
+        credible=(candidate.family,),
+        unnamed=False,
+        candidate=candidate,
+        amplitudes=np.array([patch.effect.value]),
+        covariance=np.array([[patch.error**2]]),
+        hidden=0.0,
+        explained=2 * patch.log_odds,
+        cost=cost / patch.effect.value,
+        confirmed=confirmed,
+    )
+
+
+def _missed(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:
+    """Return by how much replayed windows end elsewhere (3, N): wheels, m; pivots, rad; place, m."""
+    geometry = Geometry.of(robot.as_built())
+    roll = np.nanmedian(2 * np.pi * geometry.radius / geometry.counts_per_rev)
+    sensed = geometry.pivot_counts_per_rev[np.isfinite(geometry.pivot_counts_per_rev)]
+    turn = float(np.median(2 * np.pi / sensed)) if len(sensed) else 0.0
+    missed = []
+    for log, clock in zip(logs, seen.state.clocks, strict=True):
+        if log.reference is not None:
+            left = replay(without(robot, ClockSkew), log, WINDOW, clock=clock, mount=seen.state.mount)
+            place = np.nan_to_num(np.sum(left.body[:, :2] ** 2, axis=1))
+            pivots = np.mean(left.pivots**2, axis=1) if left.pivots.shape[1] else 0 * place
+            wheels = np.mean(left.wheels**2, axis=1)
+            missed.append(np.sqrt([wheels + roll**2 / 6, pivots + turn**2 / 6 + 1e-8, place + PLACE**2]))
+    return np.concatenate(missed, axis=1)
+
+
+def _log_density(missed: Array, usual: Array) -> Array:
+    """Return how likely it is to miss by so much (natural logarithm, up to a constant)."""
+    return -(FREEDOM + 1) / 2 * np.log1p((missed / usual) ** 2 / FREEDOM)
