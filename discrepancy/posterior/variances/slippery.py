@@ -20,10 +20,9 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, Channels, described
+from discrepancy.hypotheses.candidates import Candidate, Channels, described, without
 from discrepancy.hypotheses.patches import patches_of
 from discrepancy.hypotheses.wheel_tracks import placed
-from discrepancy.inference.findings import without
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FREEDOM, NOTHING
 from discrepancy.posterior.linearise import Linearised

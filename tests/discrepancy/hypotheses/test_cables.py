@@ -1,16 +1,15 @@
-"""Cables and slippery patches on the floor, whose places are found in logs."""
+"""Cables on the floor, whose places are found in logs."""
 
 # pyright: reportOptionalIterable=false, reportAttributeAccessIssue=false, reportArgumentType=false
 # pyright: reportOperatorIssue=false, reportOptionalOperand=false
 
-import dataclasses
 import math
 from functools import cache
 
 import numpy as np
 import pytest
 
-from castor_envs.effects.floor import Bump, FrictionPatch
+from castor_envs.effects.floor import Bump
 from castor_envs.floor import cable_extra_roll
 from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
@@ -19,7 +18,6 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.cables import bumps_of, same_line
-from discrepancy.hypotheses.patches import patches_of
 from discrepancy.hypotheses.wheel_tracks import steps_of
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
@@ -29,7 +27,6 @@ pytestmark = pytest.mark.slow
 
 ROBOT = preset("asoc-prototype")
 CABLE = Bump(x=-0.3, y=-0.4, direction=0.7, value=0.004)
-PATCH = FrictionPatch(x=-0.4, y=-0.6, length=0.5, width=0.5, angle=0.3, value=0.94)
 
 
 @cache
@@ -106,31 +103,6 @@ def test_steps_that_are_not_known_do_not_count():
     assert bumps_of(ROBOT, [rolled()], [slip]) != []
     assert bumps_of(ROBOT, [rolled()], [np.where(shape != 0, np.nan, slip)]) == []
     assert bumps_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
-    assert patches_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
-
-
-def test_the_rectangle_in_which_wheels_slip_is_found():
-    patch = dataclasses.replace(PATCH, x=0.2, y=0.1)
-    inside = patch.inside(ContactMotion(ROBOT, rolled()))
-    assert inside.any()
-    random = np.random.default_rng(1)
-    slip = random.normal(size=inside.shape) * np.where(inside, 1e-3, 5e-5)
-    best = patches_of(ROBOT, [rolled()], [slip])[0].effect
-    assert overlap(best, patch) > 0.7
-
-
-def overlap(one, other):
-    """The common area of two patches as a part of what both cover together, on a fine grid."""
-    x, y = np.meshgrid(np.arange(-2.0, 2.0, 0.01), np.arange(-2.0, 2.0, 0.01))
-
-    def covered(patch):
-        c, s = math.cos(patch.angle), math.sin(patch.angle)
-        right, up = x + other.x - patch.x, y + other.y - patch.y
-        along, across = np.abs(c * right + s * up), np.abs(c * up - s * right)
-        return (along <= patch.length / 2) & (across <= patch.width / 2)
-
-    a, b = covered(one), covered(other)
-    return (a & b).sum() / (a | b).sum()
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -1,0 +1,130 @@
+"""Counts lost in bursts: taken off by hand from a robot that rolls perfectly, and found with wheel, part and times."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.encoders import TickLossBursts
+from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import wander
+from castor_envs.sensors.encoders import Encoders
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.finder import diagnose
+from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.variances.at_times import answer_of, at_times
+from discrepancy.posterior.variances.bursts import bursts_of
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("asoc-prototype")
+
+
+@cache
+def rolled():
+    """Times, angles of wheels and of castors of a minute of perfect rolling."""
+    run = roll(ROBOT, wander(np.random.default_rng([5, 1]), duration=60.0), [0.3, 2.0, -1.5])
+    return run.t, run.wheel_angle, run.castor_angle
+
+
+def read(turned):
+    """The log of encoders on wheels that turned so far (K, w)."""
+    t, _, castors = rolled()
+    encoders = Encoders(Geometry.of(ROBOT), np.full(6, 0.4))
+    return Log(t, encoders.wheel(turned), encoders.pivot(castors))
+
+
+def less(wheel, part):
+    """Angles of the wheels, one of which loses a part (K - 1,) of what it turns in every step."""
+    _, turned, _ = rolled()
+    steps = np.diff(turned, axis=0)
+    steps[:, wheel] *= 1 - part
+    return turned[0] + np.pad(np.cumsum(steps, axis=0), ((1, 0), (0, 0)))
+
+
+def when(starts, width):
+    """Which steps lie between each start and a time later."""
+    middle = (rolled()[0][1:] + rolled()[0][:-1]) / 2
+    return np.any([(middle > start) & (middle < start + width) for start in starts], axis=0)
+
+
+def losing(log):
+    """The rows that contradict the others at times, and what the first of them loses."""
+    seen = linearise(ROBOT, [log], among=())
+    faulty = at_times(seen, None, [], 100)
+    return faulty, bursts_of(ROBOT, [log], seen, faulty[0].row, faulty[0].hits) if faulty else None
+
+
+@pytest.mark.parametrize(("wheel", "part"), [(0, 0.2), (3, 0.2), (4, 1.0)])
+def test_a_steady_beat_is_found_with_its_wheel_part_and_times(wheel, part):
+    _, found = losing(read(less(wheel, part * when(np.arange(1.0, 60.0, 4.0), 0.4))))
+    assert found is not None
+    effect = found.effect
+    assert (effect.castor, effect.wheel) == (wheel // 2 + 1, wheel % 2 + 1)
+    assert effect.value == pytest.approx(part, rel=0.05)
+    assert (effect.period, effect.width, effect.start) == (
+        pytest.approx(4.0, abs=0.05),
+        pytest.approx(0.4, abs=0.06),
+        pytest.approx(1.0, abs=0.15),
+    )
+    assert effect.seed is None
+
+
+def test_bursts_at_random_are_found_without_a_beat():
+    starts = np.cumsum(np.random.default_rng(2).uniform(0.5, 8.0, size=14))
+    _, found = losing(read(less(5, 0.1 * when(starts, 0.5))))
+    assert found is not None
+    assert found.effect.seed is not None
+    assert (found.effect.castor, found.effect.wheel) == (3, 2)
+    assert found.effect.value == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_wheel_that_rolls_perfectly_contradicts_none():
+    assert losing(read(rolled()[1])) == ([], None)
+
+
+def test_as_many_counts_too_much_as_too_few_are_not_lost():
+    part = 0.2 * (when(np.arange(1.0, 60.0, 8.0), 0.4) * 1.0 - when(np.arange(5.0, 60.0, 8.0), 0.4))
+    faulty, found = losing(read(less(2, part)))
+    assert faulty[0].row == 2
+    assert found is None
+
+
+def test_encoders_that_cannot_contradict_each_other_tell_nothing():
+    t, turned, _ = rolled()
+    poses = np.zeros((len(t), 3))
+    log = Log(t, np.round(20 * turned[:, :2]), np.zeros((len(t), 0)), reference=poses)
+    assert at_times(linearise(preset("differential"), [log], among=()), None, [], 100) == []
+
+
+@pytest.mark.parametrize(("bursts", "sure"), [(3, False), (6, True)])
+def test_few_bursts_may_be_chance(bursts, sure):
+    """Were nothing lost, every window would be of either sense: 2 to the power of their number."""
+    log = read(less(3, 0.3 * when(np.arange(bursts) * 9.0 + 3.3, 0.4)))
+    seen = linearise(ROBOT, [log], among=())
+    (fault,) = at_times(seen, None, [], 100)
+    answer = answer_of(ROBOT, [log], seen, fault, None)
+    windows = int(fault.hits[0].sum())
+    assert answer.probability == pytest.approx(2.0**windows / (1 + 2.0**windows), abs=1e-3)
+    assert answer.unnamed != sure
+    assert len(answer.credible) == (1 if sure else 2)
+
+
+@cache
+def driven(seed, *effects):
+    robot = preset("swerve").with_effects(*effects)
+    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=40.0), seed, duration=40.0)
+
+
+def test_a_wheel_that_loses_counts_in_physics_is_named_and_held_out_logs_bear_it_out():
+    effect = TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
+    found = diagnose(preset("swerve"), [driven(3, effect)], [driven(4, effect)])
+    assert found.verdict == "named", [answer.reason for answer in found.answers]
+    (answer,) = found.answers
+    assert isinstance(answer.effect, TickLossBursts)
+    assert (answer.effect.castor, answer.effect.wheel) == (2, 1)
+    assert answer.effect.value == pytest.approx(0.2, rel=0.05)
+    assert answer.effect.period == pytest.approx(4.0, abs=0.05)
+    without = diagnose(preset("swerve"), [driven(3, effect)], [driven(4)])
+    assert without.verdict == "unconfirmed", [answer.reason for answer in without.answers]

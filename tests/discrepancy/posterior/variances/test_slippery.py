@@ -1,0 +1,92 @@
+"""Slippery patches of the floor: found where wheels slip, told by replays, borne out by logs that come there."""
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.floor import FrictionPatch
+from castor_envs.geometry.steps import Motion
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import wander
+from castor_envs.physics.contact_motion import ContactMotion
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.patches import patches_of
+from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.variances.events import Events
+from discrepancy.posterior.variances.slippery import confirmed_by, inside, slippery_in
+from discrepancy.trials.pymunk_generator import drive
+
+pytestmark = pytest.mark.slow
+
+ROBOT = preset("asoc-prototype")
+PATCH = FrictionPatch(x=-0.4, y=-0.6, length=0.5, width=0.5, angle=0.3, value=0.94)
+
+
+@cache
+def driven(effect, seed):
+    """A log of a minute of the base with an effect, driven at random in physics."""
+    robot = ROBOT if effect is None else ROBOT.with_effects(effect)
+    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=60.0), seed, duration=60.0)
+
+
+@cache
+def seen(effect, seed):
+    return linearise(ROBOT, [driven(effect, seed)], among=())
+
+
+@cache
+def rolled():
+    """A minute of perfect rolling at random."""
+    run = roll(ROBOT, wander(np.random.default_rng([5, 1]), duration=60.0), [0.3, 2.0, -1.5])
+    return Motion(run.t, run.pose, run.wheel_angle, run.castor_angle)
+
+
+def overlap(one, other):
+    """The common area of two patches as a part of what both cover together, on a fine grid."""
+    x, y = np.meshgrid(np.arange(-2.0, 2.0, 0.01), np.arange(-2.0, 2.0, 0.01))
+
+    def covered(patch):
+        c, s = math.cos(patch.angle), math.sin(patch.angle)
+        right, up = x + other.x - patch.x, y + other.y - patch.y
+        along, across = np.abs(c * right + s * up), np.abs(c * up - s * right)
+        return (along <= patch.length / 2) & (across <= patch.width / 2)
+
+    a, b = covered(one), covered(other)
+    return (a & b).sum() / (a | b).sum()
+
+
+def test_the_rectangle_in_which_wheels_slip_is_found():
+    patch = dataclasses.replace(PATCH, x=0.2, y=0.1)
+    there = patch.inside(ContactMotion(ROBOT, rolled()))
+    assert there.any()
+    slip = np.random.default_rng(1).normal(size=there.shape) * np.where(there, 1e-3, 5e-5)
+    assert overlap(patches_of(ROBOT, [rolled()], [slip])[0], patch) > 0.7
+    assert patches_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
+
+
+def test_a_patch_is_sure_where_it_lies_and_other_logs_that_come_there_bear_it_out():
+    found = slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
+    assert found is not None
+    assert overlap(found.effect, PATCH) > 0.3
+    assert abs(found.effect.value - PATCH.value) < 2 * found.error
+    assert confirmed_by(ROBOT, [driven(PATCH, 8)], seen(PATCH, 8), found) > math.log(19)
+    assert confirmed_by(ROBOT, [driven(None, 3)], seen(None, 3), found) < 0
+
+
+def test_an_even_floor_has_none_nor_have_logs_without_reference():
+    assert slippery_in(ROBOT, [driven(None, 3)], seen(None, 3), 1) is None
+    blind = dataclasses.replace(driven(PATCH, 7), reference=None)
+    assert slippery_in(ROBOT, [blind], linearise(ROBOT, [blind], among=()), 1) is None
+
+
+def test_steps_of_wheels_on_a_patch_and_of_their_castors_are_released():
+    found = slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
+    (steps,) = Events(patch=found).released(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7))
+    (there,) = inside(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), found)
+    np.testing.assert_array_equal(steps, there)
+    wheels = len(ROBOT.wheels)
+    np.testing.assert_array_equal(steps[:, wheels], steps[:, :2].any(axis=1))
+    assert 0.01 < steps[:, :wheels].mean() < 0.5
