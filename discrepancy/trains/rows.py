@@ -37,9 +37,9 @@ SMOOTH = 9
 CREEP = 1.0
 """One standard deviation of the part by which axles creep more than predicted: forces are known to a factor of two."""
 
-SLIDING, NEARLY, AROUND = 0.02, 0.7, 5
-"""What an axle's step is worth while it may slide; the part of its friction from which on it may; steps before and
-after that."""
+SLIDING, NEARLY, AROUND = 0.002, 0.7, 5
+"""What an axle's step is worth while it may slide, when its wheels slip by 0.1 m after 1 m or more: as far as steps
+are long; the part of its friction from which on it may; steps before and after that."""
 
 BENT = 1e-4
 """rad, to take derivatives with."""
@@ -75,10 +75,11 @@ class Bends:
 class TrainLog:
     """One log of a train, ready to be compared with trains built in different ways.
 
-    train: its effects do not count. loose (K - 1, N): steps in which axles may slide, and tell next to nothing.
+    train: its effects do not count. loose (K - 1, N): steps in which axles may slide, and tell next to nothing; none,
+    unless told (`with_loose`).
     """
 
-    def __init__(self, train: TrainDescription, log: Log, loose: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, train: TrainDescription, log: Log) -> None:
         self.described = train.as_described()
         self.n, self.f, self.k = train.n_axles, len(train.frames), len(log)
         self.t = log.t - log.t[0]
@@ -96,7 +97,7 @@ class TrainLog:
         self.gauges = np.cumsum([0, *(len(frame.gauge_positions) for frame in train.frames)])
         self.numbers = int(self.gauges[-1]) + 4 * self.n + 1 + frames
         self.creeping = int(self.gauges[-1]) + 3 * self.n + 1
-        self.loose = np.zeros((self.k - 1, self.n), dtype=bool) if loose is None else loose
+        self.loose = np.zeros((self.k - 1, self.n), dtype=bool)
         self.lasting = np.exp(-np.diff(self.t) / PULLING)[:, None]
         per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
         radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
@@ -111,6 +112,12 @@ class TrainLog:
         """Return the log as counts and relative poses alone tell it."""
         other = copy(self)
         other.at, other.reference = self.at[:0], self.reference[:0]
+        return other
+
+    def with_loose(self, loose: NDArray[np.bool_]) -> "TrainLog":
+        """Return the log with other steps (K - 1, N) in which axles may slide."""
+        other = copy(self)
+        other.loose = loose
         return other
 
     def prior(self, train: TrainDescription) -> Array:

@@ -21,6 +21,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.paths import SPEED
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.verdicts import Material
 from discrepancy.trains import posterior
 from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.selection import diagnosis
@@ -31,6 +32,9 @@ from discrepancy.trials.folder import asked_of, begin, each, name_of
 FORMAT = "castor-train-trial-case/1"
 STANDING = 0.5
 """m by which a path is shorter than its time would let it be at full speed: for starting, stopping and whole legs."""
+
+ALL = Material(0.0, 0.0)
+"""What matters in a trial: all sizes, however small."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +89,7 @@ def _selection(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[
 
 
 def _posterior(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> Said:
-    found = posterior.diagnose_train(train, logs, held_out)
+    found = posterior.diagnose_train(train, logs, held_out, material=ALL)
     known = {one.what for one in found.before.candidates if one.kinds}
     unsure = [one for one in found.answers if one.verdict in ("ambiguous", "unexplained")]
     sure: list[tuple[Placed, float | None]] = []
