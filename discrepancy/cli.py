@@ -16,21 +16,16 @@ from castor_envs import command_line
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
-from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.load import Vehicle, file_name, load_vehicle
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.diagnose import examine, examine_by_posterior
 from discrepancy.inspect import inspect_logs
 from discrepancy.posterior.verdicts import Material
-from discrepancy.preflight import check_logs
 from discrepancy.report import sentences
-from discrepancy.report.page import html_of
 from discrepancy.report.text import as_lines, write_diagnosis
-from discrepancy.trains import posterior as train_posterior
-from discrepancy.trains import told
-from discrepancy.trains.selection import report as train_report
-from discrepancy.trains.selection.diagnosis import diagnose_train
+from discrepancy.trains.examine import examine_train
 from discrepancy.trains.trial import run as train_run
 from discrepancy.trains.trial import scores as train_scores
 from discrepancy.trials import run, scores
@@ -133,14 +128,15 @@ def find(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Write report.html, diagnosis.json and robot.json with the effects named to this new folder."
+            help="Write report.html, diagnosis.json and robot.json, or train.json, with the effects named to this new "
+            "folder."
         ),
     ] = None,
     finder: Annotated[
         str | None,
         typer.Option(
-            help="posterior (a probability of every name) or selection (takes effects in by thresholds; knows slippery "
-            "patches and bursts). Default: posterior for robots, selection for trains."
+            help="posterior (a probability of every name) or, of robots alone, selection (takes effects in by "
+            "thresholds; knows slippery patches and bursts). Default: posterior."
         ),
     ] = None,
     material: Annotated[
@@ -164,30 +160,17 @@ def find(
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
-    finder = finder or ("selection" if isinstance(description, TrainDescription) else "posterior")
+    finder = finder or "posterior"
     matters = Material(1e-3 * material, 1e-3 * material)
-    if isinstance(description, TrainDescription):
-        check_logs({str(path): log for path, log in read.items()})
-        given = [[read[path] for path in chosen] for chosen in (paths, kept_back, good)]
-        if finder == "posterior":
-            if out is not None:
-                raise InputError("--out is not written by --finder posterior for trains yet; leave one of them out")
-            data = told.as_data(train_posterior.diagnose_train(description, *given, material=matters))
-            _tell(data, sentences.as_lines(data), None, as_json)
-            return
-        found = diagnose_train(description, *given)
-        names = [str(path) for path in paths]
-        data = train_report.as_data(found, names)
-        if out is not None:
-            write_diagnosis(out, data, found.found, html_of(data))
-        _tell(data, train_report.as_lines(found, names), out, as_json)
-        return
     named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
-    if finder == "posterior":
+    if isinstance(description, TrainDescription):
+        examined, lines_of = examine_train(description, named, held_out, before, matters), sentences.as_lines
+    elif finder == "posterior":
         examined, lines_of = examine_by_posterior(description, named, held_out, before, matters), sentences.as_lines
     else:
         examined, lines_of = examine(description, named, held_out, before), as_lines
-    data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
+    file = str(out / file_name(description)) if out and examined.found else None
+    data = examined.data | {"robot_file": file}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
     _tell(data, lines_of(data), out, as_json)
@@ -219,9 +202,7 @@ def trial(
     ] = None,
     finder: Annotated[
         str | None,
-        typer.Option(
-            help="Which finder to judge: posterior or selection. Default: posterior for robots, selection for trains."
-        ),
+        typer.Option(help="Which finder to judge: posterior or, of robots alone, selection. Default: posterior."),
     ] = None,
     duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
@@ -235,7 +216,7 @@ def trial(
 
     def run_in(folder: Path) -> None:
         if robot is not None and isinstance(any_preset(robot), TrainDescription):
-            _trial_of_train(cases, generator, seed, robot, finder or "selection", duration, folder, jobs, as_json)
+            _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
             return
         judge = finder or "posterior"
         run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
@@ -257,7 +238,6 @@ def _trial_of_train(
     generator: str,
     seed: int,
     train: str,
-    finder: str,
     duration: float,
     folder: Path,
     jobs: int | None,
@@ -266,8 +246,8 @@ def _trial_of_train(
     if generator != "pymunk":
         raise InputError(f"--generator {generator}: trains have pymunk alone")
     train_run.make(cases, seed, train, folder, duration=duration, jobs=jobs)
-    train_run.judge(folder, finder, jobs=jobs)
-    scored = train_scores.report(folder, finder)
+    train_run.judge(folder, jobs=jobs)
+    scored = train_scores.report(folder)
     print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(train_scores.lines(scored)))
 
 

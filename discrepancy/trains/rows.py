@@ -132,17 +132,12 @@ class TrainLog:
         """Return the nuisances (n,) of a motion."""
         return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep, motion.raised])
 
-    def start(self, built: TrainDescription, slip: Array | None = None) -> Motion:
-        """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with.
-
-        slip (K - 1, N, 3): of left wheels, right ones and to the side, m; if given, wheel counts move all axles.
-        """
+    def start(self, built: TrainDescription) -> Motion:
+        """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with."""
         wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
         per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
         way = (np.diff(roll, axis=0) * [wheel.radius for wheel in wheels]).reshape(-1, self.n, 2)
-        side = np.zeros(way.shape[:2]) if slip is None else slip[..., 2]
-        way = way if slip is None else way + slip[..., :2]
         track = 2 * bending.half_track(built)
         turn, along = (way[..., 1] - way[..., 0]) / track, way.mean(axis=2)
         pose = np.zeros((self.k, self.n, 3))
@@ -151,9 +146,9 @@ class TrainLog:
             middle = (heading[1:] + heading[:-1]) / 2
             chord = along[:, i] * np.sinc(turn[:, i] / (2 * np.pi))
             c, s = np.cos(middle), np.sin(middle)
-            steps = np.column_stack([c * chord - s * side[:, i], s * chord + c * side[:, i]])
+            steps = np.column_stack([c * chord, s * chord])
             own = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
-            if slip is None and i > 0 and self.read[:, i - 1].any():
+            if i > 0 and self.read[:, i - 1].any():
                 pose[:, i] = compose(pose[:, i - 1], inverse(self._seen(built, i - 1)))
             elif len(self.at):
                 pose[:, i] = compose(compose(self.reference[0, i], inverse(own[self.at[0]])), own)
