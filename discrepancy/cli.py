@@ -13,24 +13,19 @@ from rich.table import Table
 from typer.core import TyperCommand, TyperGroup
 
 from castor_envs import command_line
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError
 from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
-from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.load import Vehicle, file_name, load_vehicle
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.diagnose import examine
 from discrepancy.inspect import inspect_logs
 from discrepancy.posterior.verdicts import Material
-from discrepancy.preflight import check_logs
 from discrepancy.report import sentences
 from discrepancy.report.files import write_diagnosis
-from discrepancy.report.page import html_of
-from discrepancy.trains import posterior as train_posterior
-from discrepancy.trains import told
-from discrepancy.trains.selection import report as train_report
-from discrepancy.trains.selection.diagnosis import diagnose_train
+from discrepancy.trains.examine import examine_train
 from discrepancy.trains.trial import run as train_run
 from discrepancy.trains.trial import scores as train_scores
 from discrepancy.trials import run, scores
@@ -70,9 +65,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-FINDERS = ("selection", "posterior")
-"""Of trains; robots have the posterior alone."""
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
 NO_TRAINS = "is a train; castor-diagnose inspect serves single robots"
@@ -134,21 +126,12 @@ def find(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Write report.html, diagnosis.json and robot.json with the effects named to this new folder."
-        ),
-    ] = None,
-    finder: Annotated[
-        str | None,
-        typer.Option(
-            help="Of trains: selection (the default: takes effects in by thresholds) or posterior (a probability of "
-            "every name, as for robots)."
+            help="Write report.html, diagnosis.json and robot.json, or train.json, with the effects named to this new "
+            "folder."
         ),
     ] = None,
     material: Annotated[float, typer.Option(help="mm after 10 m, and mrad after a turn, that matter.", min=0)] = 1.0,
-    as_json: Annotated[
-        bool,
-        typer.Option("--json", help="Print JSON (castor-diagnosis/2; of trains' selection castor-diagnosis/1)."),
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/2).")] = False,
 ) -> None:
     """Name the effects that the robot file lacks; the word `find` may be left out.
 
@@ -161,27 +144,14 @@ def find(
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
-    finder = _finder(finder, isinstance(description, TrainDescription))
     matters = Material(1e-3 * material, 1e-3 * material)
-    if isinstance(description, TrainDescription):
-        check_logs({str(path): log for path, log in read.items()})
-        given = [[read[path] for path in chosen] for chosen in (paths, kept_back, good)]
-        if finder == "posterior":
-            if out is not None:
-                raise InputError("--out is not written by --finder posterior for trains yet; leave one of them out")
-            data = told.as_data(train_posterior.diagnose_train(description, *given, material=matters))
-            _tell(data, sentences.as_lines(data), None, as_json)
-            return
-        found = diagnose_train(description, *given)
-        names = [str(path) for path in paths]
-        data = train_report.as_data(found, names)
-        if out is not None:
-            write_diagnosis(out, data, found.found, html_of(data))
-        _tell(data, train_report.as_lines(found, names), out, as_json)
-        return
     named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
-    examined = examine(description, named, held_out, before, matters)
-    data = examined.data | {"robot_file": str(out / ROBOT_FILE) if out and examined.found else None}
+    if isinstance(description, TrainDescription):
+        examined = examine_train(description, named, held_out, before, matters)
+    else:
+        examined = examine(description, named, held_out, before, matters)
+    file = str(out / file_name(description)) if out and examined.found else None
+    data = examined.data | {"robot_file": file}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
     _tell(data, sentences.as_lines(data), out, as_json)
@@ -211,10 +181,6 @@ def trial(
     robot: Annotated[
         str | None, typer.Option(help="A preset's name, of a robot or a train. Default: all robots that can be judged.")
     ] = None,
-    finder: Annotated[
-        str | None,
-        typer.Option(help="Of trains, which finder to judge: selection (the default) or posterior."),
-    ] = None,
     duration: Annotated[float, typer.Option(help="Duration of each log, s.", min=10.0, max=600.0)] = DURATION,
     out: Annotated[
         Path | None,
@@ -226,10 +192,8 @@ def trial(
     """Hide effects in simulated logs, diagnose the logs in separate processes, and score the diagnoses."""
 
     def run_in(folder: Path) -> None:
-        train = robot is not None and isinstance(any_preset(robot), TrainDescription)
-        judge = _finder(finder, train)
-        if robot is not None and train:
-            _trial_of_train(cases, generator, seed, robot, judge, duration, folder, jobs, as_json)
+        if robot is not None and isinstance(any_preset(robot), TrainDescription):
+            _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
             return
         run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
         run.judge(folder, jobs=jobs)
@@ -250,7 +214,6 @@ def _trial_of_train(
     generator: str,
     seed: int,
     train: str,
-    finder: str,
     duration: float,
     folder: Path,
     jobs: int | None,
@@ -259,18 +222,9 @@ def _trial_of_train(
     if generator != "pymunk":
         raise InputError(f"--generator {generator}: trains have pymunk alone")
     train_run.make(cases, seed, train, folder, duration=duration, jobs=jobs)
-    train_run.judge(folder, finder, jobs=jobs)
-    scored = train_scores.report(folder, finder)
+    train_run.judge(folder, jobs=jobs)
+    scored = train_scores.report(folder)
     print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(train_scores.lines(scored)))
-
-
-def _finder(asked: str | None, train: bool) -> str:
-    """Return the finder for a train or a robot; raises InputError for one that it does not have."""
-    if asked is not None and asked not in FINDERS:
-        raise InputError(f"--finder {asked}{did_you_mean(asked, FINDERS)}")
-    if asked == "selection" and not train:
-        raise InputError("--finder selection: is of trains alone; leave it out")
-    return asked or ("selection" if train else "posterior")
 
 
 def _robot(spec: str) -> RobotDescription:

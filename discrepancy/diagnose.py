@@ -62,12 +62,8 @@ class Examined:
 
     def page(self) -> str:
         """Return the report as one HTML page."""
-        names, data = self.data["names"], self.data
-        likely = [(names[name], part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
-        named = [answer["what"] for answer in data["answers"] if answer["verdict"] == "named"]
-        shown: list[pictures.Picture | None] = []
-        if len(likely) > 1:
-            shown.append(pictures.probabilities([(*one, sentences.percent(one[1])) for one in likely], named))
+        data = self.data
+        shown: list[pictures.Picture | None] = [*answers.likely(data)]
         if self.replays is not None:
             shown.append(pictures.replays(*self.replays))
         try:

@@ -1,6 +1,6 @@
 """The numbers of the inference, each with its reason.
 
-`castor-diagnose trial --finder posterior` judges them together: rates, reliability diagram, expected calibration error.
+`castor-diagnose trial` judges them together: rates, reliability diagram, expected calibration error.
 What contacts and trackers are like is stated where logs are linearised, what robots are like by each effect class.
 """
 

@@ -23,7 +23,7 @@ from discrepancy.report.parts import (
     section,
     text,
 )
-from discrepancy.report.pictures import Picture
+from discrepancy.report.pictures import Picture, probabilities
 
 GAP = (("m", "position", "mm"), ("rad", "heading", "mrad"))
 """Of a gap: key, what people read, unit of a thousandth."""
@@ -45,6 +45,14 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
         section("Numbers in full", full(data)),
     ]
     return page_of(data, sentences.sentence(data), _checks(data) + logs_line(data), sections)
+
+
+def likely(data: Data) -> list[Picture]:
+    """Return the picture of how likely names are; none where there are not two to compare."""
+    names = mapping(data.get("names"))
+    told = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
+    named = [str(answer["what"]) for answer in data["answers"] if answer["verdict"] == "named"]
+    return [probabilities([(*one, sentences.percent(one[1])) for one in told], named)] if len(told) > 1 else []
 
 
 def _checks(data: Data) -> str:

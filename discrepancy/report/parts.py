@@ -31,20 +31,15 @@ MOTION = (
 
 def page_of(data: Data, sentence: str, head: str, sections: Iterable[str]) -> str:
     """Return a page about a diagnosis. head, sections: HTML."""
+    robot = str(data.get("robot") or "robot")
     return Template(PAGE.read_text(encoding="utf-8")).substitute(
-        title=text(f"{name_of(data)}: {data.get('verdict') or 'diagnosis'}"),
-        robot=text(name_of(data)),
+        title=text(f"{robot}: {data.get('verdict') or 'diagnosis'}"),
+        robot=text(robot),
         verdict=text(data.get("verdict") or "diagnosis"),
         sentence=text(sentence),
         head=head,
         sections="".join(sections),
     )
-
-
-def name_of(data: Data) -> str:
-    """Return what the robot is called."""
-    robot = data.get("robot")
-    return str(mapping(robot).get("name") or "robot") if isinstance(robot, Mapping) else str(robot or "robot")
 
 
 def names_apart(paths: Iterable[Any]) -> dict[str, str]:
@@ -106,12 +101,12 @@ def before_after(caption: str, four: Sequence[Data], rows: Iterable[tuple[str, s
         for before, after in pairs:
             now = f'<b class="after">{number(after, scale, 2)}</b>'
             cells += [number(before, scale, 2), *([now, left(before, after)] if found else [])]
-        body.append([f'{label} <span class="unit">{unit}</span>', *cells, ""])
+        body.append([f'{label} <span class="unit">{unit}</span>', *cells])
     if not body:
         return ""
     columns = ["before", "after", "left"] if found else ["as described"]
     groups = [("", 1), ("these logs", len(columns)), ("held-out logs", len(columns))] if held_out else None
-    return table(["", *columns * (2 if held_out else 1)], body, caption, groups)
+    return _table(caption, groups, ["", *columns * (2 if held_out else 1)], body)
 
 
 def left(before: Any, after: Any) -> str:
@@ -147,27 +142,15 @@ def section(title: str, body: str) -> str:
     return f"<section><h2>{title}</h2>{body}</section>" if body else ""
 
 
-def table(
-    head: Sequence[str] | None,
-    rows: Sequence[Sequence[str]],
-    caption: str = "",
-    groups: Sequence[tuple[str, int]] | None = None,
+def _table(
+    caption: str, groups: Sequence[tuple[str, int]] | None, head: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> str:
-    """Return a table of cells that are HTML already: labels, numbers, and last their unit, shown if there is any."""
-    parts = [f"<caption>{caption}</caption>"] if caption else []
-    if groups or head:
-        parts.append("<thead>")
-        if groups:
-            over = "".join(f'<th colspan="{n}">{title}</th>' for title, n in groups)
-            parts.append(f'<tr class="groups">{over}</tr>')
-        if head:
-            parts.append(f"<tr>{''.join(f'<th>{text(cell)}</th>' for cell in head)}</tr>")
-        parts.append("</thead>")
-    units = any(row[-1] for row in rows)
-    for label, *numbers, unit in rows:
-        cells = "".join(f"<td>{cell}</td>" for cell in numbers)
-        last = f'<td class="unit">{unit}</td>' if units else ""
-        parts.append(f"<tr><th>{label}</th>{cells}{last}</tr>")
+    """Return a table of cells that are HTML already: labels and numbers. groups: titles over so many columns."""
+    over = "".join(f'<th colspan="{n}">{title}</th>' for title, n in groups or ())
+    parts = [f"<caption>{caption}</caption><thead>", f'<tr class="groups">{over}</tr>' if groups else ""]
+    parts.append(f"<tr>{''.join(f'<th>{text(cell)}</th>' for cell in head)}</tr></thead>")
+    for label, *numbers in rows:
+        parts.append(f"<tr><th>{label}</th>{''.join(f'<td>{cell}</td>' for cell in numbers)}</tr>")
     return f'<div class="wide"><table>{"".join(parts)}</table></div>'
 
 

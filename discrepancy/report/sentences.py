@@ -52,7 +52,7 @@ def sentence(data: Data) -> str:
 
 def as_lines(data: Data) -> list[str]:
     """Return the same facts as the page in about ten lines."""
-    lines = [line for line in (stays(data),) if line]
+    lines, file = [line for line in (stays(data),) if line], data.get("file", "robot.json")
     lines += [f"{data['robot']}: {data['verdict']}", *(f"pre-flight: {line}" for line in data["preflight"])]
     for answer in material(data):
         lines.append(f"{answer['verdict']}: {answer['what']}, {percent(answer['probability'])} sure")
@@ -72,11 +72,11 @@ def as_lines(data: Data) -> list[str]:
     for where, of in (("", data["gap"]), (" on the held-out logs", data["held_out_gap"])):
         if of is not None:
             before, after = (None if one is None else off(one) for one in of)
-            now = f"; with robot.json {after}, {_part(*of)} stays" if after is not None else ""
+            now = f"; with {file} {after}, {_part(*of)} stays" if after is not None else ""
             lines.append(f"odometry is off the reference{where} by {before} (rms){now}")
     replays = mapping(data["replay"])
     if before := mapping(replays.get("before")):
-        now = f"; with robot.json {missed(replays['after'])}" if replays.get("after") else ""
+        now = f"; with {file} {missed(replays['after'])}" if replays.get("after") else ""
         lines.append(f"simulation is off the logs after {before['window_s']:.0f} s by {missed(before)} (rms){now}")
     return lines
 

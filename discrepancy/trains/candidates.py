@@ -159,15 +159,6 @@ class Candidate:
         """Return the train with the effect of this amplitude (1,) beside its own."""
         return self.sized(amplitudes).added(train)
 
-    @property
-    def frame(self) -> int | None:
-        """The frame (from 1) whose sensor it is about, if it is about one."""
-        if self.placed is not None:
-            return getattr(self.placed.effect, "frame", None)
-        if self.rival is not None and self.rival.kind.startswith("gauges"):
-            return int(self.rival.kind.removeprefix("gauges")) + 1
-        return None
-
 
 def named_candidates(train: TrainDescription) -> list[Candidate]:
     """Return every effect that the train may have and readings show in their mean, each in the size of its step."""

@@ -11,7 +11,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.random_effects import Statistics, together
-from discrepancy.trains.candidates import Candidate, Rival, every_candidate
+from discrepancy.trains.candidates import Candidate, Rival
 from discrepancy.trains.motion import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes
 from discrepancy.trains.rows import TrainLog
 from discrepancy.validation.cost import cost_of_sizes
@@ -219,14 +219,10 @@ def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) ->
 
 
 def evidence_of(
-    train: TrainDescription, logs: Sequence[TrainLog], found: Settled, only: Sequence[Candidate] | None = None
+    train: TrainDescription, logs: Sequence[TrainLog], found: Settled, candidates: Sequence[Candidate]
 ) -> Evidence:
-    """Return what logs say of all candidates beyond the effects that the train's file has, around a settled motion.
-
-    only: the candidates to look at; None: all there are, and rivals without a name.
-    """
+    """Return what logs say of candidates beyond the effects that the train's file has, around a settled motion."""
     built = train.as_built()
-    candidates = every_candidate(train, logs) if only is None else list(only)
     others = [None if one.placed is None else one.placed.more(train) for one in candidates]
     said, costs = [], []
     for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):

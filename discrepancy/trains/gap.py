@@ -1,13 +1,13 @@
-"""How far a train's model is off what was measured: relative poses, and the axles' poses if there is a reference."""
+"""How far a train's localisation is off what was measured, if there is a reference."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.se2 import compose, inverse, relative_pose
+from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.evidence import Settled, settled
 from discrepancy.trains.motion import Motion
@@ -15,52 +15,6 @@ from discrepancy.trains.rows import TrainLog
 
 HORIZON = 5.0
 """s for which wheel counts alone carry the train on, before it is put again where it was."""
-
-MEAN = 1.0
-"""s over which the difference of relative poses is averaged, as their readings are noisy."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """What wheel counts, with the creep that a train's contacts say, get wrong within `HORIZON` (rms).
-
-    posture_position, posture_heading: of the relative poses as sensors should read them, m and rad, averaged over
-    `MEAN`. position, heading: of the axles against the reference; None without one.
-    """
-
-    posture_position: float
-    posture_heading: float
-    position: float | None
-    heading: float | None
-
-
-def gap_of(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> Gap:
-    """Return the gap of a train with its effects on logs, from the motions that go with them."""
-    built = train.as_built()
-    sensors, poses = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for log, motion in zip(logs, state.motions, strict=True):
-        slip = log.creep(built, motion, log.ends(built, motion.relative), np.zeros_like(motion.pull))
-        carried = _carried(log.start(built, slip).pose, motion, log.t)
-        relative = relative_pose(carried[:, 1:], carried[:, :-1])
-        moved = replace(motion, pose=carried)
-        left = log.residuals(built, moved, log.ends(built, relative))
-        block = np.floor(log.t / MEAN).astype(int)
-        for f in range(log.f):
-            own = log.read[:, f]
-            counts = np.bincount(block[own])
-            sums = [np.bincount(block[own], left[f"gauges{f}"][own, j]) for j in range(3)]
-            sensors.append(np.stack(sums, axis=1)[counts > 0] / counts[counts > 0, None])
-        if len(log.at):
-            both = np.concatenate([left["position"], left["heading"][..., None]], axis=-1)
-            poses.append(both.reshape(-1, 3))
-    posture, pose = np.concatenate(sensors), np.concatenate(poses)
-    none = len(pose) == 0
-    return Gap(
-        _rms(posture[:, :2]),
-        _rms(posture[:, 2:]),
-        None if none else _rms(pose[:, :2]),
-        None if none else _rms(pose[:, 2:]),
-    )
 
 
 def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> tuple[float, float] | None:

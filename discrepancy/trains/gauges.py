@@ -41,9 +41,11 @@ def with_dead_gauges(
             continue
         rest = [one for one in named if one.candidate != answer.candidate]
         without = seen.log_evidence if len(rest) == len(named) else _log_evidence(look, rest, seen)
-        dead = [one for one in seen.candidates if one.kinds and isinstance(one.kinds[0], DeadGauge)]
-        others = {one.candidate for one in rest}
-        gauges = [one for one in dead if one.frame == kind.frame and one not in others]
+        others, gauges = {one.candidate for one in rest}, []
+        for one in seen.candidates:
+            (other,) = one.kinds or (None,)
+            if isinstance(other, DeadGauge) and other.frame == kind.frame and one not in others:
+                gauges.append(one)
         each = [_log_evidence(look, [*rest, Sized(one, np.ones(1))], seen) for one in gauges]
         weights = np.array([without + np.log(NOTHING), *(np.array(each) + np.log1p(-NOTHING) - np.log(names))])
         nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()

@@ -126,13 +126,24 @@ def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[Tra
     """
     for number, log in enumerate(logs, start=1):
         _check(train, log, number)
-    rough = [TrainLog(train, log) for log in logs]
-    state, built = settled(train, rough), train.as_built()
+    return sliding_in(train, [TrainLog(train, log) for log in logs])
+
+
+def sliding_in(
+    train: TrainDescription, own: Sequence[TrainLog], start: Settled | None = None
+) -> tuple[list[TrainLog], Settled]:
+    """Return logs in which steps that axles of a train with its effects may have slid in count for little, and their
+    motion.
+
+    start: see `linearise`. Which they are is told by a fit that does not know of any: forces are seen by slip alone.
+    """
+    built, rough = train.as_built(), [one.with_loose(np.zeros_like(one.loose)) for one in own]
+    state = settled(train, rough, start)
     loose = [one.sliding(built, motion) for one, motion in zip(rough, state.motions, strict=True)]
-    loose = [own & (own.mean(axis=0) <= OFTEN) for own in loose]
-    if not any(own.any() for own in loose):
+    loose = [slid & (slid.mean(axis=0) <= OFTEN) for slid in loose]
+    if not any(slid.any() for slid in loose):
         return rough, state
-    own = [TrainLog(train, log, slid) for log, slid in zip(logs, loose, strict=True)]
+    own = [one.with_loose(slid) for one, slid in zip(rough, loose, strict=True)]
     return own, settled(train, own, state)
 
 

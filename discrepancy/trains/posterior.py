@@ -21,7 +21,7 @@ from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_o
 from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
 from discrepancy.trains.evidence import STILL
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
-from discrepancy.trains.linearise import Linearised, equations_of, linearise
+from discrepancy.trains.linearise import Linearised, equations_of, linearise, sliding_in
 
 
 @threadpool_limits.wrap(limits=1)
@@ -44,10 +44,10 @@ def diagnose_train(
     named, seen, posterior, answers = _named(train, first, good)
     held, order = None, None
     if held_out:
-        own, state = equations_of(train, held_out)
         among = _of_trains([one.candidate for one in named])
-        without = linearise(train, own, state, among)
-        beside = linearise(with_them(train, named), own, None, among)
+        without, beside = (
+            linearise(built, *equations_of(built, held_out), among) for built in (train, with_them(train, named))
+        )
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
@@ -62,8 +62,10 @@ def _named(
     """Return the effects that logs name, what logs say beside these, and the answers."""
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
-        every = first.candidates if among is None else among
-        return linearise(with_them(train, named), first.own, start.settled, _of_trains(every))
+        built = with_them(train, named)
+        if among is not None:
+            return linearise(built, start.own, start.settled, _of_trains(among))
+        return linearise(built, *sliding_in(built, start.own, start.settled), first.candidates)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         there = _sizes(seen, named)

@@ -37,9 +37,9 @@ SMOOTH = 9
 CREEP = 1.0
 """One standard deviation of the part by which axles creep more than predicted: forces are known to a factor of two."""
 
-SLIDING, NEARLY, AROUND = 0.02, 0.7, 5
-"""What an axle's step is worth while it may slide; the part of its friction from which on it may; steps before and
-after that."""
+SLIDING, NEARLY, AROUND = 0.002, 0.7, 5
+"""What an axle's step is worth while it may slide, when its wheels slip by 0.1 m after 1 m or more: as far as steps
+are long; the part of its friction from which on it may; steps before and after that."""
 
 BENT = 1e-4
 """rad, to take derivatives with."""
@@ -75,10 +75,11 @@ class Bends:
 class TrainLog:
     """One log of a train, ready to be compared with trains built in different ways.
 
-    train: its effects do not count. loose (K - 1, N): steps in which axles may slide, and tell next to nothing.
+    train: its effects do not count. loose (K - 1, N): steps in which axles may slide, and tell next to nothing; none,
+    unless told (`with_loose`).
     """
 
-    def __init__(self, train: TrainDescription, log: Log, loose: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, train: TrainDescription, log: Log) -> None:
         self.described = train.as_described()
         self.n, self.f, self.k = train.n_axles, len(train.frames), len(log)
         self.t = log.t - log.t[0]
@@ -96,7 +97,7 @@ class TrainLog:
         self.gauges = np.cumsum([0, *(len(frame.gauge_positions) for frame in train.frames)])
         self.numbers = int(self.gauges[-1]) + 4 * self.n + 1 + frames
         self.creeping = int(self.gauges[-1]) + 3 * self.n + 1
-        self.loose = np.zeros((self.k - 1, self.n), dtype=bool) if loose is None else loose
+        self.loose = np.zeros((self.k - 1, self.n), dtype=bool)
         self.lasting = np.exp(-np.diff(self.t) / PULLING)[:, None]
         per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
         radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
@@ -113,6 +114,12 @@ class TrainLog:
         other.at, other.reference = self.at[:0], self.reference[:0]
         return other
 
+    def with_loose(self, loose: NDArray[np.bool_]) -> "TrainLog":
+        """Return the log with other steps (K - 1, N) in which axles may slide."""
+        other = copy(self)
+        other.loose = loose
+        return other
+
     def prior(self, train: TrainDescription) -> Array:
         """Return the standard deviations of the nuisances (n,) before anything is read."""
         offsets = [
@@ -125,17 +132,12 @@ class TrainLog:
         """Return the nuisances (n,) of a motion."""
         return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep, motion.raised])
 
-    def start(self, built: TrainDescription, slip: Array | None = None) -> Motion:
-        """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with.
-
-        slip (K - 1, N, 3): of left wheels, right ones and to the side, m; if given, wheel counts move all axles.
-        """
+    def start(self, built: TrainDescription) -> Motion:
+        """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with."""
         wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
         per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
         way = (np.diff(roll, axis=0) * [wheel.radius for wheel in wheels]).reshape(-1, self.n, 2)
-        side = np.zeros(way.shape[:2]) if slip is None else slip[..., 2]
-        way = way if slip is None else way + slip[..., :2]
         track = 2 * bending.half_track(built)
         turn, along = (way[..., 1] - way[..., 0]) / track, way.mean(axis=2)
         pose = np.zeros((self.k, self.n, 3))
@@ -144,9 +146,9 @@ class TrainLog:
             middle = (heading[1:] + heading[:-1]) / 2
             chord = along[:, i] * np.sinc(turn[:, i] / (2 * np.pi))
             c, s = np.cos(middle), np.sin(middle)
-            steps = np.column_stack([c * chord - s * side[:, i], s * chord + c * side[:, i]])
+            steps = np.column_stack([c * chord, s * chord])
             own = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
-            if slip is None and i > 0 and self.read[:, i - 1].any():
+            if i > 0 and self.read[:, i - 1].any():
                 pose[:, i] = compose(pose[:, i - 1], inverse(self._seen(built, i - 1)))
             elif len(self.at):
                 pose[:, i] = compose(compose(self.reference[0, i], inverse(own[self.at[0]])), own)

@@ -3,27 +3,27 @@
 trial.json                      what was asked for: train, cases, seed, duration
 cases/case-0001/                log.csv, holdout.csv and train.json (nominal): all that the finder gets
 labels/case-0001.json           what was hidden
-outcomes/FINDER/case-0001.json  what a finder said
+outcomes/case-0001.json         what the finder said
 """
 
 import dataclasses
 import os
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError
 from castor_envs.files import write_json
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
 from castor_envs.motion.paths import SPEED
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains import posterior
+from discrepancy.posterior.verdicts import Material
 from discrepancy.trains.candidates import Candidate, Placed
-from discrepancy.trains.selection import diagnosis
+from discrepancy.trains.posterior import diagnose_train
 from discrepancy.trains.trial.cases import Case, draw, plain
 from discrepancy.trains.trial.simulate import log_at_random
 from discrepancy.trials.folder import asked_of, begin, each, name_of
@@ -31,6 +31,9 @@ from discrepancy.trials.folder import asked_of, begin, each, name_of
 FORMAT = "castor-train-trial-case/1"
 STANDING = 0.5
 """m by which a path is shorter than its time would let it be at full speed: for starting, stopping and whole legs."""
+
+ALL = Material(0.0, 0.0)
+"""What matters in a trial: all sizes, however small."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,15 +60,12 @@ def make(
     each([(_make_case, (plan, k, folder)) for k in missing], jobs)
 
 
-def judge(folder: str | os.PathLike[str], finder: str, *, jobs: int | None = None) -> None:
-    """Let a finder say what is in every case that it has not seen yet; raises InputError for an unknown finder."""
-    folder, outcomes = Path(folder), Path(folder) / "outcomes" / finder
-    if finder not in FINDERS:
-        raise InputError(f"unknown finder {finder!r}{did_you_mean(finder, FINDERS)}")
-    outcomes.mkdir(parents=True, exist_ok=True)
+def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Let the finder say what is in every case that it has not seen yet."""
+    folder, outcomes = Path(folder), Path(folder) / "outcomes"
     names = [name_of(k) for k in range(1, plan_of(folder).cases + 1)]
     missing = [name for name in names if not (outcomes / f"{name}.json").exists()]
-    each([(_judge_case, (folder / "cases" / name, outcomes / f"{name}.json", finder)) for name in missing], jobs)
+    each([(_judge_case, (folder / "cases" / name, outcomes / f"{name}.json")) for name in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:
@@ -73,50 +73,27 @@ def plan_of(folder: str | os.PathLike[str]) -> Plan:
     return Plan(**asked_of(Path(folder)))
 
 
-Said = dict[str, Any]
-"""What a finder says, by names and places in words: verdict, reason, those it is sure of ("named"), all that it may be
-("possible"), and those it is sure of as plain data, with standard errors ("found")."""
+def said(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> dict[str, Any]:
+    """Return what the finder says, by names and places in words.
 
-
-def _selection(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> Said:
-    found = diagnosis.diagnose_train(train, logs, held_out)
-    sure = [(one.placed, one.error) for one in found.findings if one.verdict == "named" and one.placed is not None]
-    return _said(found.verdict, found.reason, train, sure, found.families)
-
-
-def _posterior(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> Said:
-    found = posterior.diagnose_train(train, logs, held_out)
-    known = {one.what for one in found.before.candidates if one.kinds}
-    unsure = [one for one in found.answers if one.verdict in ("ambiguous", "unexplained")]
+    verdict, reason; named: those that it is sure of; possible: all that it may be; found: those it is sure of as plain
+    data, with standard errors.
+    """
+    diagnosis = diagnose_train(train, logs, held_out, material=ALL)
+    known = {candidate.what for candidate in diagnosis.before.candidates if candidate.kinds}
+    unsure = [answer for answer in diagnosis.answers if answer.verdict in ("ambiguous", "unexplained")]
     sure: list[tuple[Placed, float | None]] = []
-    for one in found.answers:
-        if one.verdict == "named" and isinstance(one.candidate, Candidate):
-            placed = one.candidate.sized(one.amplitudes)
-            sure.append((placed, None if placed.effect.binary else one.error))
-    reason = "; ".join(f"{one.verdict}: {one.reason}" for one in found.answers)
-    return _said(found.verdict, reason, train, sure, [name for one in unsure for name in one.credible if name in known])
-
-
-FINDERS: dict[str, Callable[[TrainDescription, Sequence[Log], Sequence[Log]], Said]] = {
-    "selection": _selection,
-    "posterior": _posterior,
-}
-"""Called with a train, logs and held-out logs."""
-
-
-def _said(
-    verdict: str,
-    reason: str,
-    train: TrainDescription,
-    sure: Sequence[tuple[Placed, float | None]],
-    unsure: Sequence[str],
-) -> Said:
+    for answer in diagnosis.answers:
+        if answer.verdict == "named" and isinstance(answer.candidate, Candidate):
+            placed = answer.candidate.sized(answer.amplitudes)
+            sure.append((placed, None if placed.effect.binary else answer.error))
     named = [placed.what(train) for placed, _ in sure]
+    possible = [name for answer in unsure for name in answer.credible if name in known]
     return {
-        "verdict": verdict,
-        "reason": reason,
+        "verdict": diagnosis.verdict,
+        "reason": "; ".join(f"{answer.verdict}: {answer.reason}" for answer in diagnosis.answers),
         "named": named,
-        "possible": list(dict.fromkeys([*named, *unsure])),
+        "possible": list(dict.fromkeys([*named, *possible])),
         "found": [plain(placed, train) | {"error": error} for placed, error in sure],
     }
 
@@ -150,15 +127,15 @@ def _label(case: Case, train: TrainDescription) -> dict[str, Any]:
     }
 
 
-def _judge_case(case: Path, outcome: Path, finder: str) -> None:
-    """Write what a finder says of one case; it sees the case's files."""
+def _judge_case(case: Path, outcome: Path) -> None:
+    """Write what the finder says of one case; it sees the case's files."""
     started = time.perf_counter()
     result: dict[str, Any] = {"format": FORMAT, "case": int(case.name[-4:])}
     nothing = {"named": [], "possible": [], "found": []}
     try:
         train = TrainDescription.load(case / "train.json")
         log, held_out = (read_log(case / name, train) for name in ("log.csv", "holdout.csv"))
-        result |= FINDERS[finder](train, [log], [held_out])
+        result |= said(train, [log], [held_out])
     except InputError as error:
         result |= nothing | {"verdict": "refused", "reason": str(error)}
     except Exception:  # a finder that breaks fails its own case, no other

@@ -20,7 +20,7 @@ from discrepancy.trains.trial.run import plan_of
 from discrepancy.trials.finders import QUIET
 from discrepancy.trials.scores import NORMAL, Rate, wilson
 
-FORMAT = "castor-train-trial/2"
+FORMAT = "castor-train-trial/3"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,10 +66,10 @@ class Trial:
         return bool(set(self.outcome["named"]) - self.truth)
 
 
-def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
-    """Return all cases of a trial of which a finder has spoken; raises InputError if there are none."""
+def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
+    """Return all cases of a trial of which the finder has spoken; raises InputError if there are none."""
     folder = Path(folder)
-    paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
+    paths = sorted((folder / "outcomes").glob("case-*.json"))
     if not paths:
         raise InputError(f"{folder}: nothing was found yet; judge the cases first")
     return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
@@ -125,9 +125,9 @@ def coverage(trials: Sequence[Trial]) -> Rate:
     return Rate("true size within the 95 % interval", sum(inside), len(inside), *wilson(sum(inside), len(inside)))
 
 
-def report(folder: str | os.PathLike[str], finder: str) -> dict[str, Any]:
-    """Return all scores of a finder in a trial as plain data."""
-    trials = trials_of(folder, finder)
+def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return all scores of a trial as plain data."""
+    trials = trials_of(folder)
     drives: dict[str, Any] = {}
     for drive in get_args(Drive):
         driven = [trial for trial in trials if trial.label["drive"] == drive]
@@ -138,7 +138,6 @@ def report(folder: str | os.PathLike[str], finder: str) -> dict[str, Any]:
     verdicts = Counter(f"{trial.label['stratum']}, {trial.outcome['verdict']}" for trial in trials)
     return {
         "format": FORMAT,
-        "finder": finder,
         "plan": dataclasses.asdict(plan_of(folder)),
         "judged": len(trials),
         "drives": drives,
@@ -151,8 +150,7 @@ def lines(scores: dict[str, Any]) -> list[str]:
     """Return the scores of `report` as text."""
     plan = scores["plan"]
     text = [
-        f"{scores['judged']} of {plan['cases']} cases, {plan['train']}, seed {plan['seed']}, {plan['duration']:g} s, "
-        f"finder {scores['finder']}"
+        f"{scores['judged']} of {plan['cases']} cases, {plan['train']}, seed {plan['seed']}, {plan['duration']:g} s"
     ]
     for drive, rates_of in scores["drives"].items():
         text += ["", "Wheels that yield to each other:" if drive == "yielding" else "Wheels held at speed:"]

@@ -107,10 +107,3 @@ def test_what_is_not_confirmed_is_not_written_and_slip_is_shown(log, tmp_path, c
     assert "with robot.json" not in text
     assert "Where slip is left" in page.read_text()
     assert f"{log.parent.name}/log.csv, held out: good/log.csv" in page.read_text()
-
-
-@pytest.mark.parametrize("name", ["guess", "selection"])
-def test_a_finder_that_robots_do_not_have_is_one_line(log, capsys, name):
-    code, _, err = command(capsys, log, "--finder", name)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"--finder {name}" in err

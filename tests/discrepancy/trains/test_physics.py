@@ -5,10 +5,11 @@ import dataclasses
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
-from castor_envs.effects.train import GaugeGain
+from castor_envs.effects.train import AxleSlip, GaugeGain
 from castor_envs.vehicles.presets import cfmmr
-from discrepancy.trains.selection.diagnosis import diagnose_train
-from discrepancy.trains.selection.report import as_data, as_lines
+from discrepancy.report import sentences
+from discrepancy.trains.examine import examine_train
+from discrepancy.trains.posterior import diagnose_train
 from discrepancy.trains.trial.simulate import log_at_random
 
 TRAIN = cfmmr(2)
@@ -16,18 +17,16 @@ TRAIN = cfmmr(2)
 
 def only(found):
     """The one effect that is named, its value and standard error."""
-    assert found.verdict == "named", found.reason
-    (one,) = found.findings
-    assert one.placed is not None
-    assert one.error is not None
-    return one.placed, one.placed.value, one.error
+    assert found.verdict == "named", found.answers
+    (answer,) = found.answers
+    return answer.candidate.sized(answer.amplitudes), answer.size, answer.error
 
 
 @pytest.mark.parametrize("seed", [11, 12, 15])
 def test_wheels_held_at_speeds_that_disagree_are_no_effect(seed):
     """Here frames pull at their axles with 10 N and more, which slip a third of a per cent."""
     found = diagnose_train(TRAIN, [log_at_random(TRAIN, seed, 6.0, "servo")])
-    assert (found.verdict, found.findings) == ("no discrepancy", ())
+    assert (found.verdict, found.answers) == ("no discrepancy", ())
 
 
 def test_an_effect_is_named_though_wheels_are_held_at_speed():
@@ -41,10 +40,17 @@ def test_an_effect_is_named_though_wheels_are_held_at_speed():
 def test_axles_that_slide_are_told():
     """A gain of 40 % sets the driver's axles so much against each other that they slide."""
     train = TRAIN.with_effects(GaugeGain(frame=1, value=0.4))
-    found = diagnose_train(TRAIN, [log_at_random(train, 5, 4.0, "servo")])
-    assert 0 < found.sliding < 1
-    assert as_data(found, ["a.csv"])["slip"]["may_slide"] == found.sliding
-    assert "some may slide" in "\n".join(as_lines(found, ["a.csv"]))
+    data = examine_train(TRAIN, {"a.csv": log_at_random(train, 5, 4.0, "servo")}, {}, {}).data
+    (remark,) = data["preflight"]
+    assert "some may slide" in remark
+    assert f"pre-flight: {remark}" in sentences.as_lines(data)
+
+
+def test_slip_under_one_axle_is_named():
+    slippery = TRAIN.with_effects(AxleSlip(axle=1, value=14.0))
+    placed, value, error = only(diagnose_train(TRAIN, [log_at_random(slippery, 7, 4.0)]))
+    assert placed.effect == AxleSlip(axle=1, value=value)
+    assert abs(value - 14.0) < 3 * error
 
 
 def test_several_logs_are_fitted_together():

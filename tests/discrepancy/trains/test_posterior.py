@@ -1,5 +1,6 @@
 """Trains with hidden effects: what the posterior says of them, on perfect rolling."""
 
+import dataclasses
 import json
 
 import pytest
@@ -9,6 +10,7 @@ from castor_envs.effects.train import DeadGauge, SensorStops
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import write_log
 from castor_envs.vehicles.presets import cfmmr
+from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli
 from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
@@ -37,6 +39,7 @@ def test_a_train_in_good_order_raises_no_alarm(driven, seed):
     found = found_in(driven(seed=seed, reference=seed > 1))
     assert found.verdict in ("no discrepancy", "negligible")
     assert found.found == found.robot
+    assert (found.before.gap is None) == (seed == 1)
 
 
 def test_an_effect_is_named_within_its_interval(driven, hidden_effect):
@@ -70,6 +73,13 @@ def test_a_sensor_that_stops_is_named_at_its_time(driven):
     assert only(denied).verdict == "unconfirmed"
 
 
+def test_without_a_reference_sensors_and_wheels_still_tell(driven):
+    found = found_in(driven(tracks=(1.0, 0.97), reference=False))
+    assert [*named(found)] == [("track", 2)]
+    answer = only(found)
+    assert abs(answer.size + 0.03) < 3 * answer.error < 0.03
+
+
 def test_two_effects_are_named_together(driven):
     hidden = {"gains": (1.15,) * 4, "radii": (1.0, 1.015, 1.0, 1.0)}
     found = found_in(driven(**hidden), held_out=[driven(seed=2, **hidden)[0]])
@@ -78,6 +88,12 @@ def test_two_effects_are_named_together(driven):
         ("wheel_radius", 1): pytest.approx(0.015, abs=1e-3),
     }
     assert found.verdict == "named"
+    assert TrainDescription.from_dict(json.loads(json.dumps(found.found.to_dict()))) == found.found
+    (before, after), (held_before, held_after) = (
+        (one.gap, other.gap) for one, other in ((found.before, found.after), found.held_out)
+    )
+    assert after[0] < 0.5 * before[0]
+    assert held_after[0] < 0.5 * held_before[0]
 
 
 def test_a_wheel_that_loses_counts_for_a_while_is_unexplained(driven):
@@ -90,6 +106,13 @@ def test_a_wheel_that_loses_counts_for_a_while_is_unexplained(driven):
 def test_a_name_that_held_out_logs_deny_is_not_confirmed(driven):
     found = found_in(driven(gains=(1.15,) * 4), held_out=[driven(seed=2)[0]])
     assert only(found).verdict == "unconfirmed"
+
+
+def test_a_motion_that_does_not_show_it_confirms_nothing(driven):
+    hidden = {"gains": (1.15,) * 4}
+    found = found_in(driven(**hidden), held_out=[driven(seed=2, straight=True, **hidden)[0]])
+    assert only(found).verdict == "unconfirmed"
+    assert found.found == found.robot
 
 
 def test_what_clean_logs_show_as_well_is_good_order(driven):
@@ -105,23 +128,57 @@ def test_what_costs_less_than_matters_is_negligible(driven):
     assert found.found == found.robot
 
 
-def test_json_and_words_say_the_same(driven, tmp_path, capsys):
-    log, train = driven(tracks=(1.03, 1.0))
-    write_log(tmp_path / "log.csv", log, train)
-    train.save(tmp_path / "train.json")
+@pytest.fixture(scope="module", name="written")
+def _written(driven, tmp_path_factory):
+    """The folder of a log of a train with a wrong track, a held-out one and the train, and the report of these."""
+    folder = tmp_path_factory.mktemp("written")
+    for name, seed in (("log.csv", 1), ("held.csv", 2)):
+        log, train = driven(seed=seed, tracks=(1.03, 1.0))
+        write_log(folder / name, log, train)
+    train.save(folder / "train.json")
+    return folder
+
+
+def told(folder, capsys, *options):
+    """What castor-diagnose prints of the logs of a folder."""
     with pytest.raises(SystemExit) as end:
-        command_line.run(cli.app, ["find", str(tmp_path / "log.csv"), "--finder", "posterior", "--json"])
+        command_line.run(cli.app, [str(folder / "log.csv"), "--holdout", str(folder / "held.csv"), *options])
     assert not end.value.code
-    data = json.loads(capsys.readouterr().out)
+    return capsys.readouterr().out
+
+
+def test_json_and_words_say_the_same(written, capsys):
+    data = json.loads(told(written, capsys, "--json"))
     assert (data["format"], data["verdict"]) == ("castor-diagnosis/2", "named")
     (answer,) = data["answers"]
     assert (answer["effect"]["name"], answer["effect"]["axle"]) == ("track", 1)
-    lines = sentences.as_lines(data)
+    lines = told(written, capsys).splitlines()
+    assert lines == sentences.as_lines(data)
     assert any("track (distance between the wheels), axle 1" in line for line in lines)
+    assert any("with train.json" in line for line in lines)
 
 
-def test_a_log_of_another_train_is_refused(driven):
-    log, train = driven(seconds=1.0)
+def test_the_folder_written_holds_the_page_the_data_and_the_train(written, capsys):
+    told(written, capsys, "--out", str(written / "out"))
+    assert sorted(path.name for path in (written / "out").iterdir()) == ["diagnosis.json", "report.html", "train.json"]
+    data = json.loads((written / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert data["robot_file"] == str(written / "out" / "train.json")
+    page = (written / "out" / "report.html").read_text(encoding="utf-8")
+    for said in (data["answers"][0]["what"], "log.csv", "held.csv", data["robot_file"]):
+        assert said in page
+    found, described = (TrainDescription.load(folder / "train.json") for folder in (written / "out", written))
+    assert found.as_described() == described
+    assert [effect.name for effect in found.modules[0].effects] == ["track"]
+    again = json.loads(told(written, capsys, "--robot", str(written / "out" / "train.json"), "--json"))
+    assert (again["verdict"], again["answers"]) == ("no discrepancy", [])
+    for key in ("gap", "held_out_gap"):
+        assert again[key][0] == pytest.approx(data[key][1], rel=1e-3)
+
+
+def test_a_log_that_shows_nothing_or_is_of_another_train_is_refused(driven):
+    log, train = driven(seconds=1.0, reference=False)
+    with pytest.raises(InputError, match="neither relative poses nor a reference"):
+        diagnose_train(train, [dataclasses.replace(log, rps=None, rps_age=None)])
     with pytest.raises(InputError, match="counts of 4 wheels; train 'CFMMR, 3 axles' has 6"):
         diagnose_train(cfmmr(3), [log])
     with pytest.raises(InputError, match="no log"):

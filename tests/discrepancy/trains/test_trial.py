@@ -75,8 +75,8 @@ def test_a_trial_goes_on_where_it_stopped_and_is_judged(folder):
     assert times == {path: path.stat().st_mtime_ns for path in times}
     with pytest.raises(InputError, match="another trial"):
         run.make(4, 6, "cfmmr-2", folder, duration=8.0, jobs=1)
-    run.judge(folder, "selection", jobs=1)
-    scored = scores.report(folder, "selection")
+    run.judge(folder, jobs=1)
+    scored = scores.report(folder)
     assert scored["judged"] == 4
     for own in scored["drives"].values():
         counts = {one["what"]: (one["count"], one["total"]) for one in own["rates"]}
@@ -93,8 +93,8 @@ def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch, tmp_path):
         def fails(*_, error=error):
             raise error
 
-        monkeypatch.setattr(run.diagnosis, "diagnose_train", fails)
-        run._judge_case(folder / "cases" / "case-0003", tmp_path / "outcome.json", "selection")
+        monkeypatch.setattr(run, "diagnose_train", fails)
+        run._judge_case(folder / "cases" / "case-0003", tmp_path / "outcome.json")
         outcome = json.loads((tmp_path / "outcome.json").read_text(encoding="utf-8"))
         assert (outcome["verdict"], outcome["named"]) == (verdict, [])
         assert str(error) in outcome["reason"]
@@ -134,7 +134,7 @@ def test_the_command_makes_judges_and_scores_trains(capsys):
         command_line.run(cli.app, asked)
     assert ended.value.code == 0
     scored = json.loads(capsys.readouterr().out)
-    assert (scored["format"], scored["judged"]) == ("castor-train-trial/2", 2)
+    assert (scored["format"], scored["judged"]) == ("castor-train-trial/3", 2)
     assert scored["plan"] == {"cases": 2, "seed": 1, "train": "cfmmr-2", "duration": 10.0}
 
 
@@ -150,11 +150,6 @@ def test_what_the_catalogue_does_not_have_changes_the_log_alone(folder, name):
     assert changed.rps is not None
     assert log.rps is not None
     assert not (np.array_equal(changed.wheel, log.wheel) and np.array_equal(changed.rps, log.rps))
-
-
-def test_no_finder_of_another_name(folder):
-    with pytest.raises(InputError, match="posterier"):
-        run.judge(folder, "posterier", jobs=1)
 
 
 def test_trains_have_no_foreign_simulator(capsys):

@@ -54,7 +54,6 @@ def test_a_generator_that_is_not_installed_says_how_it_is(monkeypatch):
 def test_what_is_unknown_is_told(capsys):
     for options, known in (
         (("--generator", "gazebo"), "pymunk"),
-        (("--cases", "1", "--finder", "selection"), "of trains alone"),
         (("--robot", "cfmmr-33"), "did you mean 'cfmmr-"),
     ):
         code, printed = trial(capsys, *options)

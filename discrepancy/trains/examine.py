@@ -1,0 +1,89 @@
+"""From logs of a train to a report: the posterior, what is left with what it names, and the page, as of a robot."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.load import file_name
+from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.verdicts import MATERIAL, Material
+from discrepancy.preflight import check_logs
+from discrepancy.report.answers import html_of, likely
+from discrepancy.report.told import FORMAT, Data, answer_data, gaps
+from discrepancy.trains.linearise import Linearised, equations_of, linearise
+from discrepancy.trains.posterior import diagnose_train
+
+Logs = Mapping[str, Log]
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """What the posterior says: as data (castor-diagnosis/2), and the train with what is named; None if nothing is."""
+
+    data: Data
+    found: TrainDescription | None
+
+    def page(self) -> str:
+        """Return the report as one HTML page."""
+        return html_of(self.data, likely(self.data))
+
+
+def examine_train(
+    train: TrainDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
+) -> Examined:
+    """Return what logs, by their names, say of a train, with what its report holds.
+
+    What is left with what is named is that of the train that is written: found anew from the logs, from nothing else.
+    Raises InputError for logs that are not of this train, or that show nothing.
+    """
+    for given in (logs, held_out, clean):
+        check_logs(given)
+    diagnosis = diagnose_train(train, [*logs.values()], [*held_out.values()], [*clean.values()], material)
+    found = diagnosis.found if diagnosis.found != train else None
+
+    def left(log_set: Logs) -> Linearised | None:
+        return None if found is None or not log_set else linearise(found, *equations_of(found, [*log_set.values()]), ())
+
+    data = _as_data(diagnosis, left(logs), left(held_out)) | {
+        "robot_hash": train.hash(),
+        "logs": list(logs),
+        "held_out_logs": list(held_out),
+        "clean_logs": list(clean),
+        "file": file_name(train),
+    }
+    return Examined(data, found)
+
+
+def _as_data(
+    diagnosis: Diagnosis[TrainDescription, Linearised], after: Linearised | None, held_out_after: Linearised | None
+) -> Data:
+    """Return a diagnosis as plain data, as that of a robot (`report.told`); lengths in m, angles in rad. Names are
+    words already."""
+    held, before, sizes = diagnosis.held_out, diagnosis.before, (after or diagnosis.before).settled.sizes
+    answers = [answer_data(answer) for answer in diagnosis.answers]
+    return {
+        "format": FORMAT,
+        "robot": diagnosis.robot.name,
+        "verdict": diagnosis.verdict,
+        "mistakes": [],
+        "preflight": _remarks(diagnosis.after),
+        "answers": answers,
+        "probabilities": diagnosis.inclusion,
+        "names": {name: name for name in diagnosis.inclusion},
+        "gap": gaps(before, after),
+        "held_out_gap": None if held is None else gaps(held[0], held_out_after),
+        "noise": None if before.gap is None else {"position_m": sizes.position, "heading_rad": sizes.heading},
+        "effects": [answer["effect"] for answer in answers if answer["verdict"] == "named"],
+        "replay": None,
+        "where": None,
+    }
+
+
+def _remarks(seen: Linearised) -> Sequence[str]:
+    """Return what people should know of how the train was driven."""
+    sliding = float(np.mean(np.concatenate([log.loose.any(axis=1) for log in seen.own])))
+    said = "axles are set against each other so much that some may slide in"
+    return [f"{said} {100 * sliding:.0f} % of the time, which tells nothing; let their wheels yield"] if sliding else []
