@@ -85,5 +85,7 @@ def _as_data(
 def _remarks(seen: Linearised) -> Sequence[str]:
     """Return what people should know of how the train was driven."""
     sliding = float(np.mean(np.concatenate([log.loose.any(axis=1) for log in seen.own])))
+    if not sliding:
+        return []
     said = "axles are set against each other so much that some may slide in"
-    return [f"{said} {100 * sliding:.0f} % of the time, which tells nothing; let their wheels yield"] if sliding else []
+    return [f"{said} {100 * sliding:.0f} % of the time, which counts for little; let their wheels yield"]

@@ -90,7 +90,7 @@ def test_a_trial_goes_on_where_it_stopped_and_is_judged(folder):
 def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch, tmp_path):
     for error, verdict in ((InputError("too short"), "refused"), (ZeroDivisionError("oh"), "broken")):
 
-        def fails(*_, error=error):
+        def fails(*_, error=error, **__):
             raise error
 
         monkeypatch.setattr(run, "diagnose_train", fails)
