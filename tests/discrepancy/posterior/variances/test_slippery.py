@@ -84,6 +84,7 @@ def test_an_even_floor_has_none_nor_have_logs_without_reference():
 
 def test_steps_of_wheels_on_a_patch_and_of_their_castors_are_released():
     found = slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
+    assert found is not None
     (steps,) = Events(patch=found).released(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7))
     (there,) = inside(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), found)
     np.testing.assert_array_equal(steps, there)
