@@ -10,8 +10,7 @@ power. How far wheels disagree does not change with delta, so it is known from w
 motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
 
 Where a contact's force would be beyond the friction circle it yields as much more as brings it back there. Left out are
-bristles that have yet to build up their force (a relaxation length of rolling, as
-after reversals).
+bristles that have yet to build up their force (a relaxation length of rolling, as after reversals).
 """
 
 from dataclasses import dataclass

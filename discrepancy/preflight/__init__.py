@@ -68,7 +68,7 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     told += _poses_off(called, misfits, found.best.reading)
     left = found.best.misfit
     if left.rms > CONTRADICTED and not mistakes:
-        told.append(f"{_contradiction(left)}, and no swap, sign, factor or unit explains it")
+        told.append(f"{_contradiction(left)}, which is no mistake of wiring or units alone")
     return Preflight(tuple(mistakes), tuple(told))
 
 

@@ -13,7 +13,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.refit import Sized
-from discrepancy.posterior.variances.jitter import SIZES, borne_out, weighed
+from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
 from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.evidence import cost_of_noise
 from discrepancy.trains.linearise import Linearised
@@ -87,7 +87,7 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
         probability, size, error = weighed(_log_likelihood(seen, f, usual), names)
         if probability < CREDIBLE:
             continue
-        confirmed = None if held is None else borne_out(_log_likelihood(held, f, usual), size)
+        confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
         candidate = _candidate(Placed(kind), seen.train)
         cost = cost_of_noise(seen.train, seen.own, seen.settled, f)
         answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))

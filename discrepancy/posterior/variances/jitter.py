@@ -46,7 +46,7 @@ def jitter_answer(
         candidate = Candidate(name)
     confirmed = None
     if held_out:
-        confirmed = borne_out(_log_likelihood(robot, held_out, usual), size)
+        confirmed = held_out_log_odds(_log_likelihood(robot, held_out, usual), size)
     cost = (cost_of(robot, effect, logs) or 0.0) / effect.value
     return Answer(
         probabilities={name: probability, "nothing": 1 - probability},
@@ -91,7 +91,7 @@ def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
     return 1 / (1 + float(np.exp(min(-log_odds, 700.0))) * NOTHING * names / (1 - NOTHING)), size, error
 
 
-def borne_out(log_likelihood: Array, size: float) -> float:
+def held_out_log_odds(log_likelihood: Array, size: float) -> float:
     """Return by how much (natural logarithm) a fault of a size, in tolerances, makes other logs more likely."""
     return float(np.interp(size, SIZES, log_likelihood)) - _averaged(log_likelihood, _good_order())
 

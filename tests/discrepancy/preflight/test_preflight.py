@@ -236,7 +236,7 @@ def test_what_cannot_be_mended_is_told_and_not_named():
     wheel[:, 1:3] = np.round(np.cumsum(np.random.default_rng(1).normal(size=(len(log), 2)) * 40, axis=0))
     found = preflight(ASOC, [dataclasses.replace(log, wheel=wheel)])
     assert found.mistakes == ()
-    assert any("no swap, sign, factor or unit explains it" in remark for remark in found.remarks)
+    assert any("no mistake of wiring or units alone" in remark for remark in found.remarks)
 
 
 def test_a_channel_that_stands_still_though_it_must_not_is_a_mistake():
