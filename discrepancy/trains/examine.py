@@ -44,10 +44,13 @@ def examine_train(
     diagnosis = diagnose_train(train, [*logs.values()], [*held_out.values()], [*clean.values()], material)
     found = diagnosis.found if diagnosis.found != train else None
 
-    def left(log_set: Logs) -> Linearised | None:
-        return None if found is None or not log_set else linearise(found, *equations_of(found, [*log_set.values()]), ())
-
-    data = _as_data(diagnosis, left(logs), left(held_out)) | {
+    seen, held = (diagnosis.before, None), None if diagnosis.held_out is None else (diagnosis.held_out[0], None)
+    if found is not None:
+        seen, held = (
+            _without_and_with(train, found, logs),
+            _without_and_with(train, found, held_out) if held_out else None,
+        )
+    data = _as_data(diagnosis, seen, held) | {
         "robot_hash": train.hash(),
         "logs": list(logs),
         "held_out_logs": list(held_out),
@@ -57,12 +60,20 @@ def examine_train(
     return Examined(data, found)
 
 
-def _as_data(
-    diagnosis: Diagnosis[TrainDescription, Linearised], after: Linearised | None, held_out_after: Linearised | None
-) -> Data:
+def _without_and_with(train: TrainDescription, found: TrainDescription, logs: Logs) -> tuple[Linearised, Linearised]:
+    """Return what logs say without and with what is named; axles slide in the same steps, as they do with it."""
+    own, state = equations_of(found, [*logs.values()])
+    return linearise(train, own, state, ()), linearise(found, own, state, ())
+
+
+Pair = tuple[Linearised, Linearised | None]
+"""What logs say without and, if anything is, with what is named."""
+
+
+def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, held: Pair | None) -> Data:
     """Return a diagnosis as plain data, as that of a robot (`report.told`); lengths in m, angles in rad. Names are
     words already."""
-    held, before, sizes = diagnosis.held_out, diagnosis.before, (after or diagnosis.before).settled.sizes
+    sizes = (seen[1] or seen[0]).settled.sizes
     answers = [answer_data(answer) for answer in diagnosis.answers]
     return {
         "format": FORMAT,
@@ -73,9 +84,9 @@ def _as_data(
         "answers": answers,
         "probabilities": diagnosis.inclusion,
         "names": {name: name for name in diagnosis.inclusion},
-        "gap": gaps(before, after),
-        "held_out_gap": None if held is None else gaps(held[0], held_out_after),
-        "noise": None if before.gap is None else {"position_m": sizes.position, "heading_rad": sizes.heading},
+        "gap": gaps(*seen),
+        "held_out_gap": None if held is None else gaps(*held),
+        "noise": None if diagnosis.before.gap is None else {"position_m": sizes.position, "heading_rad": sizes.heading},
         "effects": [answer["effect"] for answer in answers if answer["verdict"] == "named"],
         "replay": None,
         "where": None,

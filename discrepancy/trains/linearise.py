@@ -16,7 +16,7 @@ from discrepancy.posterior.random_effects import Statistics
 from discrepancy.trains.candidates import Candidate, Rival
 from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
 from discrepancy.trains.gap import localised_off
-from discrepancy.trains.motion import Sizes
+from discrepancy.trains.motion import LEAST_SIZE, Motion, Sizes
 from discrepancy.trains.rows import TrainLog
 
 OFTEN = 0.9
@@ -136,15 +136,24 @@ def sliding_in(
     motion.
 
     start: see `linearise`. Which they are is told by a fit that does not know of any: forces are seen by slip alone.
+    Where the steps that grip then tell of no tension, what looked like sliding is something else, unless frames are
+    bent so much.
     """
     built, rough = train.as_built(), [one.with_loose(np.zeros_like(one.loose)) for one in own]
-    state = settled(train, rough, start)
-    loose = [one.sliding(built, motion) for one, motion in zip(rough, state.motions, strict=True)]
-    loose = [slid & (slid.mean(axis=0) <= OFTEN) for slid in loose]
-    if not any(slid.any() for slid in loose):
-        return rough, state
-    own = [one.with_loose(slid) for one, slid in zip(rough, loose, strict=True)]
-    return own, settled(train, own, state)
+    gripping = settled(train, rough, start)
+    some, state = _loosened(built, rough, gripping.motions), gripping
+    if any(one.loose.any() for one in some):
+        state = settled(train, some, gripping)
+        if state.sizes.pull <= LEAST_SIZE["pull"]:
+            some = _loosened(built, some, state.motions)
+            state = settled(train, some, gripping)
+    return some, state
+
+
+def _loosened(built: TrainDescription, own: Sequence[TrainLog], motions: Sequence[Motion]) -> list[TrainLog]:
+    """Return logs with the steps in which axles slide by these motions, but for those that seem to all the time."""
+    loose = [one.sliding(built, motion) for one, motion in zip(own, motions, strict=True)]
+    return [one.with_loose(slid & (slid.mean(axis=0) <= OFTEN)) for one, slid in zip(own, loose, strict=True)]
 
 
 def _check(train: TrainDescription, log: Log, number: int) -> None:

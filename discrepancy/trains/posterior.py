@@ -45,9 +45,9 @@ def diagnose_train(
     held, order = None, None
     if held_out:
         among = _of_trains([one.candidate for one in named])
-        without, beside = (
-            linearise(built, *equations_of(built, held_out), among) for built in (train, with_them(train, named))
-        )
+        found = with_them(train, named)
+        own, state = equations_of(found, held_out)  # axles slide as they do in the train with what is named
+        without, beside = linearise(train, own, state, among), linearise(found, own, state, among)
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]

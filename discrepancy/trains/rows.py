@@ -37,10 +37,9 @@ SMOOTH = 9
 CREEP = 1.0
 """One standard deviation of the part by which axles creep more than predicted: forces are known to a factor of two."""
 
-SLIDING, NEARLY, AROUND = 0.01, 0.7, 5
-"""What an axle's step is worth while it may slide (wheels then slip by at least 0.02 m after 1 m; the simulated ones
-that do, by 0.01 m rms, and some far more); the part of its friction from which on it may; steps before and after
-that."""
+SLIDING, NEARLY, AROUND = 0.002, 0.7, 5
+"""What an axle's step is worth while it may slide, when its wheels slip by 0.1 m after 1 m or more: as far as steps
+are long; the part of its friction from which on it may; steps before and after that."""
 
 BENT = 1e-4
 """rad, to take derivatives with."""

@@ -10,6 +10,7 @@ from castor_envs.vehicles.presets import cfmmr
 from discrepancy.report import sentences
 from discrepancy.trains.examine import examine_train
 from discrepancy.trains.posterior import diagnose_train
+from discrepancy.trains.trial.outside import Outside
 from discrepancy.trains.trial.simulate import log_at_random
 
 TRAIN = cfmmr(2)
@@ -44,6 +45,14 @@ def test_axles_that_slide_are_told():
     (remark,) = data["preflight"]
     assert "some may slide" in remark
     assert f"pre-flight: {remark}" in sentences.as_lines(data)
+
+
+def test_counts_that_are_lost_are_no_sliding():
+    """A wheel that counts 10 % less for a while would have to slide, and nothing else tells of what would push it."""
+    log = Outside("lost_counts", wheel=3, frame=0, value=0.1, begins=0.3).changed(TRAIN, log_at_random(TRAIN, 7, 4.0))
+    found = diagnose_train(TRAIN, [log])
+    assert found.verdict == "unexplained"
+    assert {answer.credible for answer in found.answers} == {("wheel 2r counts otherwise",)}
 
 
 def test_slip_under_one_axle_is_named():
