@@ -270,10 +270,10 @@ def _vehicle_beside(logs: list[Path]) -> Vehicle:
             raise InputError(f"{log}: has no {ROBOT_FILE} beside it; name the robot with --robot")
         if file not in vehicles:
             vehicles[file] = load_vehicle(str(file))
-    first, *others = vehicles
-    for other in others:
-        if vehicles[other].hash() != vehicles[first].hash():
-            raise InputError(f"{first} and {other}: are different robots; inspect their logs one robot at a time")
+    first, *rest = vehicles
+    for path in rest:
+        if vehicles[path].hash() != vehicles[first].hash():
+            raise InputError(f"{first} and {path}: are different robots; inspect their logs one robot at a time")
     return vehicles[first]
 
 

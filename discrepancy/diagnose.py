@@ -103,15 +103,17 @@ def examine(
     explained = without(diagnosis.found, SampleJitter)
 
     def left(log_set: Logs) -> Linearised | None:
-        every = list(log_set.values())
-        return linearise(explained, every, creep=diagnosis.creep, among=()) if effects and every else None
+        chosen_logs = list(log_set.values())
+        return linearise(explained, chosen_logs, creep=diagnosis.creep, among=()) if effects and chosen_logs else None
 
     seen = {"these logs": (prepared.logs, diagnosis.before, left(prepared.logs))}
     if diagnosis.held_out is not None:
         seen["held-out logs"] = (prepared.held_out, diagnosis.held_out[0], left(prepared.held_out))
-    nominal, explained_now = (without(one, ClockSkew) for one in (diagnosis.robot, explained))
+    nominal, explained_now = (without(vehicle, ClockSkew) for vehicle in (diagnosis.robot, explained))
     replays, *held = (
-        _replays(nominal, explained_now, log_set, *(None if one is None else one.state for one in pair))
+        _replays(
+            nominal, explained_now, log_set, *(None if linearised is None else linearised.state for linearised in pair)
+        )
         for log_set, *pair in seen.values()
     )
     best = seen["these logs"][2] or diagnosis.before

@@ -152,10 +152,10 @@ def _verdict(robot: RobotDescription, parity: Parity, rows: list[dict[str, Any]]
     if drift.max() >= CONTRADICTION:
         suspect = np.where(parity.explained >= ALIKE * parity.explained.max(), drift, 0.0)
         named = [str(i + 1) for i in np.flatnonzero(suspect >= ALIKE * suspect.max())]
-        who = f"castor {named[0]} contradicts" if len(named) == 1 else f"castors {' and '.join(named)} contradict"
+        subject = f"castor {named[0]} contradicts" if len(named) == 1 else f"castors {' and '.join(named)} contradict"
         their, slip = ("its", "it slips") if len(named) == 1 else ("their", "they slip")
         return (
-            f"{who} this robot file (up to {drift.max():.2g} times rounding): "
+            f"{subject} this robot file (up to {drift.max():.2g} times rounding): "
             f"{their} radii, track, offset or pivot zero are off, or {slip}"
         )
     ratio = max(row["ratio"] or 0.0 for row in rows)

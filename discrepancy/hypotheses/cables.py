@@ -64,7 +64,7 @@ def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence
     where they are not known.
     """
     lines = lines_of(steps_of(robot, motions, slips))
-    return [candidate_of(one) for one in lines if one.lasting >= BUMP_GAIN and one.passes >= PASSES][:MOST]
+    return [candidate_of(line) for line in lines if line.lasting >= BUMP_GAIN and line.passes >= PASSES][:MOST]
 
 
 def with_cables(
@@ -77,17 +77,17 @@ def with_cables(
     motions, slips = placed(robot, logs, at, slips)
     if not motions:
         return list(known)
-    own = _lines_in([*robot.effects, *(kind for one in known for kind in one.kinds)])
+    known_lines = _lines_in([*robot.effects, *(kind for candidate in known for kind in candidate.kinds)])
     new = [
-        one
-        for one in bumps_of(robot, motions, slips)
-        if not any(same_line(line, other) for line in _lines_in(one.kinds) for other in own)
+        candidate
+        for candidate in bumps_of(robot, motions, slips)
+        if not any(same_line(line, known_line) for line in _lines_in(candidate.kinds) for known_line in known_lines)
     ]
     return [*known, *new]
 
 
 def _lines_in(effects: Sequence[Effect]) -> list[Bump]:
-    return [one for one in effects if isinstance(one, Bump)]
+    return [effect for effect in effects if isinstance(effect, Bump)]
 
 
 def candidate_of(line: Line) -> Candidate:
@@ -101,10 +101,10 @@ def lines_of(steps: Steps) -> list[Line]:
     """Return up to `MOST` lines, the best one first; each is looked for in what those before it leave."""
     found: list[Line] = []
     while len(steps.slip) and len(found) < MOST:
-        refined = [_refined(steps, *one) for one in _scan(steps)]
+        refined = [_refined(steps, *peak) for peak in _scan(steps)]
         if not refined:
             break
-        best = max(refined, key=lambda one: one.lasting)
+        best = max(refined, key=lambda line: line.lasting)
         found.append(best)
         shape = _rolls_more(steps, best.x, best.y, best.direction, best.diameter)
         power = float(np.sum(steps.weight * shape**2))
@@ -113,11 +113,11 @@ def lines_of(steps: Steps) -> list[Line]:
     return found
 
 
-def same_line(one: Line | Bump, other: Line | Bump) -> bool:
+def same_line(first: Line | Bump, second: Line | Bump) -> bool:
     """Whether two lines can hardly be told apart: at the points by which they are given, and in direction."""
-    turn = (one.direction - other.direction + math.pi / 2) % math.pi - math.pi / 2
-    way = other.x - one.x, other.y - one.y
-    off = max(abs(way[1] * math.cos(a) - way[0] * math.sin(a)) for a in (one.direction, other.direction))
+    turn = (first.direction - second.direction + math.pi / 2) % math.pi - math.pi / 2
+    way = second.x - first.x, second.y - first.y
+    off = max(abs(way[1] * math.cos(a) - way[0] * math.sin(a)) for a in (first.direction, second.direction))
     return abs(turn) < TURNED and off < APART
 
 
@@ -139,9 +139,9 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
     least = np.median(power[power > 0])  # a line that is hardly crossed tells nothing
     gains = []
     for band in BANDS:
-        both = (uniform_filter1d(one, band, axis=1, mode="constant") * band for one in (pull, power))
-        some_pull, some_power = both
-        gains.append(np.maximum(some_pull, 0.0) ** 2 / np.maximum(some_power, least))
+        summed = (uniform_filter1d(sums, band, axis=1, mode="constant") * band for sums in (pull, power))
+        band_pull, band_power = summed
+        gains.append(np.maximum(band_pull, 0.0) ** 2 / np.maximum(band_power, least))
     gain = np.max(gains, axis=0)
     found = []
     offsets = low + (np.arange(bins) + 0.5) * BIN
@@ -162,7 +162,7 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
     middle = (steps.start + steps.end) / 2
     across = middle[:, 1] * math.cos(direction) - middle[:, 0] * math.sin(direction)
     near = np.abs(across - offset) < 0.25
-    here = steps.only(near)
+    near_steps = steps.only(near)
     crossing = np.abs(across - offset) < 0.03
     shape = (steps.weight * steps.path**2 * np.sin(steps.heading - direction) ** 4)[crossing]
     center = np.average(middle[crossing], axis=0, weights=shape) if shape.sum() > 0 else middle.mean(axis=0)
@@ -176,8 +176,8 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
         return x, y, direction + at[0] / size, float(np.clip(math.exp(at[2]), THIN, THICK))
 
     def missed(at: Array) -> float:
-        shape = _rolls_more(here, *told(at))
-        pull, power = np.sum(here.weight * shape * -here.slip), np.sum(here.weight * shape**2)
+        shape = _rolls_more(near_steps, *told(at))
+        pull, power = np.sum(near_steps.weight * shape * -near_steps.slip), np.sum(near_steps.weight * shape**2)
         return -float(max(pull, 0.0) ** 2 / (power + 1e-12))
 
     begin = np.array([0.0, 0.0, math.log(4e-3)])
@@ -185,18 +185,18 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
     options = {"initial_simplex": simplex, "xatol": 2e-4, "fatol": 0.05, "maxfev": 150}
     best = minimize(missed, begin, method="Nelder-Mead", options=options)
     x, y, direction, diameter = told(best.x)
-    lasting, passes = _lasting(here, _rolls_more(here, x, y, direction, diameter))
+    lasting, passes = _lasting(near_steps, _rolls_more(near_steps, x, y, direction, diameter))
     return Line(x, y, direction % math.pi, diameter, lasting, passes)
 
 
-def _lasting(here: Steps, shape: Array) -> tuple[float, int]:
+def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
     """Return the deviance that what wheels roll more, `shape` (M,), takes away without the `LARGEST` passes, and how
     many passes there are."""
-    there = shape != 0.0
-    number = here.passes(there)
+    crossed = shape != 0.0
+    number = steps.passes(crossed)
     passes = int(number[-1]) + 1 if len(number) else 0
-    pull = np.bincount(number, -(here.weight * shape * here.slip)[there], passes)
-    power = np.bincount(number, (here.weight * shape**2)[there], passes)
+    pull = np.bincount(number, -(steps.weight * shape * steps.slip)[crossed], passes)
+    power = np.bincount(number, (steps.weight * shape**2)[crossed], passes)
     kept = np.argsort(pull)[: max(passes - LARGEST, 0)]
     lasting = max(pull[kept].sum(), 0.0) ** 2 / (power[kept].sum() + 1e-12)
     strong = power > 0.1 * power.max(initial=0.0)
@@ -220,9 +220,9 @@ def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: fl
     reach = (steps.radius + diameter / 2)[on]
     sine = np.sin(steps.heading[on] - direction)
     flat = np.abs(away[on]) < 1e-9
-    ends = [_climbed(one[on], reach) for one in inside]
+    ends = [_climbed(reach_end[on], reach) for reach_end in inside]
     length = np.where(flat, 1.0, away[on])
-    squares, fourths = ((one - other) / length for one, other in zip(*ends, strict=True))
+    squares, fourths = ((end - start) / length for end, start in zip(*ends, strict=True))
     middle = a[on] ** 2 / (reach**2 - np.where(flat, a[on], 0.0) ** 2)
     squares, fourths = np.where(flat, middle, squares), np.where(flat, middle**2, fourths)
     more[on] = steps.path[on] * (sine**2 * squares / 2 - sine**4 * fourths / 8)

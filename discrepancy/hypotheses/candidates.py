@@ -226,13 +226,13 @@ def signatures_of(
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
-    every = np.arange(len(counts))[:, None]
+    rows = np.arange(len(counts))[:, None]
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
         """Return the counts that are read more, on average."""
         total = np.zeros_like(counts)
         for dither in dithers.tolist():
-            seen = counts + dither * every
+            seen = counts + dither * rows
             if dither not in plain:
                 plain[dither] = channels.read(robot, log, seen)
             total += channels.read(changed, log, seen) - plain[dither]
@@ -252,7 +252,7 @@ def signatures_of(
             clocks.append((candidate, none, (still,)))
             continue
         try:
-            changed = [robot.with_effects(one) for one in candidate.kinds]
+            changed = [robot.with_effects(effect) for effect in candidate.kinds]
             geometry = Geometry.of(changed[0].as_built())
         except InputError:
             continue
@@ -260,24 +260,35 @@ def signatures_of(
             built.append((candidate, geometry, kind.value))
         else:
             dithers = DITHERS if kind.discrete else np.zeros(1)
-            more = np.stack([added(one, dithers) for one in changed], axis=-1) / kind.value
-            if np.any(more):
-                read.append((candidate, more, (still,) * candidate.columns))
+            excess = np.stack([added(changed_robot, dithers) for changed_robot in changed], axis=-1) / kind.value
+            if np.any(excess):
+                read.append((candidate, excess, (still,) * candidate.columns))
             elif (slip := _slip_of(candidate, robot, motion)) is not None:
                 read.append((candidate, none, (slip,)))
     if among is None:
-        read += [(one, more, (still,) * one.columns) for one, more in _misread(channels, log, counts, wanted, of)]
-        read += [(one, np.repeat(none, one.columns, axis=-1), slips) for one, slips in _slipping(robot, motion)]
+        read += [
+            (candidate, excess, (still,) * candidate.columns)
+            for candidate, excess in _misread(channels, log, counts, wanted, of)
+        ]
+        read += [
+            (candidate, np.repeat(none, candidate.columns, axis=-1), slips)
+            for candidate, slips in _slipping(robot, motion)
+        ]
     read += clocks if log.reference is not None else []
-    of_columns = [one for one, _, slips in read for _ in slips]
+    of_columns = [candidate for candidate, _, slips in read for _ in slips]
     return Signatures(
-        (*(one for one, _, _ in built), *(one for one, _, _ in read)),
+        (*(candidate for candidate, _, _ in built), *(candidate for candidate, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
-        np.concatenate([none[..., :0], *(more for _, more, _ in read)], axis=-1),
+        np.concatenate([none[..., :0], *(excess for _, excess, _ in read)], axis=-1),
         tuple(slip for _, _, slips in read for slip in slips),
-        np.array([rate_of(one.kinds) / (one.kinds[0].value if one.kinds else 1.0) for one in of_columns]),
-        tuple(k for k, one in enumerate(of_columns) if one.at_a_place),
+        np.array(
+            [
+                rate_of(candidate.kinds) / (candidate.kinds[0].value if candidate.kinds else 1.0)
+                for candidate in of_columns
+            ]
+        ),
+        tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
 
 
@@ -287,12 +298,12 @@ def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> S
     Around the size that the robot has of it: what a cable makes wheels roll more is not in proportion to its diameter.
     """
     kind = candidate.kinds[0]
-    there = next((one.value for one in robot.effects if isinstance(one, Bump) and candidate.is_of(one)), 0.0)
-    low, high = ((1 - NEAR) * there, (1 + NEAR) * there) if there > 0 else (0.0, kind.value)
+    size = next((effect.value for effect in robot.effects if isinstance(effect, Bump) and candidate.is_of(effect)), 0.0)
+    low, high = ((1 - NEAR) * size, (1 + NEAR) * size) if size > 0 else (0.0, kind.value)
     contacts = ContactMotion(robot.as_built(), motion)
     try:
         slip = dataclasses.replace(kind, value=high).slip(contacts)
-        less = dataclasses.replace(kind, value=low).slip(contacts) if there > 0 else None
+        less = dataclasses.replace(kind, value=low).slip(contacts) if size > 0 else None
     except InputError:  # a robot that cannot stand by itself
         return None
     if slip is None or not (np.any(slip.rolling) or np.any(slip.side)):
@@ -316,18 +327,18 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
 
 def without(robot: RobotDescription, kind: type[Effect]) -> RobotDescription:
     """Return a robot without its effects of some kind."""
-    return dataclasses.replace(robot, effects=tuple(one for one in robot.effects if not isinstance(one, kind)))
+    return dataclasses.replace(robot, effects=tuple(effect for effect in robot.effects if not isinstance(effect, kind)))
 
 
-def differ(one: Geometry, other: Geometry) -> bool:
+def differ(first: Geometry, second: Geometry) -> bool:
     """Whether two robots are built differently."""
-    return any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in NUMBERS)
+    return any(not np.array_equal(getattr(first, name), getattr(second, name)) for name in NUMBERS)
 
 
 def stacked(layout: Geometry, geometries: Sequence[Geometry]) -> Geometry:
     """Return several geometries of one layout as one, with a leading axis."""
     numbers = {
-        name: np.array([getattr(one, name) for one in geometries]).reshape(-1, *getattr(layout, name).shape)
+        name: np.array([getattr(geometry, name) for geometry in geometries]).reshape(-1, *getattr(layout, name).shape)
         for name in NUMBERS
     }
     return dataclasses.replace(layout, **numbers)
@@ -343,13 +354,13 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
     wheel_angle = (motion.wheel_angle[1:] + motion.wheel_angle[:-1]) / 2
     swept = motion.body[:, 2:] + motion.turned
 
-    def alone(what: str, place: str, k: int, *values: Array) -> tuple[Candidate, tuple[Slip, ...]]:
+    def alone(behaviour: str, place: str, k: int, *values: Array) -> tuple[Candidate, tuple[Slip, ...]]:
         slips = []
         for value in values:
             rolling, side = none.rolling.copy(), none.side.copy()
             (side if place.startswith("castor") else rolling)[:, k] = value
             slips.append(Slip(rolling, side))
-        return Candidate(f"{place} {what}", columns=len(values)), tuple(slips)
+        return Candidate(f"{place} {behaviour}", columns=len(values)), tuple(slips)
 
     for k in robot.driven_wheels:
         i = robot.wheel_castors[k]
@@ -359,43 +370,43 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
             wheel_angle[:, k],
             motion.half_way[:, i],
         )
-        what = "slips where its castor turns, once a turn"
-        yield alone(what, place, k, swept[:, i] * np.sin(turn), swept[:, i] * np.cos(turn))
+        behaviour = "slips where its castor turns, once a turn"
+        yield alone(behaviour, place, k, swept[:, i] * np.sin(turn), swept[:, i] * np.cos(turn))
         for times in (1, 2) if np.ptp(theta) >= SWEPT else ():
-            what = f"slips by its castor's angle, {times} times a turn"
-            yield alone(what, place, k, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
+            behaviour = f"slips by its castor's angle, {times} times a turn"
+            yield alone(behaviour, place, k, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
         yield alone("slips more and more", place, k, rolled * later)
     for i in range(len(robot.castors)):
-        own = [k for k in robot.driven_wheels if robot.wheel_castors[k] == i]
-        if not own:
+        wheels = [k for k in robot.driven_wheels if robot.wheel_castors[k] == i]
+        if not wheels:
             continue
-        place, rolled, theta = f"castor_{i + 1}", paths[:, own].mean(axis=1), motion.half_way[:, i]
+        place, rolled, theta = f"castor_{i + 1}", paths[:, wheels].mean(axis=1), motion.half_way[:, i]
         yield alone("slips to its side with speed", place, i, np.abs(rolled) * rolled / motion.period)
         for times in (1, 2) if np.ptp(theta) >= SWEPT else ():
-            what = f"slips to its side by its angle, {times} times a turn"
-            yield alone(what, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
+            behaviour = f"slips to its side by its angle, {times} times a turn"
+            yield alone(behaviour, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
 
 
 def _misread(channels: Channels, log: Log, counts: Array, wanted: Array, of: str) -> Iterator[tuple[Candidate, Array]]:
     """Yield rivals without a name: of one channel at a time, what comes and goes, jumps, repeats, or grows."""
     edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
     speed = np.gradient(counts, log.t, axis=0)
-    every = np.arange(len(counts))
+    samples = np.arange(len(counts))
     for c, name in enumerate(channels.names):
 
-        def alone(what: str, *values: Array, c: int = c, name: str = name) -> tuple[Candidate, Array]:
-            more = np.zeros((*counts.shape, len(values)))
-            more[:, c] = np.stack(values, axis=-1) - [value[0] for value in values]
-            return Candidate(f"{name} {what}", columns=len(values)), more
+        def alone(behaviour: str, *values: Array, c: int = c, name: str = name) -> tuple[Candidate, Array]:
+            excess = np.zeros((*counts.shape, len(values)))
+            excess[:, c] = np.stack(values, axis=-1) - [value[0] for value in values]
+            return Candidate(f"{name} {behaviour}", columns=len(values)), excess
 
-        own, angle = counts[:, c], counts[:, c] * 2 * np.pi / channels.per_rev[c]
+        channel_counts, angle = counts[:, c], counts[:, c] * 2 * np.pi / channels.per_rev[c]
         for first, last in itertools.pairwise(edges):
             span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
-            yield alone(f"reads in proportion too much {span}", own[np.clip(every, first, last - 1)])
+            yield alone(f"reads in proportion too much {span}", channel_counts[np.clip(samples, first, last - 1)])
         ends = int(ENDS * len(counts))
         later = np.abs(np.cumsum(wanted[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
         jump = 1 + ends + int(np.argmax(later))
-        yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(every >= jump, 1.0, 0.0))
+        yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(samples >= jump, 1.0, 0.0))
         for times in (2, 3) if np.ptp(angle) >= SWEPT else ():
             yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))

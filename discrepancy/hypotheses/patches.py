@@ -44,11 +44,11 @@ def patches_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequen
     if len(steps.slip) == 0:
         return []
     steps = _shared(steps, len(robot.wheels))
-    found = sorted((_fitted(steps, box) for box in _boxes(steps)[: 8 * PATCHES : 8]), key=lambda one: -one[1])
+    found = sorted((_fitted(steps, box) for box in _boxes(steps)[: 8 * PATCHES : 8]), key=lambda fit: -fit[1])
     patches = []
     for (x, y, length, width, angle), gain in found:
         angle = (angle + math.pi / 2) % math.pi - math.pi / 2
-        x, y, length, width, angle = (round(one, 3) for one in (x, y, length, width, angle))
+        x, y, length, width, angle = (round(number, 3) for number in (x, y, length, width, angle))
         if gain > 0:
             patches.append(FrictionPatch(x=x, y=y, length=length, width=width, angle=angle, value=FrictionPatch.step))
     return list(dict.fromkeys(patches))
@@ -59,18 +59,18 @@ def _shared(steps: Steps, w: int) -> Steps:
     log_step = (steps.track // w).astype(np.int64) * (int(steps.time.max(initial=0)) + 1) + steps.time
     squares = steps.weight * steps.slip**2
     sharp = (squares / max(float(squares.max(initial=0.0)), 1e-300)) ** (SHARPENED / 2) + 1e-300
-    own = sharp / np.bincount(log_step, sharp)[log_step] * np.bincount(log_step, squares)[log_step]
+    share = sharp / np.bincount(log_step, sharp)[log_step] * np.bincount(log_step, squares)[log_step]
     moving = 1 / steps.weight > np.quantile(1 / steps.weight, 0.1)
-    own = np.minimum(own, np.quantile(own, CAPPED))
-    return dataclasses.replace(steps, slip=np.sqrt(own), weight=np.ones_like(own)).only(moving)
+    share = np.minimum(share, np.quantile(share, CAPPED))
+    return dataclasses.replace(steps, slip=np.sqrt(share), weight=np.ones_like(share)).only(moving)
 
 
-def _ratio(n: Array, total: Array, every: float, whole: float) -> Array:
+def _ratio(n: Array, total: Array, count: float, overall: float) -> Array:
     """Return the deviance by which `n` of `every` squares, `total` of the `whole`, have another, larger variance."""
-    within = np.where((n >= FEWEST) & (n < LARGEST_PART * every) & (total > 0) & (total < whole), 1.0, 0.0)
-    n, total = np.where(within > 0, n, 1.0), np.where(within > 0, total, whole / every)
-    inside, outside = total / n, (whole - total) / (every - n)
-    told = every * math.log(whole / every) - n * np.log(inside) - (every - n) * np.log(outside)
+    within = np.where((n >= FEWEST) & (n < LARGEST_PART * count) & (total > 0) & (total < overall), 1.0, 0.0)
+    n, total = np.where(within > 0, n, 1.0), np.where(within > 0, total, overall / count)
+    inside, outside = total / n, (overall - total) / (count - n)
+    told = count * math.log(overall / count) - n * np.log(inside) - (count - n) * np.log(outside)
     return np.where((within > 0) & (inside > outside), told, 0.0)
 
 
@@ -83,7 +83,7 @@ def _boxes(steps: Steps) -> list[Box]:
     middle, squares = (steps.start + steps.end) / 2, steps.slip**2
     if not len(squares):  # nothing moves
         return []
-    every, whole = float(len(squares)), float(squares.sum())
+    count, overall = float(len(squares)), float(squares.sum())
     found: list[tuple[float, Box]] = []
     for angle in np.arange(TILTS) * np.pi / 2 / TILTS:
         c, s = math.cos(angle), math.sin(angle)
@@ -93,27 +93,27 @@ def _boxes(steps: Steps) -> list[Box]:
         shape = cell.max(axis=0) + 2
         flat = np.ravel_multi_index((cell[:, 0], cell[:, 1]), shape)
         number, total = (
-            np.pad(np.bincount(flat, own, int(shape.prod())).reshape(shape).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-            for own in (None, squares)
+            np.pad(np.bincount(flat, weights, int(shape.prod())).reshape(shape).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+            for weights in (None, squares)
         )
         for a, b in itertools.product(SIDES, SIDES):
             if a > shape[0] or b > shape[1]:
                 continue
-            n, t = (one[a:, b:] - one[:-a, b:] - one[a:, :-b] + one[:-a, :-b] for one in (number, total))
-            gain = _ratio(n.astype(float), t, every, whole)
+            n, t = (sums[a:, b:] - sums[:-a, b:] - sums[a:, :-b] + sums[:-a, :-b] for sums in (number, total))
+            gain = _ratio(n.astype(float), t, count, overall)
             i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
             right, up = low + (np.array([i, j]) + np.array([a, b]) / 2) * CELL
             box = float(c * right - s * up), float(s * right + c * up), a * CELL, b * CELL, float(angle)
             found.append((float(gain[i, j]), box))
-    return [box for gain, box in sorted(found, key=lambda one: -one[0]) if gain > 0]
+    return [box for gain, box in sorted(found, key=lambda entry: -entry[0]) if gain > 0]
 
 
 def _fitted(steps: Steps, box: Box) -> tuple[Box, float]:
     """Return the rectangle near another whose variance differs most without its hottest pass, and the deviance."""
     gain, step = _lasting(steps, box), 4 * FINEST
     while step >= FINEST:
-        tried = [(one, _lasting(steps, one)) for one in _near(box, step)]
-        best = max(tried, key=lambda one: one[1])
+        tried = [(moved, _lasting(steps, moved)) for moved in _near(box, step)]
+        best = max(tried, key=lambda entry: entry[1])
         if best[1] > gain:
             box, gain = best
         else:
@@ -149,5 +149,5 @@ def _lasting(steps: Steps, box: Box) -> float:
         return 0.0
     n, total = np.bincount(number).astype(float), np.bincount(number, squares[inside])
     hottest = int(np.argmax(total))
-    every, whole = len(squares) - n[hottest], float(squares.sum() - total[hottest])
-    return float(_ratio(n.sum() - n[hottest], total.sum() - total[hottest], every, whole))
+    count, overall = len(squares) - n[hottest], float(squares.sum() - total[hottest])
+    return float(_ratio(n.sum() - n[hottest], total.sum() - total[hottest], count, overall))

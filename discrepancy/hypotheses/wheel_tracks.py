@@ -44,15 +44,15 @@ class Steps:
     track: NDArray[np.intp]
     time: NDArray[np.intp]
 
-    def passes(self, there: NDArray[np.bool_]) -> NDArray[np.intp]:
+    def passes(self, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Return for the steps `there` (M,) the number of their pass: one wheel's steps without a break."""
-        track, time = self.track[there], self.time[there]
+        track, time = self.track[chosen], self.time[chosen]
         new = (np.diff(track, prepend=-1) != 0) | (np.diff(time, prepend=-9) > 2)
         return np.cumsum(new) - 1
 
-    def only(self, there: NDArray[np.bool_]) -> "Steps":
+    def only(self, chosen: NDArray[np.bool_]) -> "Steps":
         """Return the steps `there` (M,)."""
-        return Steps(*(getattr(self, name)[there] for name in Steps.__dataclass_fields__))
+        return Steps(*(getattr(self, name)[chosen] for name in Steps.__dataclass_fields__))
 
 
 def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> Steps:
@@ -66,8 +66,8 @@ def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence
         longest = np.abs(path).max(axis=1, keepdims=True) + FLOOR
         wheel, step = np.nonzero(np.isfinite(slip).T)
         weight = 1 / np.broadcast_to(longest, path.shape)
-        own = (one[step, wheel] for one in (places[:-1], places[1:], path, heading, slip, weight))
-        parts.append((*own, radius[wheel], k * w + wheel, step))
+        columns = (values[step, wheel] for values in (places[:-1], places[1:], path, heading, slip, weight))
+        parts.append((*columns, radius[wheel], k * w + wheel, step))
     steps = Steps(*(np.concatenate(part) for part in zip(*parts, strict=True)))
     squares = float(np.sum(steps.weight * steps.slip**2))
     return dataclasses.replace(steps, weight=steps.weight * len(steps.slip) / max(squares, 1e-30))

@@ -34,7 +34,7 @@ class Slipping:
 
     def __init__(self, robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> None:
         self._robot, self._model, self._log, self._state = robot, model, log, state
-        self._without = replace(robot, effects=tuple(one for one in robot.effects if one.creep is None))
+        self._without = replace(robot, effects=tuple(effect for effect in robot.effects if effect.creep is None))
         self._channels = Channels(robot)
         contact, geometry = robot.as_built().contact, self._channels.geometry
         rolled = np.abs(model.rolled(geometry, state)) / np.diff(log.t)[:, None]
@@ -99,10 +99,10 @@ class Slipping:
             without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
             geometry: Geometry = Geometry.of(without.as_built())
             if differ(channels.geometry, geometry) and effect.radius_change(without.as_built()) is None:
-                changed, step, more = stacked(geometry, [geometry]), np.array([-1.0]), np.zeros((*counts.shape, 0))
+                changed, step, excess = stacked(geometry, [geometry]), np.array([-1.0]), np.zeros((*counts.shape, 0))
             else:
                 changed, step = stacked(geometry, []), np.zeros(0)
-                more = (read - channels.read(without, self._log, counts))[..., None]
-            own = model.fought(channels.geometry, changed, step, self._state, more, self.yields)
-            slips = np.concatenate([slips, own], axis=-1)
+                excess = (read - channels.read(without, self._log, counts))[..., None]
+            hidden_slip = model.fought(channels.geometry, changed, step, self._state, excess, self.yields)
+            slips = np.concatenate([slips, hidden_slip], axis=-1)
         return slips

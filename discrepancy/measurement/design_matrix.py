@@ -49,7 +49,7 @@ class Columns:
         state: Array,
         clock: Array,
         slipping: Slipping,
-        own: Array,
+        known_slips: Array,
         parts: Array,
         among: Sequence[Candidate] | None,
         places: Sequence[Candidate],
@@ -60,9 +60,9 @@ class Columns:
         found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
         changed = stacked(geometry, found.geometries)
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slipping.yields)
-        slips = np.zeros((*own.shape[:2], len(found.slips)))
-        for k, one in enumerate(found.slips):
-            slips[..., k] = model.rows_of(one.rolling, one.side)
+        slips = np.zeros((*known_slips.shape[:2], len(found.slips)))
+        for k, slip in enumerate(found.slips):
+            slips[..., k] = model.rows_of(slip.rolling, slip.side)
         for k in found.places:  # what wheels disagree by is taken for creep as long as no cable is known
             slips[..., k] -= parts[0] * slipping.seen_as_creep(found.slips[k])
         return cls(
@@ -76,7 +76,7 @@ class Columns:
             readings=found.readings,
             slips=slips,
             fought=fought,
-            own=own,
+            own=known_slips,
             rates=found.rates,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
         )
@@ -84,7 +84,7 @@ class Columns:
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
         """Return what the log says of amplitudes, of what wheels hide of each, of parts, and of what every wheel and
         castor may always creep; of `only` some candidates: but for the last."""
-        chosen = [only is None or one in only for one in self.candidates for _ in range(one.columns)]
+        chosen = [only is None or candidate in only for candidate in self.candidates for _ in range(candidate.columns)]
         columns, always = np.flatnonzero(chosen), self.own[..., :0]
         if only is None:
             always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
@@ -107,8 +107,8 @@ class Columns:
 
 def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
     """Return the columns of each of some candidates that follow each other."""
-    ends = np.cumsum([one.columns for one in candidates])
-    return tuple(np.arange(end - one.columns, end) for one, end in zip(candidates, ends, strict=True))
+    ends = np.cumsum([candidate.columns for candidate in candidates])
+    return tuple(np.arange(end - candidate.columns, end) for candidate, end in zip(candidates, ends, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,20 +134,20 @@ class Shared:
 
 
 def together(
-    each: Sequence[tuple[Sequence[Candidate], Reduced]],
+    reductions: Sequence[tuple[Sequence[Candidate], Reduced]],
 ) -> tuple[tuple[Candidate, ...], Array, Array, list[NDArray[np.intp]]]:
     """Return all candidates of several logs, and what these say together of their amplitudes, then of what wheels hide
     of each, and then of the numbers that all logs share: information, gradient, and which numbers are of which log."""
-    candidates = tuple(dict.fromkeys(one for some, _ in each for one in some))
+    candidates = tuple(dict.fromkeys(candidate for log_candidates, _ in reductions for candidate in log_candidates))
     columns = dict(zip(candidates, columns_of(candidates), strict=True))
-    half = sum(one.columns for one in candidates)
-    shared = len(each[0][1].information) - 2 * sum(one.columns for one in each[0][0])
+    half = sum(candidate.columns for candidate in candidates)
+    shared = len(reductions[0][1].information) - 2 * sum(candidate.columns for candidate in reductions[0][0])
     size = 2 * half + shared
-    information, gradient = np.zeros((size, size)), np.zeros((size, each[0][1].gradient.shape[1]))
+    information, gradient = np.zeros((size, size)), np.zeros((size, reductions[0][1].gradient.shape[1]))
     numbers = []
-    for some, reduced in each:
-        own = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[one] for one in some)])
-        at = np.concatenate([own, own + half, np.arange(2 * half, size)])
+    for log_candidates, reduced in reductions:
+        amplitudes = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[candidate] for candidate in log_candidates)])
+        at = np.concatenate([amplitudes, amplitudes + half, np.arange(2 * half, size)])
         information[np.ix_(at, at)] += reduced.information
         gradient[at] += reduced.gradient
         numbers.append(at)
@@ -161,14 +161,14 @@ def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
     return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ both[:, n])
 
 
-def quieter(logs: Sequence[Columns], some: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
+def quieter(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
     """Return the sizes of noise that some candidates leave, each as large as the logs want; none larger than before."""
     found = noise
     for _ in range(QUIETER_ROUNDS):
-        told = [one.reduce(shared.mount, found, some, PROBES) for one in logs]
-        each = [[one for one in log.candidates if one in some] for log in logs]
-        candidates, information, gradient, numbers = together(list(zip(each, told, strict=True)))
-        shared.believed(information, gradient, 2 * sum(one.columns for one in candidates))
+        told = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
+        log_candidates = [[candidate for candidate in log.candidates if candidate in chosen] for log in logs]
+        candidates, information, gradient, numbers = together(list(zip(log_candidates, told, strict=True)))
+        shared.believed(information, gradient, 2 * sum(candidate.columns for candidate in candidates))
         scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
         best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
         moved: Array = (-best / scale[:, None]).astype(np.float64)

@@ -72,7 +72,7 @@ def settled(
             slipping = Slipping(robot, model, log, state)
             slips.append(Slips(slipping, slipping.sure(), slipping.known()))
         _expect(models, slips, parts)
-        shared = _shared(models, geometry, at, sizes, [one.known for one in slips], parts, usual)
+        shared = _shared(models, geometry, at, sizes, [log_slips.known for log_slips in slips], parts, usual)
         parts = shared.parts
         _expect(models, slips, parts)
         at, sizes, _ = fitted(models, geometry, (), none, None, (at, sizes), SOME if k else ROUNDS, least=least)
@@ -100,8 +100,8 @@ def _corrected(
 
 
 def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> None:
-    for model, one in zip(models, slips, strict=True):
-        model.expect(one.certain + one.known @ parts)
+    for model, log_slips in zip(models, slips, strict=True):
+        model.expect(log_slips.certain + log_slips.known @ parts)
 
 
 def _limits(e: int) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from estimators.calibration.maximum_likelihood import State
 
 def gap_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
     """Return the rms of what odometry is off the reference, m and rad; None without a reference."""
-    tracked = [one for one in zip(models, at.states, at.clocks, strict=True) if one[0].poses]
+    tracked = [log_fit for log_fit in zip(models, at.states, at.clocks, strict=True) if log_fit[0].poses]
     if not tracked:
         return None
     off = np.concatenate([model.errors(geometry, state, clock, at.mount) for model, state, clock in tracked])

@@ -80,12 +80,12 @@ def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterat
     """Yield what was found; several that come together one by one."""
     nominal, best = found.nominal, found.best
     for hypothesis in best.mistakes:
-        others = [candidate for candidate in found.alike if hypothesis not in candidate.mistakes]
+        alternatives = [candidate for candidate in found.alike if hypothesis not in candidate.mistakes]
         evidence = f"{_contradiction(nominal.misfit)}, and by {_parts(best.misfit)} if so"
         if len(best.mistakes) > 1:
             evidence += f" ({len(best.mistakes)} mistakes together)"
-        what = f"{hypothesis.what}: {evidence}; {hypothesis.remedy}"
-        yield Mistake(what, hypothesis.effects, tuple(_named(candidate) for candidate in others))
+        sentence = f"{hypothesis.what}: {evidence}; {hypothesis.remedy}"
+        yield Mistake(sentence, hypothesis.effects, tuple(_named(candidate) for candidate in alternatives))
     yaw = best.misfit.yaw
     if misfits.poses is not None and abs(yaw) > YAW and best.misfit.rms < AGREED:
         straight = [candidate for candidate in found.alike if abs(candidate.misfit.yaw) < YAW]

@@ -87,10 +87,10 @@ def scale(robot: RobotDescription, place: str, scaled: tuple[int, ...], factor: 
         )
     effects = ()
     if abs(factor - 1) <= 0.5:
-        where = [
+        wheels = [
             (i, j) for i in range(1, len(robot.castors) + 1) for j in range(1, len(robot.castors[i - 1].wheels) + 1)
         ]
-        named = [(i, j) for i, j in where if channels.has(i, j) and channels.at(i, j) in scaled]
+        named = [(i, j) for i, j in wheels if channels.has(i, j) and channels.at(i, j) in scaled]
         effects = tuple(CountsPerRev(castor=i, wheel=j, value=factor - 1) for i, j in named)
     told = sorted({robot.wheels[robot.driven_wheels[k]].counts_per_rev or 0.0 for k in scaled})
     right = " and ".join(f"{counts * factor:.5g} for {counts:g}" for counts in told)
@@ -121,12 +121,12 @@ def _wiring(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
         for effect in kind.variants(robot):
             match effect:
                 case EncodersSwapped():
-                    what = f"the left and right encoder of castor {effect.castor} are swapped"
+                    sentence = f"the left and right encoder of castor {effect.castor} are swapped"
                 case EncoderReversed():
-                    what = f"{names[channels.at(effect.castor, effect.wheel)]} counts backwards"
+                    sentence = f"{names[channels.at(effect.castor, effect.wheel)]} counts backwards"
                 case _:
-                    what = f"castors {effect.castor} and {effect.other} are exchanged"
-            yield _by_effects(channels, what, (effect,))
+                    sentence = f"castors {effect.castor} and {effect.other} are exchanged"
+            yield _by_effects(channels, sentence, (effect,))
 
 
 def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
@@ -146,18 +146,18 @@ def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
         exchanges = _exchanges(alike, list(order))
         if len(exchanges) > 1:
             shown = ", ".join(map(str, order))
-            what = f"the castors are connected in the order {shown}, not {', '.join(map(str, alike))}"
+            sentence = f"the castors are connected in the order {shown}, not {', '.join(map(str, alike))}"
             effects = tuple(CastorOrder(castor=a, other=b) for a, b in exchanges)
-            yield _by_effects(channels, what, effects, plain=False)
+            yield _by_effects(channels, sentence, effects, plain=False)
 
 
 def _exchanges(alike: list[int], order: list[int]) -> list[tuple[int, int]]:
     """Return the exchanges, first to last, after which place alike[k] shows castor order[k]."""
-    now, found = list(alike), []
+    shown, found = list(alike), []
     for k, castor in enumerate(order):
-        at = now.index(castor)
+        at = shown.index(castor)
         if at != k:
-            now[k], now[at] = now[at], now[k]
+            shown[k], shown[at] = shown[at], shown[k]
             found.append((alike[k], alike[at]))
     return found
 
@@ -173,15 +173,15 @@ def _many(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
         yield _by_effects(channels, "all pivots count backwards", pivots, plain=False)
     swaps = EncodersSwapped.variants(robot)
     if len(swaps) > 1:
-        what = "the left and right encoders of every castor are swapped"
-        yield _by_effects(channels, what, swaps, plain=False)
+        sentence = "the left and right encoders of every castor are swapped"
+        yield _by_effects(channels, sentence, swaps, plain=False)
     for swap in swaps:
         castor_reversals = tuple(reversal for reversal in wheels if reversal.castor == swap.castor)
         if len(robot.castors) > 1 and len(castor_reversals) < len(wheels):
-            what = f"both wheels of castor {swap.castor} count backwards"
-            yield _by_effects(channels, what, castor_reversals, plain=False)
-        what = f"the left and right encoder of castor {swap.castor} are swapped and both count backwards"
-        yield _by_effects(channels, what, (swap, *castor_reversals), plain=False)
+            sentence = f"both wheels of castor {swap.castor} count backwards"
+            yield _by_effects(channels, sentence, castor_reversals, plain=False)
+        sentence = f"the left and right encoder of castor {swap.castor} are swapped and both count backwards"
+        yield _by_effects(channels, sentence, (swap, *castor_reversals), plain=False)
 
 
 def _foreign(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
@@ -265,5 +265,5 @@ def _reference() -> Iterator[Hypothesis]:
             {"lengths": 1000.0, "headings": degrees},
         ),
     ]
-    for what, remedy, by in kinds:
-        yield Hypothesis(what, lambda reading, by=by: reading.referred(**by), remedy=remedy)
+    for sentence, remedy, by in kinds:
+        yield Hypothesis(sentence, lambda reading, by=by: reading.referred(**by), remedy=remedy)

@@ -259,8 +259,8 @@ def _between(steps: Array, poses: Poses) -> Array:
     return sums[poses.last] - sums[poses.first]
 
 
-def _share(squares: Array, whole: Array) -> float:
+def _share(squares: Array, sizes: Array) -> float:
     """Return the part of squares that is missed, without the worst windows."""
     kept = squares <= np.quantile(squares, KEPT)
-    total = float(whole[kept].sum())
+    total = float(sizes[kept].sum())
     return float(squares[kept].sum()) / total if total > 0 else 0.0

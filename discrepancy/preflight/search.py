@@ -115,22 +115,22 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
 
 def _simplest(near: list[Candidate]) -> Candidate:
     """Return the simplest; of several the one that explains most or, where they hardly differ, the first."""
-    simple = [candidate for candidate in near if candidate.rank == min(other.rank for other in near)]
+    simple = [candidate for candidate in near if candidate.rank == min(rival.rank for rival in near)]
     least = min(candidate.left for candidate in simple)
     return next(candidate for candidate in simple if candidate.left <= SAME * least)
 
 
-def _explains(candidate: Candidate, other: Candidate) -> bool:
-    return other.left >= (BETTER_OF_MUCH if other.left > MUCH else BETTER) * candidate.left
+def _explains(candidate: Candidate, rival: Candidate) -> bool:
+    return rival.left >= (BETTER_OF_MUCH if rival.left > MUCH else BETTER) * candidate.left
 
 
-def _alone(candidate: Candidate, every: list[Candidate]) -> bool:
+def _alone(candidate: Candidate, candidates: list[Candidate]) -> bool:
     """Whether one stands out where much contradicts the robot: all others, and none, leave far more."""
-    return all(other.left > max(MUCH, ALONE * candidate.left) for other in every if other is not candidate)
+    return all(rival.left > max(MUCH, ALONE * candidate.left) for rival in candidates if rival is not candidate)
 
 
-def _alike(candidate: Candidate, other: Candidate) -> bool:
-    return candidate.left <= ALIKE * other.left
+def _alike(candidate: Candidate, rival: Candidate) -> bool:
+    return candidate.left <= ALIKE * rival.left
 
 
 def _straight(candidate: Candidate) -> bool:

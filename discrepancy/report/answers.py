@@ -52,7 +52,7 @@ def likely(data: Data) -> list[Picture]:
     names = mapping(data.get("names"))
     told = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
     named = [str(answer["what"]) for answer in data["answers"] if answer["verdict"] == "named"]
-    return [probabilities([(*one, sentences.percent(one[1])) for one in told], named)] if len(told) > 1 else []
+    return [probabilities([(*entry, sentences.percent(entry[1])) for entry in told], named)] if len(told) > 1 else []
 
 
 def _checks(data: Data) -> str:
@@ -68,11 +68,11 @@ def _preflight(data: Data) -> str:
 
 
 def _card(data: Data, answer: Data) -> str:
-    others = sentences.others_of(data, answer)
+    rivals = sentences.others_of(data, answer)
     reason = sentences.reason_of(data, answer) if answer.get("verdict") != "named" else None
     rows = {
         "probability": sentences.percent(answer.get("probability")),
-        "or else": sentences.listed(others),
+        "or else": sentences.listed(rivals),
         "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
         "not named, because": reason,
@@ -94,7 +94,7 @@ def _trifles(trifles: Sequence[Data]) -> str:
 
 def _gap(data: Data) -> str:
     pairs = [data.get(of) or (None, None) for of in ("gap", "held_out_gap")]
-    four: list[Data] = [{} if one is None else {"m": one[0], "rad": one[1]} for pair in pairs for one in pair]
+    four: list[Data] = [{} if gap is None else {"m": gap[0], "rad": gap[1]} for pair in pairs for gap in pair]
     table = before_after("Dead reckoning less reference (rms)", four, GAP, 1e3)
     if not table:
         return "" if "gap" not in data else "<p>There are no reference poses: odometry's gap is not measured.</p>"
@@ -112,13 +112,13 @@ def _replay(replay: Data) -> str:
     return replayed(four[0]) + before_after(caption, four, MOTION, 1.0)
 
 
-def _where(where: Data) -> str:
-    if not where:
+def _where(place: Data) -> str:
+    if not place:
         return ""
     return (
-        f"<p>Most of it is in {text(where.get('channel'))} ({number(where.get('share_of_slip'), 100)} %); the largest, "
-        f"{number(where.get('most_slip_m'), 1e3, 2)} mm in a second, at {number(where.get('at_s'), 1, 1)} s near x "
-        f"{number(where.get('x_m'), 1, 2)}, y {number(where.get('y_m'), 1, 2)} m.</p>"
+        f"<p>Most of it is in {text(place.get('channel'))} ({number(place.get('share_of_slip'), 100)} %); the largest, "
+        f"{number(place.get('most_slip_m'), 1e3, 2)} mm in a second, at {number(place.get('at_s'), 1, 1)} s near x "
+        f"{number(place.get('x_m'), 1, 2)}, y {number(place.get('y_m'), 1, 2)} m.</p>"
     )
 
 

@@ -44,15 +44,15 @@ def page_of(data: Data, sentence: str, head: str, sections: Iterable[str]) -> st
 
 def names_apart(paths: Iterable[Any]) -> dict[str, str]:
     """Return what to call files: by their names, and as many of the folders above as tell them from each other."""
-    every = {str(path): Path(str(path)).parts for path in paths}
+    parts_of = {str(path): Path(str(path)).parts for path in paths}
 
     def called(parts: tuple[str, ...]) -> str:
         for n in range(1, len(parts)):
-            if sum(other[-n:] == parts[-n:] for other in every.values()) == 1:
+            if sum(rival[-n:] == parts[-n:] for rival in parts_of.values()) == 1:
                 return str(Path(*parts[-n:]))
         return str(Path(*parts))
 
-    return {path: called(parts) for path, parts in every.items()}
+    return {path: called(parts) for path, parts in parts_of.items()}
 
 
 def logs_line(data: Data) -> str:
@@ -99,8 +99,8 @@ def before_after(caption: str, four: Sequence[Data], rows: Iterable[tuple[str, s
         pairs = [values[:2], values[2:]] if held_out else [values[:2]]
         cells = []
         for before, after in pairs:
-            now = f'<b class="after">{number(after, scale, 2)}</b>'
-            cells += [number(before, scale, 2), *([now, left(before, after)] if found else [])]
+            after_cell = f'<b class="after">{number(after, scale, 2)}</b>'
+            cells += [number(before, scale, 2), *([after_cell, left(before, after)] if found else [])]
         body.append([f'{label} <span class="unit">{unit}</span>', *cells])
     if not body:
         return ""

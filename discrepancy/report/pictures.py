@@ -86,8 +86,8 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
-        every = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
-        for (title, pair), (position, heading) in zip(seen.items(), every.T, strict=True):
+        grid = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
+        for (title, pair), (position, heading) in zip(seen.items(), grid.T, strict=True):
             for several, color, label in zip(pair, (BEFORE, AFTER), ("as described", "with robot.json"), strict=True):
                 for k, traces in enumerate(several):
                     way = np.interp(traces.times, traces.t, traces.driven)
@@ -95,10 +95,10 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
                     position.plot(way, off, color=color, label="_" if k else label)
                     heading.plot(way, 1e3 * traces.off[:, 2], color=color)
             heading.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
-        every[0, 0].set_ylim(bottom=0)
-        every[0, 0].set_ylabel("position off by, mm")
-        every[1, 0].set_ylabel("heading, mrad")
-        _legend_above(every[0, 0])
+        grid[0, 0].set_ylim(bottom=0)
+        grid[0, 0].set_ylabel("position off by, mm")
+        grid[1, 0].set_ylabel("heading, mrad")
+        _legend_above(grid[0, 0])
         svg = _svg(figure, "drift")
     found = any(mended for _, mended in seen.values())
     said = [
@@ -126,26 +126,26 @@ def slip(before: Traces, after: Traces | None = None) -> Picture:
     rows = len(before.channels)
     top = float(max(np.percentile(np.abs(before.slip), 99), 1e-6))
     with mpl.rc_context({**STYLE, "axes.grid": False}):
-        figure, every = _figure(0.5 + (0.35 + 0.19 * rows) * len(shown), len(shown))
+        figure, rows_of_axes = _figure(0.5 + (0.35 + 0.19 * rows) * len(shown), len(shown))
         scale = ScalarMappable(Normalize(-1e3 * top, 1e3 * top), SIGNED)
-        for axes, (traces, _, label) in zip(every, shown, strict=True):
+        for axes, (traces, _, label) in zip(rows_of_axes, shown, strict=True):
             colors = scale.to_rgba(1e3 * traces.slip.T)
             axes.pcolorfast(_edges(traces.middle), np.arange(rows + 1.0), colors)
             axes.set_yticks(np.arange(rows) + 0.5, traces.channels, fontsize=7.5)
             axes.invert_yaxis()
             axes.tick_params(length=0)
             axes.set_title(label)
-        every[-1].set_xlabel("time, s")
-        bar = figure.colorbar(scale, ax=every, shrink=0.8, pad=0.02, aspect=30)
+        rows_of_axes[-1].set_xlabel("time, s")
+        bar = figure.colorbar(scale, ax=rows_of_axes, shrink=0.8, pad=0.02, aspect=30)
         bar.set_label("mm of slip in a second")
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
         svg = _svg(figure, "slip")
-    where = before.worst()
+    worst = before.worst()
     return Picture(
         "slip",
         svg,
-        f"A map of slip by channel and time{_also(after)}; most of it in {where['channel']}, and at its largest, "
-        f"{1e3 * where['most_slip_m']:.2g} mm, at {where['at_s']:.0f} s.",
+        f"A map of slip by channel and time{_also(after)}; most of it in {worst['channel']}, and at its largest, "
+        f"{1e3 * worst['most_slip_m']:.2g} mm, at {worst['at_s']:.0f} s.",
         "By how much each wheel's rolling and each castor's side motion miss perfect rolling. One row that stands "
         "out is a wheel or castor; one column, an event.",
     )
@@ -167,11 +167,11 @@ def floor(before: Traces) -> Picture:
         bar.set_label("mm of slip in a second (rms)")
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
         svg = _svg(figure, "floor")
-    where = before.worst()
+    worst = before.worst()
     return Picture(
         "floor",
         svg,
-        f"Slip on a map of the floor; most near x {where['x_m']:.2f}, y {where['y_m']:.2f} m.",
+        f"Slip on a map of the floor; most near x {worst['x_m']:.2f}, y {worst['y_m']:.2f} m.",
         "Slip where it happened. Dark points close together are a place on the floor; evenly spread ones, the robot.",
     )
 
@@ -181,7 +181,7 @@ def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] 
 
     named: the names that are given to what is missing.
     """
-    best = sorted(names, key=lambda one: -one[1])[:SHOWN]
+    best = sorted(names, key=lambda entry: -entry[1])[:SHOWN]
     svg = _bars("probabilities", [(name, 100 * part, said) for name, part, said in best], named, "probability, %", 100)
     told = ", ".join(f"{name} {said}" for name, _, said in best)
     return Picture(
@@ -206,8 +206,8 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
         kinds = {kind: told for kind, told in kinds.items() if told[1]}
         rows = figure.add_gridspec(2 if posed else 1, 1)
         lower = rows[-1].subgridspec(1, len(kinds), width_ratios=[1 + len(names) for _, names in kinds.values()])
-        every = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
-        top = figure.add_subplot(rows[0]) if posed else every[0]
+        encoder_axes = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
+        top = figure.add_subplot(rows[0]) if posed else encoder_axes[0]
         if posed:
             for replay, color, label in shown:
                 position = 1e3 * np.hypot(replay.body[:, 0], replay.body[:, 1])
@@ -216,11 +216,13 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
             top.set_xlabel("window")
             top.xaxis.set_major_locator(MaxNLocator(integer=True))
             top.set_ylim(bottom=0)
-        for axes, (kind, (label, names)) in zip(every, kinds.items(), strict=True):
+        for axes, (kind, (label, names)) in zip(encoder_axes, kinds.items(), strict=True):
             width = 0.8 / len(shown)
-            for k, (replay, color, which) in enumerate(shown):
+            for k, (replay, color, replay_label) in enumerate(shown):
                 gaps = 1e3 * np.sqrt(np.mean(getattr(replay, kind) ** 2, axis=0))
-                axes.bar(np.arange(len(names)) - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=which)
+                axes.bar(
+                    np.arange(len(names)) - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=replay_label
+                )
             axes.set_xticks(np.arange(len(names)), [name.partition("_")[2] for name in names])
             axes.grid(visible=False, axis="x")
             axes.set_ylabel(label)
@@ -236,13 +238,13 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
 
 
 def _bars(
-    name: str, bars: Sequence[tuple[str, float, str]], named: Sequence[str], label: str, most: float | None = None
+    name: str, bars: Sequence[tuple[str, float, str]], named: Sequence[str], label: str, longest: float | None = None
 ) -> str:
     """Return bars, each with what it is of, its length and what is written at its end; the named in colour."""
     with mpl.rc_context({**STYLE, "axes.grid": False}):
-        names = [_plain(what) for what, _, _ in bars]
-        figure, (axes,) = _figure(0.55 + 0.2 * len(bars) + 0.11 * sum(what.count("\n") for what in names), 1)
-        colors = [AFTER if what in named else "#c9c6bd" for what, _, _ in bars]
+        names = [_plain(bar_name) for bar_name, _, _ in bars]
+        figure, (axes,) = _figure(0.55 + 0.2 * len(bars) + 0.11 * sum(bar_name.count("\n") for bar_name in names), 1)
+        colors = [AFTER if bar_name in named else "#c9c6bd" for bar_name, _, _ in bars]
         axes.barh(np.arange(len(bars)), [length for _, length, _ in bars], color=colors, height=0.62)
         axes.set_yticks(np.arange(len(bars)), names, fontsize=7.5)
         for row, (_, length, said) in enumerate(bars):
@@ -252,9 +254,9 @@ def _bars(
         axes.tick_params(axis="y", length=0)
         axes.set_xlabel(label)
         axes.margins(x=0.1)
-        if most is not None:
-            axes.set_xlim(0, 1.15 * most)
-            axes.set_xticks(np.linspace(0, most, 6))
+        if longest is not None:
+            axes.set_xlim(0, 1.15 * longest)
+            axes.set_xticks(np.linspace(0, longest, 6))
         return _svg(figure, name)
 
 

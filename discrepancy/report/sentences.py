@@ -60,8 +60,8 @@ def as_lines(data: Data) -> list[str]:
             lines[-1] += f": {size}"
         if answer["verdict"] != "named":
             lines.append(f"  {reason_of(data, answer)}")
-        if others := others_of(data, answer):
-            lines.append(f"  or: {listed(others)}")
+        if rivals := others_of(data, answer):
+            lines.append(f"  or: {listed(rivals)}")
         lines.append(f"  costs {cost_of(answer) or 'nothing on these drives'}")
         if answer["check"]:
             lines[-1] += f"; to check: {answer['check']}"
@@ -69,11 +69,11 @@ def as_lines(data: Data) -> list[str]:
         lines.append(sentence(data))
     elif trifles := [answer["what"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
         lines.append(f"costs too little to matter: {', '.join(trifles)}")
-    for where, of in (("", data["gap"]), (" on the held-out logs", data["held_out_gap"])):
+    for log_set, of in (("", data["gap"]), (" on the held-out logs", data["held_out_gap"])):
         if of is not None:
-            before, after = (None if one is None else off(one) for one in of)
+            before, after = (None if gap is None else off(gap) for gap in of)
             now = f"; with {file} {after}, {_part(*of)} stays" if after is not None else ""
-            lines.append(f"odometry is off the reference{where} by {before} (rms){now}")
+            lines.append(f"odometry is off the reference{log_set} by {before} (rms){now}")
     replays = mapping(data["replay"])
     if before := mapping(replays.get("before")):
         now = f"; with {file} {missed(replays['after'])}" if replays.get("after") else ""
@@ -85,13 +85,13 @@ def stays(data: Data) -> str:
     """Return what stays of the gap with the robot that is written, if that is half or more; else nothing."""
     if (staying := _staying(data)) is None:
         return ""
-    where, before, after, noise = staying
+    log_set, before, after, noise = staying
     if noise:
-        share = f"{100 * after / before:.0f} % of the gap{where} stays, {after:.3g} of {before:.3g} mm (rms)"
+        share = f"{100 * after / before:.0f} % of the gap{log_set} stays, {after:.3g} of {before:.3g} mm (rms)"
         return f"{share}; the reference's own noise is about {noise:.2g} mm."
     if after >= before:
-        return f"What is named does not shrink the gap{where}: {after:.3g} instead of {before:.3g} mm (rms)."
-    return f"{100 * after / before:.0f} % of the gap{where} stays unexplained: {after:.3g} of {before:.3g} mm (rms)."
+        return f"What is named does not shrink the gap{log_set}: {after:.3g} instead of {before:.3g} mm (rms)."
+    return f"{100 * after / before:.0f} % of the gap{log_set} stays unexplained: {after:.3g} of {before:.3g} mm (rms)."
 
 
 def unexplained(data: Data) -> bool:
@@ -127,8 +127,8 @@ def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
     """Return the other names of an answer in words, and their probabilities, the likeliest first."""
     names, called = mapping(data.get("names")), list(answer.get("credible_set") or ())[:1]
     told = mapping(answer.get("probabilities")).items()
-    others = [(str(names.get(name, name)), part) for name, part in told if name not in called and part >= TOLD]
-    return sorted(others, key=lambda other: -other[1])[:MOST]
+    rivals = [(str(names.get(name, name)), part) for name, part in told if name not in called and part >= TOLD]
+    return sorted(rivals, key=lambda rival: -rival[1])[:MOST]
 
 
 def reason_of(data: Data, answer: Data) -> str:
@@ -139,9 +139,9 @@ def reason_of(data: Data, answer: Data) -> str:
     return str(answer.get("reason") or "").partition("; it looks like")[0]
 
 
-def listed(others: Sequence[tuple[str, float]]) -> str:
+def listed(rivals: Sequence[tuple[str, float]]) -> str:
     """Return names with their probabilities."""
-    return ", ".join(f"{name} ({percent(part)})" for name, part in others)
+    return ", ".join(f"{name} ({percent(part)})" for name, part in rivals)
 
 
 def percent(part: Any) -> str:
@@ -167,13 +167,13 @@ def missed(summary: Mapping[str, Any]) -> str:
 
 def _told(data: Data, answer: Data) -> str:
     """Return an answer in a sentence: its names, how sure, how large, and what it costs."""
-    what, sure = str(answer.get("what")), f"{percent(answer.get('probability'))} sure"
+    title, sure = str(answer.get("what")), f"{percent(answer.get('probability'))} sure"
     sure += " by these logs alone" if answer.get("verdict") == "unconfirmed" else ""
-    if answer.get("verdict") == "ambiguous" and (others := others_of(data, answer)):
-        names = " or ".join(f"{name} ({percent(part)})" for name, part in [(what, answer.get("probability")), *others])
+    if answer.get("verdict") == "ambiguous" and (rivals := others_of(data, answer)):
+        names = " or ".join(f"{name} ({percent(part)})" for name, part in [(title, answer.get("probability")), *rivals])
     else:
         size = size_of(answer).partition(" (")[0]
-        names = f"{what} ({f'{size}, ' if size else ''}{sure})"
+        names = f"{title} ({f'{size}, ' if size else ''}{sure})"
     cost = cost_of(answer)
     return f"{names}, which costs {cost}" if cost else names
 
@@ -183,22 +183,22 @@ def _staying(data: Data) -> tuple[str, float, float, float] | None:
     if that is half of it or more; None if there is none."""
     replays, position = mapping(data.get("replay")), mapping(data.get("noise")).get("position_m")
     gaps = [("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))]
-    gaps = [(where, [None if of is None else 1e3 * of[0] for of in pair]) for where, pair in gaps if pair]
+    gaps = [(log_set, [None if of is None else 1e3 * of[0] for of in pair]) for log_set, pair in gaps if pair]
     if not gaps:
-        counted = [mapping(replays.get(when)).get("wheels_rms_mm") for when in ("before", "after")]
+        counted = [mapping(replays.get(state)).get("wheels_rms_mm") for state in ("before", "after")]
         gaps, position = [(" between simulated and measured wheel counts", counted)], None
-    for where, (before, after) in gaps:
+    for log_set, (before, after) in gaps:
         if before and after is not None and after >= HALF * before:
             noise = 1e3 * math.sqrt(2) * (position or 0.0)  # along both axes
-            return where, before, after, noise if noise >= HALF * after else 0.0
+            return log_set, before, after, noise if noise >= HALF * after else 0.0
     return None
 
 
 def _title(mistake: Data) -> str:
     """Return a gross mistake in a few words, and what else it may be."""
-    others = [str(other) for other in mistake.get("alternatives") or ()]
+    rivals = [str(rival) for rival in mistake.get("alternatives") or ()]
     title = str(mistake.get("what") or "").partition(":")[0]
-    return f"{title}, or else {'; or '.join(others)}" if others else title
+    return f"{title}, or else {'; or '.join(rivals)}" if rivals else title
 
 
 def _part(before: Sequence[float], after: Sequence[float]) -> str:

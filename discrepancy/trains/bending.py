@@ -35,9 +35,9 @@ def ends(frame: Frame, relative: Array) -> Array:
     y, mean = relative[..., 1], np.clip(relative[..., 2], -3.0, 3.0) / frame.length
     slope = np.clip(12 * (mean / 2 - y / frame.length**2), -MOST, MOST)  # front less rear, exact for small bends
     for _ in range(NEWTON):
-        less, more = (posture_of(frame, _about(mean, slope + small))[..., 1] for small in (-SMALL, SMALL))
-        by_slope = np.minimum((more - less) / (2 * SMALL), -(frame.length**2) / 100)
-        slope = np.clip(slope - ((less + more) / 2 - y) / by_slope, -MOST, MOST)
+        below, above = (posture_of(frame, _about(mean, slope + small))[..., 1] for small in (-SMALL, SMALL))
+        by_slope = np.minimum((above - below) / (2 * SMALL), -(frame.length**2) / 100)
+        slope = np.clip(slope - ((below + above) / 2 - y) / by_slope, -MOST, MOST)
     return _about(mean, slope)
 
 
@@ -93,7 +93,7 @@ def reading(
 def yielding(train: TrainDescription) -> tuple[Array, Array]:
     """Return how much the contacts of each axle slip for a force of 1 N, along and across, (N,) each, 1/N."""
     stiffness = ([getattr(m.contact, f"slip_stiffness_{way}") for m in train.modules] for way in ("long", "lat"))
-    along, across = (1.0 / (np.array(own) * carried(train)) for own in stiffness)
+    along, across = (1.0 / (np.array(values) * carried(train)) for values in stiffness)
     return along, across
 
 
@@ -117,8 +117,8 @@ def most(train: TrainDescription) -> Array:
 def carried(train: TrainDescription) -> Array:
     """Return what the wheels of each axle carry, (N,), N: their module, and half of each frame on it."""
     half = [0.5 * frame.linear_density * frame.length for frame in train.frames]
-    each = zip(train.modules, [0.0, *half], [*half, 0.0], strict=True)
-    return np.array([np.sum(wheel_loads(replace(m, mass=m.mass + a + b), GRAVITY)) for m, a, b in each])
+    masses = zip(train.modules, [0.0, *half], [*half, 0.0], strict=True)
+    return np.array([np.sum(wheel_loads(replace(m, mass=m.mass + a + b), GRAVITY)) for m, a, b in masses])
 
 
 def half_track(train: TrainDescription) -> Array:

@@ -67,20 +67,20 @@ class Placed:
         """
         step = self.effect.step
         effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
-        for k, own in enumerate(effects):
-            mine = Placed(own, self.axle)
-            if own.name == self.effect.name and mine.same(self):
+        for k, effect in enumerate(effects):
+            placed = Placed(effect, self.axle)
+            if effect.name == self.effect.name and placed.same(self):
                 for change in (step, -step):
                     try:
-                        changed = () if own.binary else (mine.sized(mine.value + change).effect,)
+                        changed = () if effect.binary else (placed.sized(placed.value + change).effect,)
                     except ValueError:
                         continue
-                    change = -step if own.binary else change
-                    rest = (*effects[:k], *changed, *effects[k + 1 :])
+                    change = -step if effect.binary else change
+                    changed_effects = (*effects[:k], *changed, *effects[k + 1 :])
                     if self.axle is None:
-                        return dataclasses.replace(train, effects=rest), change
+                        return dataclasses.replace(train, effects=changed_effects), change
                     modules = list(train.modules)
-                    modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=rest)
+                    modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=changed_effects)
                     return dataclasses.replace(train, modules=tuple(modules)), change
         return self.sized(step).added(train), step
 
@@ -167,8 +167,12 @@ def named_candidates(train: TrainDescription) -> list[Candidate]:
         placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
     dead = train.as_built()
     gone = {(f, gauge) for f, frame in enumerate(dead.frames, start=1) for gauge in frame.dead_gauges}
-    live = [one for one in placed if (getattr(one.effect, "frame", 0), getattr(one.effect, "gauge", None)) not in gone]
-    return [Candidate(one.what(train), one.effect.unit, one) for one in live]
+    live = [
+        located
+        for located in placed
+        if (getattr(located.effect, "frame", 0), getattr(located.effect, "gauge", None)) not in gone
+    ]
+    return [Candidate(located.what(train), located.effect.unit, located) for located in live]
 
 
 def dead_gauges(train: TrainDescription) -> list[Candidate]:
@@ -192,13 +196,13 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
     edges = np.linspace(0.0, t[-1], BLOCKS + 1)
     way = np.sqrt(np.mean(log.signed_travel**2))
 
-    def add(family: str, when: str, unit: str, kind: str, width: int, at: int, course: Array, usual: float) -> None:
+    def add(family: str, time: str, unit: str, kind: str, width: int, at: int, course: Array, usual: float) -> None:
         change = np.zeros((len(course), width))
         change[:, at] = -course
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
         usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
-        found.append(Rival(f"{family} {when}", family, unit, number, kind, change, usual))
+        found.append(Rival(f"{family} {time}", family, unit, number, kind, change, usual))
 
     for b in range(BLOCKS):
         inside = ((t >= edges[b]) & (t < edges[b + 1] + (b == BLOCKS - 1))).astype(float)

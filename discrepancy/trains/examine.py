@@ -62,8 +62,8 @@ def examine_train(
 
 def _without_and_with(train: TrainDescription, found: TrainDescription, logs: Logs) -> tuple[Linearised, Linearised]:
     """Return what logs say without and with what is named; axles slide in the same steps, as they do with it."""
-    own, state = equations_of(found, [*logs.values()])
-    return linearise(train, own, state, ()), linearise(found, own, state, ())
+    train_logs, state = equations_of(found, [*logs.values()])
+    return linearise(train, train_logs, state, ()), linearise(found, train_logs, state, ())
 
 
 Pair = tuple[Linearised, Linearised | None]

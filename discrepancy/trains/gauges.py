@@ -39,15 +39,15 @@ def with_dead_gauges(
         if not isinstance(kind, DeadGauge):
             told[answer.candidate] = answer
             continue
-        rest = [one for one in named if one.candidate != answer.candidate]
-        without = seen.log_evidence if len(rest) == len(named) else _log_evidence(look, rest, seen)
-        others, gauges = {one.candidate for one in rest}, []
-        for one in seen.candidates:
-            (other,) = one.kinds or (None,)
-            if isinstance(other, DeadGauge) and other.frame == kind.frame and one not in others:
-                gauges.append(one)
-        each = [_log_evidence(look, [*rest, Sized(one, np.ones(1))], seen) for one in gauges]
-        weights = np.array([without + np.log(NOTHING), *(np.array(each) + np.log1p(-NOTHING) - np.log(names))])
+        kept = [effect for effect in named if effect.candidate != answer.candidate]
+        without = seen.log_evidence if len(kept) == len(named) else _log_evidence(look, kept, seen)
+        kept_causes, gauges = {effect.candidate for effect in kept}, []
+        for candidate in seen.candidates:
+            (other_kind,) = candidate.kinds or (None,)
+            if isinstance(other_kind, DeadGauge) and other_kind.frame == kind.frame and candidate not in kept_causes:
+                gauges.append(candidate)
+        evidences = [_log_evidence(look, [*kept, Sized(gauge, np.ones(1))], seen) for gauge in gauges]
+        weights = np.array([without + np.log(NOTHING), *(np.array(evidences) + np.log1p(-NOTHING) - np.log(names))])
         nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()
         likeliest = sorted(zip(parts, gauges, strict=True), key=lambda entry: -entry[0])
         if nothing > 1 - CREDIBLE:
@@ -56,8 +56,8 @@ def with_dead_gauges(
         _, best = likeliest[0]
         told[best] = dataclasses.replace(
             answer,
-            probabilities={one.family: part for part, one in likeliest if part > SHOWN},
-            credible=tuple(one.family for _, one in likeliest[:count]),
+            probabilities={gauge.family: part for part, gauge in likeliest if part > SHOWN},
+            credible=tuple(gauge.family for _, gauge in likeliest[:count]),
             unnamed=False,
             candidate=best,
             amplitudes=np.ones(1),
@@ -70,7 +70,7 @@ def with_dead_gauges(
 def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start: Linearised) -> float:
     """Return how likely logs are with effects in the model; -inf where they do not fit at all."""
     try:
-        return look(named, start, [one.candidate for one in named]).log_evidence
+        return look(named, start, [effect.candidate for effect in named]).log_evidence
     except InputError:
         return -np.inf
 
@@ -100,15 +100,15 @@ def stop_answers(
     """Return the answers that sensors stop within logs, at one time in all of them; what costs is the reading kept."""
     answers = []
     for f in range(len(train.frames)):
-        when, period = [_stop(train, log, f) for log in logs], train.sample_period
-        known = [time for time in when if time is not None]
+        stops, period = [_stop(train, log, f) for log in logs], train.sample_period
+        known = [time for time in stops if time is not None]
         expected = train.as_built().frames[f].rps_stops
         if not known or (expected is not None and abs(expected - known[0]) < 2 * period):
             continue
         time = float(np.median(known))
         candidate, error = _candidate(Placed(SensorStops(frame=f + 1, value=time)), train), period / 12**0.5
         if not _agree(train, logs, f, time):
-            told = ", ".join("not" if own is None else f"at {own:.2f} s" for own in when)
+            told = ", ".join("not" if stop is None else f"at {stop:.2f} s" for stop in stops)
             candidate = Candidate(f"{candidate.what}, but not always at one time: {told}", "s")
         confirmed = None
         if held_out:
@@ -152,9 +152,9 @@ def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:
 def _noise(seen: Linearised, f: int) -> tuple[float, float]:
     """Return how many readings of a frame there are, and the square of their noise, in what is described."""
     built = seen.train.as_built()
-    each = [log.noise(built, motion, f) for log, motion in zip(seen.own, seen.settled.motions, strict=True)]
-    number = sum(count for _, count in each)
-    square = sum(count * size**2 for size, count in each) / max(number, 1)
+    noises = [log.noise(built, motion, f) for log, motion in zip(seen.own, seen.settled.motions, strict=True)]
+    number = sum(count for _, count in noises)
+    square = sum(count * size**2 for size, count in noises) / max(number, 1)
     return DIFFERENCES * number, square
 
 
@@ -171,9 +171,9 @@ def _stop(train: TrainDescription, log: Log, f: int) -> float | None:
     read, age = log.rps[:, 3 * f : 3 * f + 3], log.rps_age[:, f]
     if not np.isfinite(read[-1]).all():
         return None
-    same = np.all(read == read[-1], axis=1)
-    first = int(len(same) - np.argmin(same[::-1])) if not same.all() else 0
-    if len(same) - first <= STOPPED:
+    repeated = np.all(read == read[-1], axis=1)
+    first = int(len(repeated) - np.argmin(repeated[::-1])) if not repeated.all() else 0
+    if len(repeated) - first <= STOPPED:
         return None
     aged = age[-1] > STOPPED * train.sample_period / 2
     noisy = train.as_built().frames[f].gauge_noise > 0
@@ -187,10 +187,10 @@ def _lasts(train: TrainDescription, log: Log, time: float) -> bool:
 
 def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) -> bool:
     """Whether a frame's sensor stops at a time in all logs that last so long."""
-    when = [(_stop(train, log, f), log) for log in logs]
+    stops = [(_stop(train, log, f), log) for log in logs]
     return all(
-        abs(own - time) < 2 * train.sample_period if own is not None else not _lasts(train, log, time)
-        for own, log in when
+        abs(stop - time) < 2 * train.sample_period if stop is not None else not _lasts(train, log, time)
+        for stop, log in stops
     )
 
 

@@ -55,7 +55,7 @@ class Linearised:
     @property
     def usual(self) -> Array:
         """Size of what has no name in logs of a train in good order; NaN of effects."""
-        return np.array([np.nan if one.rival is None else one.rival.usual for one in self.candidates])
+        return np.array([np.nan if candidate.rival is None else candidate.rival.usual for candidate in self.candidates])
 
     @property
     def cost(self) -> Array:
@@ -78,7 +78,7 @@ class Linearised:
 
         What is not in the model passes for slip, and for noise.
         """
-        chosen = [k for k, one in enumerate(self.candidates) if one in effects]
+        chosen = [k for k, candidate in enumerate(self.candidates) if candidate in effects]
         wanted, _ = self.evidence.best(chosen)
         built, information, pull = self.train, self.evidence.information, self.evidence.pull
         for k, size in zip(chosen, wanted.tolist(), strict=True):
@@ -96,9 +96,9 @@ class Linearised:
         """Return all rivals of the family that explains most together."""
         information, pull = self.evidence.information, self.evidence.pull
         families: dict[str, list[int]] = {}
-        for k, one in enumerate(self.candidates):
-            if one.rival is not None and information[k, k] > 0:
-                families.setdefault(one.family, []).append(k)
+        for k, candidate in enumerate(self.candidates):
+            if candidate.rival is not None and information[k, k] > 0:
+                families.setdefault(candidate.family, []).append(k)
         gains = {name: float(pull[k] @ self.evidence.best(k)[0]) / len(k) for name, k in families.items()}
         chosen = families[max(gains, key=gains.__getitem__)] if gains else []
         return [rival for k in chosen if (rival := self.candidates[k].rival) is not None]
@@ -106,7 +106,7 @@ class Linearised:
 
 def linearise(
     train: TrainDescription,
-    own: Sequence[TrainLog],
+    logs: Sequence[TrainLog],
     start: Settled | None,
     among: Sequence[Candidate],
     sizes: Sizes | None = None,
@@ -116,7 +116,7 @@ def linearise(
     start: the motion in a similar train. sizes: of noise, to hold to; None: found. Raises InputError for logs that the
     train cannot have made.
     """
-    return Linearised(train, tuple(own), evidence_of(train, own, settled(train, own, start, sizes), among))
+    return Linearised(train, tuple(logs), evidence_of(train, logs, settled(train, logs, start, sizes), among))
 
 
 def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], Settled]:
@@ -130,7 +130,7 @@ def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[Tra
 
 
 def sliding_in(
-    train: TrainDescription, own: Sequence[TrainLog], start: Settled | None = None
+    train: TrainDescription, logs: Sequence[TrainLog], start: Settled | None = None
 ) -> tuple[list[TrainLog], Settled]:
     """Return logs in which steps that axles of a train with its effects may have slid in count for little, and their
     motion.
@@ -139,21 +139,21 @@ def sliding_in(
     Where the steps that grip then tell of no tension, what looked like sliding is something else, unless frames are
     bent so much.
     """
-    built, rough = train.as_built(), [one.with_loose(np.zeros_like(one.loose)) for one in own]
+    built, rough = train.as_built(), [log.with_loose(np.zeros_like(log.loose)) for log in logs]
     gripping = settled(train, rough, start)
-    some, state = _loosened(built, rough, gripping.motions), gripping
-    if any(one.loose.any() for one in some):
-        state = settled(train, some, gripping)
+    loosened, state = _loosened(built, rough, gripping.motions), gripping
+    if any(log.loose.any() for log in loosened):
+        state = settled(train, loosened, gripping)
         if state.sizes.pull <= LEAST_SIZE["pull"]:
-            some = _loosened(built, some, state.motions)
-            state = settled(train, some, gripping)
-    return some, state
+            loosened = _loosened(built, loosened, state.motions)
+            state = settled(train, loosened, gripping)
+    return loosened, state
 
 
-def _loosened(built: TrainDescription, own: Sequence[TrainLog], motions: Sequence[Motion]) -> list[TrainLog]:
+def _loosened(built: TrainDescription, logs: Sequence[TrainLog], motions: Sequence[Motion]) -> list[TrainLog]:
     """Return logs with the steps in which axles slide by these motions, but for those that seem to all the time."""
-    loose = [one.sliding(built, motion) for one, motion in zip(own, motions, strict=True)]
-    return [one.with_loose(slid & (slid.mean(axis=0) <= OFTEN)) for one, slid in zip(own, loose, strict=True)]
+    loose = [log.sliding(built, motion) for log, motion in zip(logs, motions, strict=True)]
+    return [log.with_loose(slid & (slid.mean(axis=0) <= OFTEN)) for log, slid in zip(logs, loose, strict=True)]
 
 
 def _check(train: TrainDescription, log: Log, number: int) -> None:

@@ -36,8 +36,8 @@ class Motion:
         """Return the motion with its unknowns of every sample (K, B) and its nuisances (n,) changed by so much."""
         n = self.pose.shape[1]
         pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
-        own = len(self.offsets)
-        ends = np.cumsum([own, 3 * n, 1, n])
+        n_offsets = len(self.offsets)
+        ends = np.cumsum([n_offsets, 3 * n, 1, n])
         offsets, mount, clock, creep, raised = np.split(by_number, ends)
         return Motion(
             self.pose + pose.reshape(-1, n, 3),

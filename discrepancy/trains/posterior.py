@@ -44,10 +44,10 @@ def diagnose_train(
     named, seen, posterior, answers = _named(train, first, good)
     held, order = None, None
     if held_out:
-        among = _of_trains([one.candidate for one in named])
+        among = _of_trains([effect.candidate for effect in named])
         found = with_them(train, named)
-        own, state = equations_of(found, held_out)  # axles slide as they do in the train with what is named
-        without, beside = linearise(train, own, state, among), linearise(found, own, state, among)
+        held_logs, state = equations_of(found, held_out)  # axles slide as they do in the train with what is named
+        without, beside = linearise(train, held_logs, state, among), linearise(found, held_logs, state, among)
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
@@ -68,11 +68,11 @@ def _named(
         return linearise(built, *sliding_in(built, start.own, start.settled), first.candidates)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        there = _sizes(seen, named)
+        in_model = _sizes(seen, named)
         fitted = _sizes(
-            seen, [one for one in named if not one.effect.binary]
+            seen, [effect for effect in named if not effect.effect.binary]
         )  # what is there or not has no size to fit
-        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), there, fitted)
+        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted)
         return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
 
     return named_together(train, look, ask, STILL / 2, first)
@@ -91,14 +91,14 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
 
 
 def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
-    candidates = [seen.candidates.index(one) for one in _of_trains([each.candidate for each in named])]
-    return sizes_of(candidates, [one.amplitudes for one in named], [0.0] * len(named), seen)
+    candidates = [seen.candidates.index(candidate) for candidate in _of_trains([effect.candidate for effect in named])]
+    return sizes_of(candidates, [effect.amplitudes for effect in named], [0.0] * len(named), seen)
 
 
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:
     """Return what logs say of all that may be missing."""
-    own, state = equations_of(train, logs)
-    return linearise(train, own, state, [*dead_gauges(train), *every_candidate(train, own)])
+    train_logs, state = equations_of(train, logs)
+    return linearise(train, train_logs, state, [*dead_gauges(train), *every_candidate(train, train_logs)])
 
 
 def _of_trains(causes: Sequence[Cause]) -> list[Candidate]:

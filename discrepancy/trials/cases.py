@@ -94,8 +94,8 @@ class Hidden:
 
     def scaled(self, size: float) -> "Hidden":
         """Return the same of another size; raises ValueError for one that cannot be."""
-        now = getattr(self.what, self.field)
-        new = max(round(size), 1) if isinstance(now, int) else size
+        current = getattr(self.what, self.field)
+        new = max(round(size), 1) if isinstance(current, int) else size
         return dataclasses.replace(self, what=dataclasses.replace(self.what, **{self.field: new}))
 
 

@@ -26,8 +26,8 @@ def begin(folder: Path, asked: dict[str, Any], parts: Sequence[str]) -> None:
     Raises InputError for a folder that holds another trial.
     """
     path = folder / "trial.json"
-    if path.exists() and {**(there := read_json(path)), "cases": 0} != {**asked, "cases": 0}:
-        raise InputError(f"{folder}: holds another trial, {there}; give another folder")
+    if path.exists() and {**(stored := read_json(path)), "cases": 0} != {**asked, "cases": 0}:
+        raise InputError(f"{folder}: holds another trial, {stored}; give another folder")
     for part in parts:
         (folder / part).mkdir(parents=True, exist_ok=True)
         remove_leftovers(folder / part)

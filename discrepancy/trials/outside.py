@@ -188,24 +188,24 @@ def outside_effects(robot: RobotDescription, random: np.random.Generator) -> Ite
         "reference": [0],
     }
     for kind in random.permutation(len(KINDS)):
-        which = KINDS[kind]
-        if not places[which.only]:
+        effect_class = KINDS[kind]
+        if not places[effect_class.only]:
             continue
-        more: dict[str, float | int] = {}
-        if which is Glitches:
-            more = {"seed": int(random.integers(2**31))}
-        elif which is FlatSpot:
-            more = {"place": float(random.uniform(-np.pi, np.pi))}
-        elif which is WeakStretch:
+        options: dict[str, float | int] = {}
+        if effect_class is Glitches:
+            options = {"seed": int(random.integers(2**31))}
+        elif effect_class is FlatSpot:
+            options = {"place": float(random.uniform(-np.pi, np.pi))}
+        elif effect_class is WeakStretch:
             start = float(random.uniform(5.0, 40.0))
-            more = {"start": start, "end": start + float(random.uniform(4.0, 12.0))}
-        elif which is SwingingPoint:
-            more = {"period": float(random.uniform(5.0, 12.0))}
-        yield which(channel=int(random.choice(places[which.only])), value=which.step, **more)  # type: ignore[arg-type]
+            options = {"start": start, "end": start + float(random.uniform(4.0, 12.0))}
+        elif effect_class is SwingingPoint:
+            options = {"period": float(random.uniform(5.0, 12.0))}
+        yield effect_class(channel=int(random.choice(places[effect_class.only])), value=effect_class.step, **options)  # type: ignore[arg-type]
 
 
-def _gained(angle: Array, channel: int, more) -> Array:
+def _gained(angle: Array, channel: int, gain) -> Array:
     """Return angles (K, channels) of which one turns by `more(turned)` (K - 1,) further in each step."""
     seen = angle.copy()
-    seen[1:, channel] += np.cumsum(more(np.diff(angle[:, channel])))
+    seen[1:, channel] += np.cumsum(gain(np.diff(angle[:, channel])))
     return seen

@@ -92,7 +92,7 @@ def make(
         (name, k) for name in sorted(good) for k in range(1, CLEAN + 1) if not _clean_log(folder, name, k).exists()
     ]
     tasks = [
-        *((_make_clean, (plan, *one, folder)) for one in clean),
+        *((_make_clean, (plan, *clean_log, folder)) for clean_log in clean),
         *((_make_case, (plan, k, folder)) for k in missing),
     ]
     each(tasks, jobs)
@@ -200,7 +200,7 @@ def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
 
 def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
     told = ("stratum", "robot", "course", "seeds", "clean", "reference", "measure", "targets")
-    log, holdout = (dataclasses.asdict(one) for one in strengths) if strengths else (None, None)
+    log, holdout = (dataclasses.asdict(strength) for strength in strengths) if strengths else (None, None)
     return {
         "format": FORMAT,
         "case": case.number,
@@ -239,9 +239,9 @@ def _told(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
     """Return what was said as plain data, every effect named with what it costs in the log, m per 10 m."""
     plain = {key: getattr(said, key) for key in ("verdict", "named", "credible", "unnamed", "probabilities", "reason")}
     sizes = [
-        {"class": one.class_name, "effect": _plain(one.effect), "low": one.low, "high": one.high}
-        | {"cost": cost_of(robot, one.effect, [log])}
-        for one in said.sizes
+        {"class": size.class_name, "effect": _plain(size.effect), "low": size.low, "high": size.high}
+        | {"cost": cost_of(robot, size.effect, [log])}
+        for size in said.sizes
     ]
     return plain | {"sizes": sizes, "effects": [_plain(effect) for effect in said.effects]}
 
@@ -256,8 +256,8 @@ def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dic
     if not said.effects or any(effect.wiring for effect in said.effects):
         return None
     known = np.isfinite(path).all(axis=1)  # a reference whose clock is ahead ends before the log
-    told = (odometry(one, held_out) for one in (robot, robot.with_effects(*said.effects)))
-    before, after = (rms_of([apart(path[known], one[known])]) for one in told)
+    told = (odometry(vehicle, held_out) for vehicle in (robot, robot.with_effects(*said.effects)))
+    before, after = (rms_of([apart(path[known], odometry_path[known])]) for odometry_path in told)
     return None if before is None or after is None else {"before": before, "after": after}
 
 

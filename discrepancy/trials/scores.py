@@ -57,8 +57,8 @@ class Trial:
     def alike(self) -> dict[str, str]:
         """Classes that this robot's log cannot tell from one that was hidden, and that one."""
         log: dict[str, Any] = self.label["log"] or {"z_sep": [], "nearest": []}
-        each = zip(self.label["hidden"], log["z_sep"], log["nearest"], strict=False)  # wiring has no strength
-        return {nearest: hidden["class"] for hidden, z_sep, nearest in each if z_sep < ALIKE and nearest}
+        hidden_effects = zip(self.label["hidden"], log["z_sep"], log["nearest"], strict=False)  # wiring has no strength
+        return {nearest: hidden["class"] for hidden, z_sep, nearest in hidden_effects if z_sep < ALIKE and nearest}
 
     @property
     def named(self) -> frozenset[str]:
@@ -103,9 +103,9 @@ class Trial:
         sized = {size["class"]: size["cost"] for size in self.outcome["sizes"]}
         return any((sized.get(name) or math.inf) > MATTERS for name in self.named)
 
-    def least(self, what: str, log: str = "log") -> float:
+    def least(self, key: str, log: str = "log") -> float:
         """Return the least cost, z or z_sep of what was hidden; infinite where there is nothing."""
-        return min(self.label[log][what], default=math.inf) if self.label[log] else math.inf
+        return min(self.label[log][key], default=math.inf) if self.label[log] else math.inf
 
     @property
     def plain(self) -> bool:
@@ -134,10 +134,10 @@ class Trial:
 
         None of wrong wiring: that is for the pre-flight, which tells no probabilities.
         """
-        every = self.outcome["probabilities"].items() if self.label["stratum"] != "wiring" else ()
+        classes = self.outcome["probabilities"].items() if self.label["stratum"] != "wiring" else ()
         return [
             (probability, self.alike.get(name, name) in self.truth)
-            for name, probability in every
+            for name, probability in classes
             if probability >= TOLD
         ]
 
@@ -164,8 +164,8 @@ class Rate:
     @classmethod
     def of(cls, what: str, hits: Iterable[bool]) -> "Rate":
         """Return the rate of what is so."""
-        every = list(hits)
-        return cls(what, sum(every), len(every), *wilson(sum(every), len(every)))
+        results = list(hits)
+        return cls(what, sum(results), len(results), *wilson(sum(results), len(results)))
 
     @property
     def share(self) -> float:
@@ -257,7 +257,7 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
 def reliability(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     """Return of each bin of probability that holds names how many, their mean probability, and how many are right."""
     bins = []
-    probability = np.array([one for one, _ in told])
+    probability = np.array([part for part, _ in told])
     place = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
     for k in range(len(EDGES) - 1):
         inside = np.flatnonzero(place == k).tolist()
@@ -319,7 +319,7 @@ def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, An
         "finder": finder,
         "judged": len(trials),
         "all": _scores(trials),
-        "groups": {name: _scores(some) for name, some in groups.items() if some},
+        "groups": {name: _scores(group) for name, group in groups.items() if group},
         "confusion": confusion(trials),
     }
 
@@ -330,10 +330,10 @@ def lines(scores: dict[str, Any]) -> list[str]:
     done = f"{scores['judged']} of {plan.cases} cases, generator {plan.generator}, seed {plan.seed}"
     text = [f"{done}, finder {scores['finder']}, {len(plan.robots)} robots"]
     for name, group in {"all": scores["all"], **scores["groups"]}.items():
-        each = group["seconds"]
+        seconds = group["seconds"]
         text += [
             "",
-            f"{name}: {group['cases']} cases, {each['make']:.1f} s to make and {each['judge']:.1f} s to judge each",
+            f"{name}: {group['cases']} cases, {seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each",
         ]
         text += [f"{_counted(rate)}  {rate['what']}" for rate in group["rates"] if rate["total"] or name == "all"]
         if group["reliability"]:
@@ -355,7 +355,7 @@ def as_plain(rate: Rate) -> dict[str, Any]:
 
 
 def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
-    bins = reliability([one for trial in trials for one in trial.told()])
+    bins = reliability([entry for trial in trials for entry in trial.told()])
     return {
         "cases": len(trials),
         "rates": [as_plain(rate) for rate in rates(trials)],

@@ -29,7 +29,7 @@ def cost_of(robot: RobotDescription, effect: Effect, logs: Sequence[Log]) -> flo
     return rms_of(apart(odometry(robot, log), odometry(real, log)) for log in logs)
 
 
-def apart(path: Array, other: Array) -> Array:
+def apart(path: Array, second_path: Array) -> Array:
     """Return by how far (m) two paths (N, 3) of one drive come apart over 10 m of the first, from every place on it.
 
     Each is seen from where it is at the start of these 10 m. Empty for a drive of less than a tenth of the way.
@@ -40,7 +40,7 @@ def apart(path: Array, other: Array) -> Array:
         return np.zeros(0)
     starts = np.flatnonzero(driven <= driven[-1] - way + 1e-9)
     ends = np.minimum(np.searchsorted(driven, driven[starts] + way), len(driven) - 1)
-    off = relative_pose(path[starts], path[ends]) - relative_pose(other[starts], other[ends])
+    off = relative_pose(path[starts], path[ends]) - relative_pose(second_path[starts], second_path[ends])
     return np.hypot(off[:, 0], off[:, 1]) * WAY / way
 
 

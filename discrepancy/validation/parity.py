@@ -84,21 +84,21 @@ def parity_residual(robot: RobotDescription, log: Log) -> Parity:
     geometry = Geometry.of(robot)
     rows = _usable_rows(geometry)
     w = len(rows.wheels)
-    every = _steps(geometry, rows, robot.driven_wheels, log.wheel, log.pivot)
-    rounding = _rms(np.sqrt(np.sum(every.start**2 + every.end**2, axis=-1) / 12)[every.moving])
-    window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(every.residual) // WINDOWS)
+    steps = _steps(geometry, rows, robot.driven_wheels, log.wheel, log.pivot)
+    rounding = _rms(np.sqrt(np.sum(steps.start**2 + steps.end**2, axis=-1) / 12)[steps.moving])
+    window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(steps.residual) // WINDOWS)
     drift, explained = np.zeros(len(rows.place)), np.zeros(geometry.n_castors)
     if window:
         second = _steps(geometry, rows, robot.driven_wheels, log.wheel[::2], log.pivot[::2])
-        drift = _drift(every, second, window)
-        explained = _explained(every, rows, window, geometry.n_castors)
+        drift = _drift(steps, second, window)
+        explained = _explained(steps, rows, window, geometry.n_castors)
     return Parity(
         wheels=rows.wheels,
         castors=rows.castors,
-        redundancy=every.redundancy,
-        rolling=every.residual[:, :w],
-        side_slip=every.residual[:, w:],
-        moving=every.moving,
+        redundancy=steps.redundancy,
+        rolling=steps.residual[:, :w],
+        side_slip=steps.residual[:, w:],
+        moving=steps.moving,
         rolling_rounding=rounding[:w],
         side_slip_rounding=rounding[w:],
         window=window,
@@ -190,7 +190,7 @@ def _steps(geometry: Geometry, rows: _Rows, driven: tuple[int, ...], wheel: Arra
     )
 
 
-def _drift(every: _Steps, second: _Steps, window: int) -> Array:
+def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
     """Return each row's (rows,) rms sum of residuals over `window` steps, in units of what may be left of it.
 
     A count is off by an even spread of one count, variance 1/12. Taken to be off afresh at each sample, it leaves
@@ -200,12 +200,12 @@ def _drift(every: _Steps, second: _Steps, window: int) -> Array:
     description leaves the same: a third of the difference is what the motion left. All of it is allowed for, as a
     castor that swings round within a few samples does not keep to the fourfold.
     """
-    n, rows = len(every.residual) // window, every.residual.shape[1]
+    n, rows = len(steps.residual) // window, steps.residual.shape[1]
     size = n * window
     sums, coherent = (
-        part[:size].reshape(n, window, *part.shape[1:]).sum(axis=1) for part in (every.residual, abs(every.pointing))
+        part[:size].reshape(n, window, *part.shape[1:]).sum(axis=1) for part in (steps.residual, abs(steps.pointing))
     )
-    blocks = [part[:size].reshape(n, window, *part.shape[1:]) for part in (every.start, every.end)]
+    blocks = [part[:size].reshape(n, window, *part.shape[1:]) for part in (steps.start, steps.end)]
     met = np.concatenate([blocks[0][:, :1], blocks[1][:, :-1] + blocks[0][:, 1:], blocks[1][:, -1:]], axis=1)
     variance = (np.sum(met**2, axis=(1, 3)) + np.sum(coherent**2, axis=-1)) / 12
     curved = np.zeros((n, rows))
@@ -214,22 +214,22 @@ def _drift(every: _Steps, second: _Steps, window: int) -> Array:
         at = window * np.arange(n)[:, None] + np.arange(2 * pairs)
         # A pair of steps begins at an even sample; a window that does not is compared from the next sample on.
         at = np.minimum(at + at[:, :1] % 2, len(second.residual) * 2 - 1)
-        once = every.residual[np.minimum(at, len(every.residual) - 1)].sum(axis=1)
+        once = steps.residual[np.minimum(at, len(steps.residual) - 1)].sum(axis=1)
         curved = second.residual[at[:, ::2] // 2].sum(axis=1) - once
-    moving = every.moving[:size].reshape(n, window).any(axis=1)
+    moving = steps.moving[:size].reshape(n, window).any(axis=1)
     expected = np.sqrt(_rms(np.sqrt(variance)[moving]) ** 2 + _rms(curved[moving]) ** 2)
     return np.divide(_rms(sums[moving]), expected, out=np.zeros(rows), where=expected > 0)
 
 
-def _explained(every: _Steps, rows: _Rows, window: int, castors: int) -> Array:
+def _explained(steps: _Steps, rows: _Rows, window: int, castors: int) -> Array:
     """Return for each castor how much of the sums over `window` steps errors of its rows alone can leave, 0 to 1.
 
     An error of some rows shows as its projection, by `left` half way through the sum. On a robot with two castors
     either one can explain all there is.
     """
-    n = len(every.residual) // window
-    sums = every.residual[: n * window].reshape(n, window, -1).sum(axis=1)
-    left = every.left[window // 2 : n * window : window]
+    n = len(steps.residual) // window
+    sums = steps.residual[: n * window].reshape(n, window, -1).sum(axis=1)
+    left = steps.left[window // 2 : n * window : window]
     found = np.zeros(castors)
     for i in np.unique(rows.castor):
         castor_left = left[:, :, rows.castor == i]

@@ -207,11 +207,11 @@ def joined(replays: Sequence[Replay]) -> Replay:
 
 def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
     """Return how to drive, and what to say about it."""
-    there = measured.command is not None
-    if requested == "commands" and not there:
+    commanded = measured.command is not None
+    if requested == "commands" and not commanded:
         raise InputError("the log has no commands (cmd_...) to replay; replay it by counts")
-    chosen: Drive = requested or ("commands" if there else "counts")
-    notes = [] if there or requested else ["the log has no commands: wheels turn as their encoders counted"]
+    chosen: Drive = requested or ("commands" if commanded else "counts")
+    notes = [] if commanded or requested else ["the log has no commands: wheels turn as their encoders counted"]
     if chosen == "commands" and robot.driven_castors and measured.steering is None:
         notes.append("the log has no steering commands: steering motors follow the pivots' counts")
     return chosen, notes
@@ -297,22 +297,22 @@ def _windows(
     if len(times) < 2:
         notes.append("no reference poses: only what the encoders count is compared")
     slack = 0.5 * (t[1] - t[0])
-    windows, now = [], float(times[0]) if len(times) else float(t[0])
-    while now + window <= t[-1] + slack:
-        here = int(np.argmin(np.abs(times - now))) if len(times) else 0
-        posed = len(times) > 0 and abs(times[here] - now) < 1e-9
-        later = np.flatnonzero((times >= now + window - slack) & (times <= now + LONGEST * window))
+    windows, begin = [], float(times[0]) if len(times) else float(t[0])
+    while begin + window <= t[-1] + slack:
+        nearest = int(np.argmin(np.abs(times - begin))) if len(times) else 0
+        posed = len(times) > 0 and abs(times[nearest] - begin) < 1e-9
+        later = np.flatnonzero((times >= begin + window - slack) & (times <= begin + LONGEST * window))
         if posed and len(later):
-            stretch = _Window(now, float(times[later[0]]), poses[here], poses[later[0]])
+            stretch = _Window(begin, float(times[later[0]]), poses[nearest], poses[later[0]])
         else:
-            stretch = _Window(now, float(min(now + window, t[-1])), unknown, unknown)
-            ahead = times[(times > now + slack) & (times <= stretch.end)]
+            stretch = _Window(begin, float(min(begin + window, t[-1])), unknown, unknown)
+            ahead = times[(times > begin + slack) & (times <= stretch.end)]
             if len(ahead) and not posed:  # go on where a pose is known, with a shorter window before it
                 stretch = stretch._replace(end=float(ahead[0]))
         first, last = _samples(t, stretch)
         if last > first and measured.whole[first:last].all() and _commanded(measured, first, last):
             windows.append(stretch)
-        now = stretch.end
+        begin = stretch.end
     return windows
 
 
@@ -382,7 +382,7 @@ def _runs(
             states.append((world.pose.copy(), world.wheel_angles, world.castor_angles))
         kept[last] = _moving(world)
         poses, turned, castors = (np.array(part) for part in zip(*states, strict=True))
-        began, ended = (_at(poses, (when - t[first]) / period) for when in (window.start, window.end))
+        began, ended = (_at(poses, (time - t[first]) / period) for time in (window.start, window.end))
         yield relative_pose(began, ended), *_beyond(robot, measured, first, turned, castors)
 
 
@@ -439,15 +439,15 @@ def _beyond(
     described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
     since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
     before = np.column_stack([measured.wheel[since:first], measured.castor[since:first]])
-    now = np.column_stack([measured.wheel[first] + wheels, castors])
-    t = measured.t[since : first + len(now)]
-    read = _read(robot, described, built, t, np.concatenate([before, now]))
-    last = first + len(now) - 1
+    angles = np.column_stack([measured.wheel[first] + wheels, castors])
+    t = measured.t[since : first + len(angles)]
+    read = _read(robot, described, built, t, np.concatenate([before, angles]))
+    last = first + len(angles) - 1
     seen = np.column_stack([measured.read_wheel, measured.read_castor])
-    more = (read[-1] - read[first - since]) - (seen[last] - seen[first])
+    excess = (read[-1] - read[first - since]) - (seen[last] - seen[first])
     w = len(robot.wheels)
     driven, sensed = np.array(robot.driven_wheels), np.array(robot.pivot_encoders, dtype=np.intp)
-    return (more[:w] * described.radius)[driven], more[w:][sensed]
+    return (excess[:w] * described.radius)[driven], excess[w:][sensed]
 
 
 def _finite(value: float) -> float | None:

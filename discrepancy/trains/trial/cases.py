@@ -69,12 +69,14 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
     """Return a case (number from 1) of a trial. Every kind of effect is as likely as any other, then every place."""
     random = np.random.default_rng([seed, number])
     stratum = MIX[(number - 1) // 2 % len(MIX)]
-    every = [found.placed for found in (*named_candidates(train), *dead_gauges(train)) if found.placed is not None]
-    kinds = sorted({placed.effect.name for placed in every})
+    placed_effects = [
+        found.placed for found in (*named_candidates(train), *dead_gauges(train)) if found.placed is not None
+    ]
+    kinds = sorted({placed.effect.name for placed in placed_effects})
     chosen = random.choice(kinds, size={"one": 1, "two": 2}.get(stratum, 0), replace=False)
     hidden, thirds = [], []
     for kind in chosen.tolist():
-        places = [placed for placed in every if placed.effect.name == kind]
+        places = [placed for placed in placed_effects if placed.effect.name == kind]
         effect = places[int(random.integers(len(places)))]
         part, sign = float(random.uniform()), float(random.choice([-1.0, 1.0]))
         if kind in BOUNDS:

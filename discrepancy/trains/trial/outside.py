@@ -76,8 +76,8 @@ def _sensor_late(outside: Outside, train: TrainDescription, log: Log) -> Log:
 
 def _sensor_saturates(outside: Outside, train: TrainDescription, log: Log) -> Log:
     def cut(seen: Array) -> Array:
-        most = outside.value * np.max(np.abs(seen[:, 2]))
-        return np.column_stack([seen[:, :2], np.clip(seen[:, 2], -most, most)])
+        limit = outside.value * np.max(np.abs(seen[:, 2]))
+        return np.column_stack([seen[:, :2], np.clip(seen[:, 2], -limit, limit)])
 
     return _read(outside, log, cut)
 
@@ -85,8 +85,8 @@ def _sensor_saturates(outside: Outside, train: TrainDescription, log: Log) -> Lo
 def _read(outside: Outside, log: Log, change: Callable[[Array], Array]) -> Log:
     """Return a log in which a frame's relative poses (K, 3) are changed."""
     assert log.rps is not None
-    rps, own = log.rps.copy(), slice(3 * outside.frame, 3 * outside.frame + 3)
-    rps[:, own] = change(rps[:, own])
+    rps, columns = log.rps.copy(), slice(3 * outside.frame, 3 * outside.frame + 3)
+    rps[:, columns] = change(rps[:, columns])
     return dataclasses.replace(log, rps=rps)
 
 

@@ -78,9 +78,9 @@ def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
 def rates(trials: Sequence[Trial]) -> list[Rate]:
     """Return the rates of some cases."""
 
-    def rate(what: str, cases: Sequence[Trial], so: Callable[[Trial], bool]) -> Rate:
+    def rate(label: str, cases: Sequence[Trial], so: Callable[[Trial], bool]) -> Rate:
         count = sum(map(so, cases))
-        return Rate(what, count, len(cases), *wilson(count, len(cases)))
+        return Rate(label, count, len(cases), *wilson(count, len(cases)))
 
     clean, single, double, outside = (
         [trial for trial in trials if trial.label["stratum"] == kind] for kind in ("clean", "one", "two", "outside")
@@ -156,7 +156,7 @@ def lines(scores: dict[str, Any]) -> list[str]:
         text += ["", "Wheels that yield to each other:" if drive == "yielding" else "Wheels held at speed:"]
         text += [_counted(rate) for rate in rates_of["rates"]]
         text += ["named exactly, of one effect alone:", *(_counted(rate) for rate in rates_of["by_effect"])]
-    text += ["", *(f"{count:4d}  {what}" for what, count in scores["verdicts"].items())]
+    text += ["", *(f"{count:4d}  {verdict}" for verdict, count in scores["verdicts"].items())]
     return [*text, "", f"A case takes {scores['seconds']:.1f} s to judge."]
 
 

@@ -72,8 +72,8 @@ def simulate(
 ) -> Run:
     """Return the run of a robot, steered sample by sample from its encoders as its effects corrupt them."""
     floor, described, period = floor_of(robot, floor or Floor()), Build.of(robot.as_described()), robot.sample_period
-    every = math.ceil(period / STEP - 1e-9)
-    parts = parts_of(robot, floor, period / every)
+    substeps = math.ceil(period / STEP - 1e-9)
+    parts = parts_of(robot, floor, period / substeps)
     if outside is not None:
         outside.build(parts)
 
@@ -81,7 +81,7 @@ def simulate(
     theta = start_angles(described, motion, random)
     phase = random.uniform(size=len(described.driven))
     samples, w = round(duration / period), len(described.radius)
-    t = np.arange(samples * every + 1, dtype=np.float64) * period / every
+    t = np.arange(samples * substeps + 1, dtype=np.float64) * period / substeps
     angle, pose = np.empty((len(t), w + len(theta))), np.empty((len(t), 3))
     command, steering = np.zeros((samples + 1, len(described.driven))), np.zeros((samples + 1, len(described.steered)))
     sensors, controller = Sensors(robot), Controller(described, period, robot.max_steering_speed)
@@ -92,13 +92,13 @@ def simulate(
         for k in range(samples):
             measured = believed(described, sensors.pivots(seen[-1]))
             command[k], steering[k] = controller.commands(measured, motion.at((k + 0.5) * period)[1])
-            ahead = slice(k * every + 1, (k + 1) * every + 1)
+            ahead = slice(k * substeps + 1, (k + 1) * substeps + 1)
             for row in range(ahead.start, ahead.stop):
                 stepper.step(t[row - 1], command[k], steering[k])
                 angle[row], pose[row] = stepper.state()
             seen = sensors.push(t[ahead], angle[ahead])
     pose[:, 2] = np.unwrap(pose[:, 2])
-    return Run(t=t, angle=angle, pose=pose, command=command, steering=steering, phase=phase, every=every, seed=seed)
+    return Run(t=t, angle=angle, pose=pose, command=command, steering=steering, phase=phase, every=substeps, seed=seed)
 
 
 class _Stepper:

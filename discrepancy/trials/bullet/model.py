@@ -166,8 +166,8 @@ class Rig:
 
     def put(self, pose: tuple[float, float, float]) -> None:
         """Put the robot to a pose of B, at rest, leaning as it leans."""
-        here = self.pose()
-        self.turn = turned(self.turn, np.array([0.0, 0.0, pose[2] - here[2]]))
+        before = self.pose()
+        self.turn = turned(self.turn, np.array([0.0, 0.0, pose[2] - before[2]]))
         self.place[:2] += pose[:2] - self.pose()[:2]
         self.speed, self.spin, self.rate = np.zeros(3), np.zeros(3), np.zeros(len(self.hinges))
 
@@ -184,7 +184,7 @@ class Rig:
         """Set the acceleration of free fall in N, m/s2."""
         self.bullet.setGravity(*gravity, physicsClientId=self.client)
 
-    def servo(self, hinges: list[int], command: Array, most: Array) -> None:
+    def servo(self, hinges: list[int], command: Array, torque: Array) -> None:
         """Let motors turn some hinges toward rates (k,), rad/s, with torques (k,) of at most that, N m."""
         self.bullet.setJointMotorControlArray(
             self.body,
@@ -192,7 +192,7 @@ class Rig:
             self.bullet.VELOCITY_CONTROL,
             targetVelocities=command.tolist(),
             velocityGains=[1.0] * len(hinges),
-            forces=most.tolist(),
+            forces=torque.tolist(),
             physicsClientId=self.client,
         )
 
@@ -262,8 +262,8 @@ def bullet_module() -> Any:
         return importlib.import_module("pybullet")
     except ImportError:
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        where = "" if sys.version_info < WHEELS_BELOW else f" on Python 3.11: there are no wheels of it for {version}"
-        raise InputError(f"generator bullet needs PyBullet; install castor-envs[bullet]{where}") from None
+        hint = "" if sys.version_info < WHEELS_BELOW else f" on Python 3.11: there are no wheels of it for {version}"
+        raise InputError(f"generator bullet needs PyBullet; install castor-envs[bullet]{hint}") from None
 
 
 def turned(turn: Array, by: Array) -> Array:

@@ -62,10 +62,10 @@ def read(
 
     Jitter reads the encoders at uneven times; what comes after it in the robot's effects is not affected by it.
     """
-    sensors, every = Sensors(robot), run.every
-    rows = [slice(0, 1), *(slice(k + 1, k + every + 1) for k in range(0, len(run.t) - 1, every))]
+    sensors, substeps = Sensors(robot), run.every
+    rows = [slice(0, 1), *(slice(k + 1, k + substeps + 1) for k in range(0, len(run.t) - 1, substeps))]
     seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
-    t = run.t[::every]
+    t = run.t[::substeps]
     sampled = _at(reading_times(robot, t), run.t, seen)
     wheel = sensors.wheels(sampled, run.phase, rounded=False)
     if outside is not None:

@@ -74,13 +74,13 @@ def believed(build: Build, counts: Array) -> Array:
 
 def reading_times(robot: RobotDescription, t: Array) -> Array:
     """Return when (K,) the encoders are read for the rows of times t (K,): uneven with jitter."""
-    when = np.array(t, dtype=float)
+    times = np.array(t, dtype=float)
     for effect in robot.effects:
         if isinstance(effect, SampleJitter):
             half = np.diff(t, prepend=t[0]) / 2
             shift = effect.value * np.random.default_rng(effect.seed).standard_normal(len(t))
-            when += np.clip(shift, -half, half)
-    return when
+            times += np.clip(shift, -half, half)
+    return times
 
 
 def reference_times(robot: RobotDescription, t: Array) -> Array:
@@ -128,8 +128,8 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
         case EncodersSwapped():
             return _exchanged(build, [build.wheel(effect.castor, 1)], [build.wheel(effect.castor, 2)])
         case CastorOrder():
-            ours, others = (_of_castor(build, castor) for castor in (effect.castor, effect.other))
-            return _exchanged(build, ours, others)
+            first, second = (_of_castor(build, castor) for castor in (effect.castor, effect.other))
+            return _exchanged(build, first, second)
         case EncoderLatency():
             return Late([_channel(build, effect.castor, effect.wheel)], effect.value)
         case AllLatency():
@@ -272,11 +272,11 @@ def _one(channel: int, read: Callable[[Array], Array]) -> Stage:
     return stage
 
 
-def _exchanged(build: Build, ours: list[int], others: list[int]) -> Stage:
+def _exchanged(build: Build, first: list[int], second: list[int]) -> Stage:
     """Return a stage in which channels count what the others' encoders count, and the other way round."""
     counts = np.concatenate([build.counts, build.pivot_counts])
     zero = np.concatenate([np.zeros(len(build.radius)), build.zero])
-    to, source = ours + others, others + ours
+    to, source = first + second, second + first
 
     def stage(t: Array, angle: Array) -> Array:
         angle = angle.copy()

@@ -79,8 +79,8 @@ def simulate(
 ) -> Run:
     """Return the run of a robot, steered sample by sample from its encoders as its effects corrupt them."""
     floor, described, period = floor_of(robot, floor or Floor()), Build.of(robot.as_described()), robot.sample_period
-    every = math.ceil(period / STEP - 1e-9)
-    parts = parts_of(robot, floor, period / every)
+    substeps = math.ceil(period / STEP - 1e-9)
+    parts = parts_of(robot, floor, period / substeps)
     if outside is not None:
         outside.build(parts)
     rig = rig_of(parts)
@@ -92,9 +92,9 @@ def simulate(
     stepper.settle(theta, motion.start)
 
     samples = round(duration / period)
-    course = np.empty((samples * every + 1, rig.model.nq))
-    height, load = np.empty((2, samples * every + 1, len(described.radius)))
-    t = np.arange(len(course), dtype=np.float64) * period / every
+    course = np.empty((samples * substeps + 1, rig.model.nq))
+    height, load = np.empty((2, samples * substeps + 1, len(described.radius)))
+    t = np.arange(len(course), dtype=np.float64) * period / substeps
     course[0], height[0], load[0] = stepper.state()
     command, steering = np.zeros((samples + 1, len(described.driven))), np.zeros((samples + 1, len(described.steered)))
     sensors, controller = Sensors(robot), Controller(described, period, robot.max_steering_speed)
@@ -104,7 +104,7 @@ def simulate(
         twist = motion.at((k + 0.5) * period)[1]
         command[k], steering[k] = controller.commands(measured, twist)
         _command(rig, robot, described, command[k], steering[k])
-        ahead = slice(k * every + 1, (k + 1) * every + 1)
+        ahead = slice(k * substeps + 1, (k + 1) * substeps + 1)
         for row in range(ahead.start, ahead.stop):
             stepper.step(t[row - 1])
             course[row], height[row], load[row] = stepper.state()
@@ -118,7 +118,7 @@ def simulate(
         command=command,
         steering=steering,
         phase=phase,
-        every=every,
+        every=substeps,
         seed=seed,
     )
 

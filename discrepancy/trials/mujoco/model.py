@@ -115,9 +115,9 @@ class Rig:
     def __post_init__(self) -> None:
         mujoco = mujoco_module()
 
-        def places(kind: Any, names: list[str], where: Any) -> NDArray[np.intp]:
+        def places(kind: Any, names: list[str], addresses: Any) -> NDArray[np.intp]:
             found = [mujoco.mj_name2id(self.model, kind, name) for name in names]
-            return np.array([where[k] if k >= 0 else -1 for k in found], dtype=np.intp)
+            return np.array([addresses[k] if k >= 0 else -1 for k in found], dtype=np.intp)
 
         joint, at = mujoco.mjtObj.mjOBJ_JOINT, self.model.jnt_qposadr
         n, w = len(self.build.offset), len(self.build.radius)

@@ -149,10 +149,10 @@ def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
         * chord[..., None]
     )
     total = part.sum(axis=1)
-    rest = total[:, None] - np.cumsum(part, axis=1) + part / 2
+    ahead = total[:, None] - np.cumsum(part, axis=1) + part / 2
     by = np.zeros((*heading.shape, 3, 3))
-    by[..., 0, 0], by[..., 0, 1], by[..., 0, 2] = c, -s, -rest[..., 1]
-    by[..., 1, 0], by[..., 1, 1], by[..., 1, 2] = s, c, rest[..., 0]
+    by[..., 0, 0], by[..., 0, 1], by[..., 0, 2] = c, -s, -ahead[..., 1]
+    by[..., 1, 0], by[..., 1, 1], by[..., 1, 2] = s, c, ahead[..., 0]
     by[..., 2, 2] = 1.0
     return np.column_stack([total, steps[:, :, 2].sum(axis=1)]), by.reshape(-1, 3, 3)
 

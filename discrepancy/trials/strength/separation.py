@@ -131,8 +131,8 @@ class StrengthMetric:
         others: signals of effects that are there too; they are projected out.
         """
         left = {
-            name: float(np.linalg.norm(without(signal, other, *others)))
-            for name, other in self.signatures.items()
+            name: float(np.linalg.norm(without(signal, signature, *others)))
+            for name, signature in self.signatures.items()
             if name != class_name
         }
         nearest = min(left, key=left.__getitem__)
@@ -241,6 +241,6 @@ def _moving_parts(robot: RobotDescription) -> RobotDescription:
 def apart(signals: Sequence[Array]) -> list[float]:
     """Return z of each of several signals after projecting out the others."""
     return [
-        float(np.linalg.norm(without(signal, *(other for j, other in enumerate(signals) if j != k))))
+        float(np.linalg.norm(without(signal, *(signature for j, signature in enumerate(signals) if j != k))))
         for k, signal in enumerate(signals)
     ]

@@ -196,10 +196,10 @@ def _sized(hidden: Hidden, target: float, measure: Callable[[Hidden], float], tr
             raise ValueError(f"{hidden.label} does not show")
         if 1 / CLOSE < measured / target < CLOSE:
             break
-        now = np.log([abs(hidden.size), measured])
-        if before is not None and abs(now[0] - before[0]) > 1e-9:
-            slope = float((now[1] - before[1]) / (now[0] - before[0])) or slope
-        before = now
+        point = np.log([abs(hidden.size), measured])
+        if before is not None and abs(point[0] - before[0]) > 1e-9:
+            slope = float((point[1] - before[1]) / (point[0] - before[0])) or slope
+        before = point
         hidden = hidden.scaled(float(hidden.size * np.exp(np.log(target / measured) / slope)))
         if hidden.effect is not None:
             trial_run.robot.with_effects(hidden.effect).as_built()  # refuses what cannot be

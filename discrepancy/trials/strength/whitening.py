@@ -50,9 +50,9 @@ class Whitening:
 
         def spread(by_row: Array, column: Index, columns: int) -> sparse.csr_array:
             """Return residuals by what changes the rows' measured distances (W, R, k), k being some columns (W, k)."""
-            here = len(by_motion)
-            shared = by_motion @ (windows.inverse @ by_row)[:here]
-            blocks = [(parity, column, np.swapaxes(self.null, 1, 2) @ by_row), (of_window, column[:here], shared)]
+            n = len(by_motion)
+            shared = by_motion @ (windows.inverse @ by_row)[:n]
+            blocks = [(parity, column, np.swapaxes(self.null, 1, 2) @ by_row), (of_window, column[:n], shared)]
             return _sparse(blocks, (self._size, columns))
 
         channels = len(layout.sensed) + len(layout.driven)
@@ -102,8 +102,8 @@ def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
         still[row, column] = geometry.radius[wheel] * 2 * np.pi / geometry.counts_per_rev[wheel]
     ends = np.zeros(layout.q + 1)
     ends[0], ends[-1] = -1.0, 1.0
-    each = [end * still - share * turning for end, share in zip(ends, layout.mean, strict=True)]
-    return np.concatenate(each, axis=2)
+    by_end = [end * still - share * turning for end, share in zip(ends, layout.mean, strict=True)]
+    return np.concatenate(by_end, axis=2)
 
 
 def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
