@@ -311,7 +311,7 @@ class LearnedTerm(Effect[RobotDescription]):
     unit = "1"
     step = 1e-3
     tolerance = 1e-3  # no robot in good order needs one
-    check = "Look at the curve: what does this encoder read otherwise at these angles or speeds?"
+    check = "Look at the curve for what changes in this encoder or its wheel at these angles or speeds."
 
     @model_validator(mode="after")
     def _one_value_a_knot(self) -> Self:
@@ -350,7 +350,7 @@ class LearnedTerm(Effect[RobotDescription]):
                 of = turned / np.where(step > 0, step, 1.0)
             else:
                 of = middle[:, column if self.of == "own angle" else turns]
-            more = gone + np.cumsum(self.curve(of) * turned)
+            more = np.cumsum([gone, *(self.curve(of) * turned)])[1:]
             last[:] = [(t[-1:], angles[-1:].copy(), float(more[-1]))]
             angles[:, column] += more
             return angles[:, : wheel.shape[1]], angles[:, wheel.shape[1] :]
