@@ -20,6 +20,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.discriminating_drive import drive_for
 from discrepancy.hypotheses.candidates import without
 from discrepancy.posterior.finder import Diagnosis, diagnose
 from discrepancy.posterior.linearise import Linearised, linearise
@@ -128,6 +129,11 @@ def examine(
         "replay": _replay_data(noise, replays, next(iter(held), None)),
         "where": None,
     }
+    posed = any(log.reference is not None and np.isfinite(log.reference).any() for log in prepared.logs.values())
+    for answer, plain in zip(diagnosis.answers, data["answers"], strict=True):
+        if answer.verdict == "ambiguous":
+            among = diagnosis.before.candidates
+            plain["separating_drive"] = drive_for(diagnosis.robot, answer, among, "all" if posed else "none")
     if sentences.unexplained(data):
         log_set, before, after = seen["these logs"]
         last = (nominal, before) if after is None else (explained_now, after)

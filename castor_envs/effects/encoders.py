@@ -1,15 +1,16 @@
-"""Effects on what the encoders read: gains, eccentric discs, backlash, lost counts."""
+"""Effects on what the encoders read: gains, eccentric discs, backlash, lost counts, and what has no name."""
 
 import math
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from castor_envs.description import CONFIG, Duration, DurationOrNone, RateOrNone, Seed
 from castor_envs.effects.parts import (
+    channel,
     on_channels,
     pivot_channel,
     pivot_encoders,
@@ -25,6 +26,8 @@ Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 QUARTERS = (0.0, math.pi / 2)  # phases whose sines add up to one of any phase
+Of = Literal["own angle", "castor angle", "speed"]
+"""What a curve depends on: the encoder's own angle or its castor's (rad, of one turn), or how fast it turns (rad/s)."""
 
 
 def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
@@ -286,3 +289,70 @@ class LostRemainders(Effect[RobotDescription]):
         assert per_rev is not None  # as the wheel has a channel
         count = 2 * math.pi / per_rev
         return on_channels(robot, [channel], losing(lambda t, turned: turned - np.trunc(turned / count) * count))
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class LearnedTerm(Effect[RobotDescription]):
+    """One encoder reads `value` times f(`of`) too much of what it turns: a wheel's, or the castor's pivot encoder where
+    `wheel` is left out.
+
+    f goes straight from each of its `values` at `knots` to the next one: over a turn and on, or constant beyond speeds.
+    What it depends on is half-way through a sample.
+    """
+
+    name: Literal["learned_term"] = "learned_term"
+    castor: Number
+    wheel: Number | None = None
+    value: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
+    of: Of
+    knots: tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...]
+    values: tuple[Annotated[float, Field(ge=-10.0, le=10.0)], ...]
+    title = "a term learned from logs"
+    unit = "1"
+    step = 1e-3
+    tolerance = 1e-3  # no robot in good order needs one
+    check = "Look at the curve for what changes in this encoder or its wheel at these angles or speeds."
+
+    @model_validator(mode="after")
+    def _one_value_a_knot(self) -> Self:
+        if not 2 <= len(self.knots) == len(self.values) <= 1000:
+            raise ValueError("`knots` and `values` need as many numbers each, 2 to 1000")
+        if np.any(np.diff(self.knots) <= 0) or (self.of != "speed" and np.ptp(self.knots) >= 2 * math.pi):
+            raise ValueError("`knots` must increase, and angles lie within one turn")
+        return self
+
+    @classmethod
+    def variants(cls, robot: RobotDescription) -> tuple["LearnedTerm", ...]:
+        """Return none: what a curve depends on has to be found first."""
+        return ()
+
+    def where(self) -> tuple[str, ...]:
+        """Return the encoder, and what the curve depends on."""
+        return (*super().where(), *(["pivot"] if self.wheel is None else []), f"by {self.of}")
+
+    def curve(self, of: Array) -> Array:
+        """Return the part read too much at what the curve depends on, of any shape."""
+        period = None if self.of == "speed" else 2 * math.pi
+        return self.value * np.interp(of, self.knots, self.values, period=period)
+
+    def sensor_model(self, robot: RobotDescription) -> SensorModel:
+        """Return a model that adds up what was read too much so far."""
+        column, turns = channel(robot, self.castor, self.wheel, self.name), len(robot.wheels) + self.castor - 1
+        last: list[tuple[Array, Array, float]] = []
+
+        def read(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
+            angles = np.concatenate([wheel, castor], axis=1)
+            since, before, gone = last[0] if last else (t[:1], angles[:1], 0.0)
+            every = np.concatenate([before, angles])
+            turned, middle = np.diff(every[:, column]), (every[1:] + every[:-1]) / 2
+            if self.of == "speed":
+                step = np.diff(t, prepend=since)
+                of = turned / np.where(step > 0, step, 1.0)
+            else:
+                of = middle[:, column if self.of == "own angle" else turns]
+            more = np.cumsum([gone, *(self.curve(of) * turned)])[1:]
+            last[:] = [(t[-1:], angles[-1:].copy(), float(more[-1]))]
+            angles[:, column] += more
+            return angles[:, : wheel.shape[1]], angles[:, wheel.shape[1] :]
+
+        return read

@@ -138,6 +138,11 @@ class Answer:
             return None
 
     @property
+    def learned(self) -> bool:
+        """Whether it has no name, but what it depends on was learned."""
+        return self.unnamed and len(self.credible) == 1 and self.effect is not None
+
+    @property
     def probability(self) -> float:
         """Of the likeliest name."""
         return self.probabilities[self.credible[0]]

@@ -26,6 +26,7 @@ from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, w
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
+from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
 
@@ -68,8 +69,12 @@ class Diagnosis(Generic[V, S]):
 
     @property
     def found(self) -> V:
-        """The robot, or the train, with the effects that are named."""
-        named = [answer for answer in self.answers if answer.verdict == "named" and answer.effect is not None]
+        """The robot, or the train, with the effects that are named, and what was learned of what has no name."""
+        named = [
+            answer
+            for answer in self.answers
+            if answer.learned or (answer.verdict == "named" and answer.effect is not None)
+        ]
         return with_them(self.robot, [Sized(answer.candidate, answer.amplitudes) for answer in named])
 
 
@@ -105,31 +110,42 @@ def _diagnosed(
     good = linearise(without(before or robot, SampleJitter), clean) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
-    events, released = Events(), Released()
+    events, released, base, curve, looked = Events(), Released(), robot, None, False
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         mine = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
         more = () if among is not None else tuple(dict.fromkeys((*places, *mine, *somewhere)))
         only = None if among is None else [one for one in among if isinstance(one, Candidate)]
-        mended = with_them(robot, named)
+        mended = with_them(base, named)
         return linearise(mended, logs, start=start, creep=creep, among=only, places=more, released=released)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         candidates = [seen.candidates.index(one.candidate) for one in named]  # type: ignore[arg-type]
         there = sizes_of(
-            candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(robot.effects) :].tolist(), seen
+            candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(base.effects) :].tolist(), seen
         )
-        return asked(seen, *hypotheses_of(robot, seen), order_of(seen, good), there)
+        return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), there)
 
-    worse = WORSE * sum(len(log) for log in logs)
+    def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
+        return linearise(changed, logs, start=seen, creep=creep, among=among, released=released)
+
+    worse, plain = WORSE * sum(len(log) for log in logs), None
     while True:
-        first = linearise(robot, logs, creep=creep, places=places, released=released)
+        first = linearise(base, logs, creep=creep, places=places, released=released)
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        named, seen, posterior, answers = named_together(robot, look, ask, worse, first)
-        found, names = with_them(robot, named), len(posterior.names)
-        if (more := events.more(found, logs, seen, good, answers, names)) is None:
+        plain = plain or first
+        named, seen, posterior, answers = named_together(base, look, ask, worse, first)
+        found, names = with_them(base, named), len(posterior.names)
+        if more := events.more(found, logs, seen, good, answers, names):
+            events, released = more, more.released(found, logs, seen)
+            continue
+        if looked or not (channels := encoders_of(answers)):
             break
-        events, released = more, more.released(found, logs, seen)
+        looked, curve = True, learned(found, logs, seen, channels, depends)
+        if curve is None or (held_out and not helps(found, curve, held_out, creep)):
+            curve = None
+            break
+        base = robot.with_effects(curve.effect)
     held, order, confirmed = None, None, [None] * len(events)
     if held_out:
         among = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
@@ -138,14 +154,15 @@ def _diagnosed(
             there, confirmed = events.there(found, held_out, after)
             free = there.released(found, held_out, after)
             after = linearise(found, held_out, creep=creep, among=among, released=free)
-        held = linearise(robot, held_out, creep=creep, among=among, released=free), after
+        held = linearise(base, held_out, creep=creep, among=among, released=free), after
         order = order_of(after, good)
     late = jitter_answer(robot, logs, held_out, clean, names)
     beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
+    beside += [] if curve is None else [answer_of(robot, curve, logs)]
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
     answers = [*answers, *beside]
     told = judged(answers, named, held, order, material)
-    return Diagnosis(robot, verdict_of(told), told, inclusion, first, seen, held, creep)
+    return Diagnosis(robot, verdict_of(told), told, inclusion, plain, seen, held, creep)
 
 
 def named_together(

@@ -64,6 +64,8 @@ def _judgement(
     what, most = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
     if np.all(most < np.array(material)):
         return "negligible", f"{what} costs less than matters"
+    if answer.learned:
+        return "unexplained", answer.reason
     if answer.unnamed and answer.effect is None and len(answer.credible) == 1:
         return "unexplained", f"no effect of the catalogue explains it; it looks like: {what}"
     if len(answer.credible) > 1:

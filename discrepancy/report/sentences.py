@@ -62,6 +62,8 @@ def as_lines(data: Data) -> list[str]:
             lines.append(f"  {reason_of(data, answer)}")
         if rivals := others_of(data, answer):
             lines.append(f"  or: {listed(rivals)}")
+        if drive := answer.get("separating_drive"):
+            lines.append(f"  to distinguish them, drive {drive}")
         lines.append(f"  costs {cost_of(answer) or 'nothing on these drives'}")
         if answer["check"]:
             lines[-1] += f"; to check: {answer['check']}"

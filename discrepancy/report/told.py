@@ -67,6 +67,7 @@ def answer_data(answer: Answer) -> Data:
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
         "cost": np.abs(answer.size * answer.cost).tolist(),
         "check": "" if effect is None else effect.check,
+        "separating_drive": None,
     }
 
 

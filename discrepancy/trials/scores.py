@@ -333,7 +333,8 @@ def lines(scores: dict[str, Any]) -> list[str]:
         seconds = group["seconds"]
         text += [
             "",
-            f"{name}: {group['cases']} cases, {seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each",
+            f"{name}: {group['cases']} cases, "
+            f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each",
         ]
         text += [f"{_counted(rate)}  {rate['what']}" for rate in group["rates"] if rate["total"] or name == "all"]
         if group["reliability"]:

@@ -40,6 +40,7 @@ from castor_envs.effects.dimensions import (
     WheelRadius,
 )
 from castor_envs.effects.encoders import (
+    LearnedTerm,
     LostRemainders,
     PivotBacklash,
     PivotEccentricity,
@@ -67,6 +68,9 @@ ROOT = Path(__file__).parents[3]
 PLACED = {
     "bump": Bump(x=0.1, y=0.0, direction=1.4, value=Bump.step),
     "friction_patch": FrictionPatch(x=0.1, y=0.0, length=0.4, width=0.3, value=FrictionPatch.step),
+    "learned_term": LearnedTerm(
+        castor=1, wheel=2, of="castor angle", knots=(0.0, 2.0, 4.0), values=(5.0, -5.0, 2.0), value=LearnedTerm.step
+    ),
     "tick_loss_bursts": TickLossBursts(castor=1, wheel=2, period=0.7, width=0.3, seed=1, value=TickLossBursts.step),
 }
 """Effects at places and times, as the catalogue cannot know them of this robot."""

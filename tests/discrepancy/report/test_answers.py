@@ -175,6 +175,13 @@ def test_every_verdict_is_a_sentence_and_lines_and_a_page_without_empty_parts(da
     assert len(sentences.as_lines(data)) <= 10
 
 
+def test_an_ambiguous_answer_tells_the_drive_that_would_separate_it():
+    data = answered(AMBIGUOUS | {"separating_drive": "squares of 1.5 m, both ways, with reference poses throughout"})
+    assert "a drive that would tell squares of 1.5 m" in said(data)
+    assert "  to distinguish them, drive squares of 1.5 m" in "\n".join(sentences.as_lines(data))
+    assert "a drive that would tell" not in said(answered(AMBIGUOUS))
+
+
 def test_of_many_answers_the_sentence_tells_the_costliest():
     dear = UNEXPLAINED | {"what": "the dearest", "cost": [1.0, None]}
     text = sentences.sentence(answered(UNEXPLAINED, ANSWER, dear, UNEXPLAINED, UNEXPLAINED))
