@@ -55,7 +55,7 @@ class Columns:
         places: Sequence[Candidate],
         of: str,
     ) -> "Columns":
-        """Return those of candidates, as `signatures_of` has them. own: `slipping.known()`, in these parts."""
+        """Return those of candidates, as `signatures_of` has them. known_slips: `slipping.known()`, in these parts."""
         geometry = Geometry.of(robot.as_built())
         found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
         changed = stacked(geometry, found.geometries)
