@@ -45,13 +45,13 @@ class Steps:
     time: NDArray[np.intp]
 
     def passes(self, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """Return for the steps `there` (M,) the number of their pass: one wheel's steps without a break."""
+        """Return for the steps `chosen` (M,) the number of their pass: one wheel's steps without a break."""
         track, time = self.track[chosen], self.time[chosen]
         new = (np.diff(track, prepend=-1) != 0) | (np.diff(time, prepend=-9) > 2)
         return np.cumsum(new) - 1
 
     def only(self, chosen: NDArray[np.bool_]) -> "Steps":
-        """Return the steps `there` (M,)."""
+        """Return the steps `chosen` (M,)."""
         return Steps(*(getattr(self, name)[chosen] for name in Steps.__dataclass_fields__))
 
 
