@@ -205,7 +205,7 @@ def outside_effects(robot: RobotDescription, random: np.random.Generator) -> Ite
 
 
 def _gained(angle: Array, channel: int, gain) -> Array:
-    """Return angles (K, channels) of which one turns by `more(turned)` (K - 1,) further in each step."""
+    """Return angles (K, channels) of which one turns by `gain(turned)` (K - 1,) further in each step."""
     seen = angle.copy()
     seen[1:, channel] += np.cumsum(gain(np.diff(angle[:, channel])))
     return seen
