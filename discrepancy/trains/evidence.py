@@ -109,10 +109,10 @@ def _problem(
     left, derivatives = log.residuals(built, motion, bends.ends), log.jacobians(built, motion, bends)
     kinds, parts, matrices, numbers, rows, at = {}, [], [], [], {}, 0
     for kind, values in left.items():
-        weight, own = weights[kind] / sizes.of(kind), derivatives[kind]
+        weight, jacobian = weights[kind] / sizes.of(kind), derivatives[kind]
         part = _weighed(values.reshape(-1, 1), weight)[:, 0]
-        matrices.append(_sparse_weighed(own.by_sample, weight))
-        numbers.append(_weighed(own.by_number, weight))
+        matrices.append(_sparse_weighed(jacobian.by_sample, weight))
+        numbers.append(_weighed(jacobian.by_number, weight))
         parts.append(part)
         kinds[kind] = slice(at, at + len(part))
         rows[kind] = int(np.count_nonzero(np.any(weight.reshape(len(part), -1) != 0, axis=1)))
@@ -160,7 +160,7 @@ def settled(
     """
     amount, built = np.zeros(len(unnamed)), train.as_built()
     motions = [log.start(built) for log in logs] if start is None else list(start.motions)
-    now = sizes or (Sizes(gauges=(1.0,) * len(train.frames)) if start is None else start.sizes)
+    current = sizes or (Sizes(gauges=(1.0,) * len(train.frames)) if start is None else start.sizes)
     deviance = 0.0
     rounds, last = SETTLING if start is None else WARM, np.inf
     for turn in range(rounds):
@@ -168,13 +168,13 @@ def settled(
         free: dict[str, float] = {}
         deviance = 0.0
         for j, log in enumerate(logs):
-            problem, _, weights, _ = _problem(log, built, motions[j], now)
+            problem, _, weights, _ = _problem(log, built, motions[j], current)
             prior, number, columns = log.prior(train) ** -2.0, log.nuisances(motions[j]), problem.by_number
             residual = problem.residual
-            mine = [r for r, rival in enumerate(unnamed) if rival.log == j]
-            for r in mine:
-                own = problem.weighed(unnamed[r].kind, unnamed[r].change, weights, now)
-                residual, columns = residual + amount[r] * own, np.column_stack([columns, own])
+            log_rivals = [r for r, rival in enumerate(unnamed) if rival.log == j]
+            for r in log_rivals:
+                change = problem.weighed(unnamed[r].kind, unnamed[r].change, weights, current)
+                residual, columns = residual + amount[r] * change, np.column_stack([columns, change])
                 prior, number = np.append(prior, 0.0), np.append(number, 0.0)
             states = problem.solved(np.column_stack([residual, columns]))
             apart = np.column_stack([residual, columns]) - problem.by_sample @ states
@@ -183,29 +183,29 @@ def settled(
             by_sample = -(states[:, 0] + states[:, 1:] @ by_number)
             left = apart[:, 0] + apart[:, 1:] @ by_number
             motions[j] = motions[j].moved(by_sample.reshape(log.k, log.block), by_number[: log.numbers])
-            amount[mine] += by_number[log.numbers :]
+            amount[log_rivals] += by_number[log.numbers :]
             deviance += float(left @ left + np.sum(prior * (number + by_number) ** 2))
             shared = strength[: log.numbers, : log.numbers]
             deviance += float(np.linalg.slogdet(shared)[1] - np.sum(np.log(prior[: log.numbers])))
             deviance += 2 * float(np.sum(np.log(problem.factor[0][0])))
             for kind, rows in problem.rows.items():
-                deviance += 2 * rows * np.log(now.of(kind))
+                deviance += 2 * rows * np.log(current.of(kind))
             for f in range(log.f):
                 scale = np.linalg.det(weights[f"gauges{f}"][log.read[:, f]])
                 deviance -= 2 * float(np.sum(np.log(scale)))
             if sizes is None:
                 probes = np.random.default_rng(0).choice([-1.0, 1.0], (len(left), PROBES))
                 taken = probes * (problem.by_sample @ problem.solved(probes))
-                for kind, own in problem.kinds.items():
-                    squares[kind] = squares.get(kind, 0.0) + float(left[own] @ left[own])
-                    dof = problem.rows[kind] - float(taken[own].sum()) / PROBES
+                for kind, span in problem.kinds.items():
+                    squares[kind] = squares.get(kind, 0.0) + float(left[span] @ left[span])
+                    dof = problem.rows[kind] - float(taken[span].sum()) / PROBES
                     free[kind] = free.get(kind, 0.0) + max(dof, 1.0)
         if start is not None and turn > 1 and abs(deviance - last) < STILL:
             break
         last = deviance
         if sizes is None and (start is not None or turn >= FIRST) and turn < rounds - 1:
-            now = _resized(now, squares, free)
-    return Settled(tuple(motions), now, deviance)
+            current = _resized(current, squares, free)
+    return Settled(tuple(motions), current, deviance)
 
 
 def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) -> Sizes:
@@ -223,37 +223,37 @@ def evidence_of(
 ) -> Evidence:
     """Return what logs say of candidates beyond the effects that the train's file has, around a settled motion."""
     built = train.as_built()
-    others = [None if one.placed is None else one.placed.more(train) for one in candidates]
+    enlarged = [None if candidate.placed is None else candidate.placed.more(train) for candidate in candidates]
     said, costs = [], []
     for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):
         problem, zero, weights, ends = _problem(log, built, motion, found.sizes)
-        every = np.zeros((len(problem.residual), log.numbers + len(candidates)))
-        every[:, : log.numbers] = problem.by_number
-        for column, candidate, other in zip(every.T[log.numbers :], candidates, others, strict=True):
-            if other is not None:
-                changed = log.residuals(other[0].as_built(), motion, ends)
-                changes = {kind: (changed[kind] - zero[kind]) / other[1] for kind in zero}
-                if (gauge := candidate.restored(other[1])) is not None:
-                    at, (kind, own) = log.offset_of(*gauge, other[0].as_built(), motion, ends, changed)
-                    every[:, at] = problem.weighed(kind, own, weights, found.sizes)
+        columns = np.zeros((len(problem.residual), log.numbers + len(candidates)))
+        columns[:, : log.numbers] = problem.by_number
+        for column, candidate, larger in zip(columns.T[log.numbers :], candidates, enlarged, strict=True):
+            if larger is not None:
+                changed = log.residuals(larger[0].as_built(), motion, ends)
+                changes = {kind: (changed[kind] - zero[kind]) / larger[1] for kind in zero}
+                if (gauge := candidate.restored(larger[1])) is not None:
+                    at, (kind, change) = log.offset_of(*gauge, larger[0].as_built(), motion, ends, changed)
+                    columns[:, at] = problem.weighed(kind, change, weights, found.sizes)
             else:
                 rival = candidate.rival
                 assert rival is not None
                 changes = {rival.kind: rival.change} if rival.log == j else {}
-            for kind, own in changes.items():
-                if own.any():
-                    column += problem.weighed(kind, own, weights, found.sizes)
+            for kind, change in changes.items():
+                if change.any():
+                    column += problem.weighed(kind, change, weights, found.sizes)
         prior = log.prior(train) ** -2.0
-        said.append(_said(problem, every, prior, log.nuisances(motion)))
-        costs.append(_cost(log, motion, problem, every, prior))
+        said.append(_said(problem, columns, prior, log.nuisances(motion)))
+        costs.append(_cost(log, motion, problem, columns, prior))
     return Evidence(tuple(candidates), tuple(said), np.sqrt(np.mean(np.square(costs), axis=0)), found)
 
 
-def _said(problem: _Problem, every: Array, prior: Array, number: Array) -> Statistics:
-    """Return what a log says of P columns, the last of `every` (R, n + P): motion and n nuisances eliminated."""
+def _said(problem: _Problem, columns: Array, prior: Array, number: Array) -> Statistics:
+    """Return what a log says of P columns, the last of `columns` (R, n + P): motion and n nuisances eliminated."""
     n = len(prior)
-    apart = every - problem.by_sample @ problem.solved(every)
-    strength, slope = every.T @ apart, -(apart.T @ problem.residual)
+    apart = columns - problem.by_sample @ problem.solved(columns)
+    strength, slope = columns.T @ apart, -(apart.T @ problem.residual)
     strength[:n, :n] += np.diag(prior)
     slope[:n] -= prior * number
     taken = np.linalg.solve(strength[:n, :n], strength[:n, n:])
@@ -268,29 +268,31 @@ def cost_of_noise(train: TrainDescription, logs: Sequence[TrainLog], found: Sett
         problem, _, weights, _ = _problem(log, built, motion, found.sizes)
         by_gauge = log.bends(built, motion).by_gauge[f]
         noise = random.standard_normal((PROBES, len(by_gauge), by_gauge.shape[-1], 1))
-        changes = [(by_gauge @ own)[..., 0] * log.read[:, f, None] for own in noise]
+        changes = [(by_gauge @ draw)[..., 0] * log.read[:, f, None] for draw in noise]
         columns = [problem.weighed(f"gauges{f}", change, weights, found.sizes) for change in changes]
-        every = np.column_stack([problem.by_number, *columns])
-        costs.append(np.mean(_cost(log, motion, problem, every, log.prior(train) ** -2.0) ** 2, axis=1))
+        all_columns = np.column_stack([problem.by_number, *columns])
+        costs.append(np.mean(_cost(log, motion, problem, all_columns, log.prior(train) ** -2.0) ** 2, axis=1))
     return np.sqrt(np.mean(costs, axis=0))
 
 
-def _cost(log: TrainLog, motion: Motion, problem: _Problem, every: Array, prior: Array) -> Array:
+def _cost(log: TrainLog, motion: Motion, problem: _Problem, columns: Array, prior: Array) -> Array:
     """Return what a unit of each of P columns, left out, makes the train's localisation wrong by (`cost_of_sizes`).
 
     (2, P), of the axle that is off most. Localised is by counts and relative poses, as here, but without a reference.
     """
-    known = np.ones(len(every), dtype=bool)
+    known = np.ones(len(columns), dtype=bool)
     for kind in ("position", "heading"):
         known[problem.kinds.get(kind, slice(0))] = False
     by_sample, n = csr_array(problem.by_sample[known]), len(prior)
     without = replace(problem, by_sample=by_sample, factor=_banded(by_sample, log.block))
-    states = without.solved(every[known])
-    apart = every[known] - by_sample @ states
-    by_number = np.linalg.solve(every[known, :n].T @ apart[:, :n] + np.diag(prior), every[known, :n].T @ apart[:, n:])
+    states = without.solved(columns[known])
+    apart = columns[known] - by_sample @ states
+    by_number = np.linalg.solve(
+        columns[known, :n].T @ apart[:, :n] + np.diag(prior), columns[known, :n].T @ apart[:, n:]
+    )
     off = (states[:, n:] - states[:, :n] @ by_number).reshape(log.k, log.block, -1)
-    each = [_cost_of_path(motion.pose[:, i], off[:, 3 * i : 3 * i + 3]) for i in range(log.n)]
-    return np.max(each, axis=0)
+    costs = [_cost_of_path(motion.pose[:, i], off[:, 3 * i : 3 * i + 3]) for i in range(log.n)]
+    return np.max(costs, axis=0)
 
 
 def _cost_of_path(pose: Array, off: Array) -> Array:

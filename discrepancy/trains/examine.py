@@ -95,7 +95,7 @@ def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, hel
 
 def _remarks(seen: Linearised) -> Sequence[str]:
     """Return what people should know of how the train was driven."""
-    sliding = float(np.mean(np.concatenate([log.loose.any(axis=1) for log in seen.own])))
+    sliding = float(np.mean(np.concatenate([log.loose.any(axis=1) for log in seen.train_logs])))
     if not sliding:
         return []
     said = "axles are set against each other so much that some may slide in"

@@ -89,7 +89,7 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
             continue
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
         candidate = _candidate(Placed(kind), seen.train)
-        cost = cost_of_noise(seen.train, seen.own, seen.settled, f)
+        cost = cost_of_noise(seen.train, seen.train_logs, seen.settled, f)
         answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
     return answers
 
@@ -152,7 +152,7 @@ def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:
 def _noise(seen: Linearised, f: int) -> tuple[float, float]:
     """Return how many readings of a frame there are, and the square of their noise, in what is described."""
     built = seen.train.as_built()
-    noises = [log.noise(built, motion, f) for log, motion in zip(seen.own, seen.settled.motions, strict=True)]
+    noises = [log.noise(built, motion, f) for log, motion in zip(seen.train_logs, seen.settled.motions, strict=True)]
     number = sum(count for _, count in noises)
     square = sum(count * size**2 for size, count in noises) / max(number, 1)
     return DIFFERENCES * number, square
@@ -196,7 +196,7 @@ def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) ->
 
 def _kept(seen: Linearised, k: int, f: int, time: float) -> Array:
     """Return how far (2,), m and rad, a frame's relative pose is off what it was when its sensor stopped, rms."""
-    log, relative = seen.own[k], seen.settled.motions[k].relative[:, f]
+    log, relative = seen.train_logs[k], seen.settled.motions[k].relative[:, f]
     after = log.t + log.clock_start >= time
     if not after.any():
         return np.zeros(2)

@@ -29,7 +29,7 @@ class Linearised:
     `posterior.linearise.Linearised`."""
 
     train: TrainDescription
-    own: tuple[TrainLog, ...]
+    train_logs: tuple[TrainLog, ...]
     evidence: Evidence
 
     @property
@@ -70,7 +70,7 @@ class Linearised:
     @property
     def gap(self) -> tuple[float, float] | None:
         """What the train's localisation gets wrong (`localised_off`), m and rad."""
-        return localised_off(self.train, self.own, self.settled)
+        return localised_off(self.train, self.train_logs, self.settled)
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the same at the noise that is left beside effects, each as large as logs want, and beside the family
@@ -86,10 +86,10 @@ class Linearised:
             if size * (2 * pull[k] - size * information[k, k]) > 0:
                 built = self.candidates[k].added(built, [size])
         with suppress(InputError):  # it does not fit at all
-            beside = settled(built, self.own, self.settled, unnamed=self._likeliest_unnamed())
+            beside = settled(built, self.train_logs, self.settled, unnamed=self._likeliest_unnamed())
             sizes = self.settled.sizes.at_most(beside.sizes)
             if sizes != self.settled.sizes:
-                return linearise(self.train, self.own, self.settled, self.candidates, sizes)
+                return linearise(self.train, self.train_logs, self.settled, self.candidates, sizes)
         return self
 
     def _likeliest_unnamed(self) -> list[Rival]:

@@ -64,8 +64,8 @@ def _named(
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         built = with_them(train, named)
         if among is not None:
-            return linearise(built, start.own, start.settled, _of_trains(among))
-        return linearise(built, *sliding_in(built, start.own, start.settled), first.candidates)
+            return linearise(built, start.train_logs, start.settled, _of_trains(among))
+        return linearise(built, *sliding_in(built, start.train_logs, start.settled), first.candidates)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         in_model = _sizes(seen, named)

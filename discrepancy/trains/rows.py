@@ -110,15 +110,15 @@ class TrainLog:
 
     def without_reference(self) -> "TrainLog":
         """Return the log as counts and relative poses alone tell it."""
-        other = copy(self)
-        other.at, other.reference = self.at[:0], self.reference[:0]
-        return other
+        log = copy(self)
+        log.at, log.reference = self.at[:0], self.reference[:0]
+        return log
 
     def with_loose(self, loose: NDArray[np.bool_]) -> "TrainLog":
         """Return the log with other steps (K - 1, N) in which axles may slide."""
-        other = copy(self)
-        other.loose = loose
-        return other
+        log = copy(self)
+        log.loose = loose
+        return log
 
     def prior(self, train: TrainDescription) -> Array:
         """Return the standard deviations of the nuisances (n,) before anything is read."""
@@ -147,15 +147,15 @@ class TrainLog:
             chord = along[:, i] * np.sinc(turn[:, i] / (2 * np.pi))
             c, s = np.cos(middle), np.sin(middle)
             steps = np.column_stack([c * chord, s * chord])
-            own = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
+            path = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
             if i > 0 and self.read[:, i - 1].any():
                 pose[:, i] = compose(pose[:, i - 1], inverse(self._seen(built, i - 1)))
             elif len(self.at):
-                pose[:, i] = compose(compose(self.reference[0, i], inverse(own[self.at[0]])), own)
+                pose[:, i] = compose(compose(self.reference[0, i], inverse(path[self.at[0]])), path)
             elif i > 0:
-                pose[:, i] = compose(compose(pose[0, i - 1], (-built.frames[i - 1].length, 0.0, 0.0)), own)
+                pose[:, i] = compose(compose(pose[0, i - 1], (-built.frames[i - 1].length, 0.0, 0.0)), path)
             else:
-                pose[:, i] = own
+                pose[:, i] = path
         none = np.zeros((self.n, 3))
         return Motion(
             pose,
@@ -170,13 +170,13 @@ class TrainLog:
 
     def _seen(self, built: TrainDescription, f: int) -> Array:
         """Return the relative poses (K, 3) of a frame as its sensor has them, smoothed, its gaps filled."""
-        frame, own = built.frames[f], self.read[:, f]
-        width = min(SMOOTH, int(own.sum()))
+        frame, valid = built.frames[f], self.read[:, f]
+        width = min(SMOOTH, int(valid.sum()))
         seen = np.zeros((self.k, 3))
         for j in (1, 2):
-            padded = np.pad(self.rps[own, f, j], width // 2, mode="edge")
-            smooth = np.convolve(padded, np.ones(width) / width, mode="valid")[: int(own.sum())]
-            seen[:, j] = np.interp(self.t, self.t[own], smooth)
+            padded = np.pad(self.rps[valid, f, j], width // 2, mode="edge")
+            smooth = np.convolve(padded, np.ones(width) / width, mode="valid")[: int(valid.sum())]
+            seen[:, j] = np.interp(self.t, self.t[valid], smooth)
         seen[:, 0] = bending.posture_of(frame, bending.ends(frame, seen))[:, 0]
         return seen
 
@@ -206,8 +206,8 @@ class TrainLog:
         short = [bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
         left["shape"] = relative[..., 0] - np.stack(short, axis=1)
         if len(self.at):
-            now = compose(motion.pose[self.at] + motion.clock * self._rate(motion), motion.mount)
-            left["position"], left["heading"] = (now - self.reference)[..., :2], (now - self.reference)[..., 2]
+            tracked = compose(motion.pose[self.at] + motion.clock * self._rate(motion), motion.mount)
+            left["position"], left["heading"] = (tracked - self.reference)[..., :2], (tracked - self.reference)[..., 2]
         left["start"] = np.zeros(3)
         return left
 
@@ -250,14 +250,14 @@ class TrainLog:
     def jacobians(self, built: TrainDescription, motion: Motion, bends: Bends) -> dict[str, Jacobian]:
         """Return the derivatives of every kind of `residuals`, rows in the same order."""
         n, k, block = self.n, self.k, self.block
-        every, steps = np.arange(k), np.arange(k - 1)
+        samples, steps = np.arange(k), np.arange(k - 1)
         wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
         ends = bends.ends
         found: dict[str, Jacobian] = {}
 
-        where = every[:, None] * block + 3 * n + np.arange(2 * n)
+        columns = samples[:, None] * block + 3 * n + np.arange(2 * n)
         per_rad = np.array([(wheel.counts_per_rev or 0.0) / (2 * np.pi) for wheel in wheels])
-        found["counts"] = self._sparse(where[..., None], np.broadcast_to(per_rad[:, None], (k, 2 * n, 1)))
+        found["counts"] = self._sparse(columns[..., None], np.broadcast_to(per_rad[:, None], (k, 2 * n, 1)))
 
         along, across, turn, (c, s) = self._steps(motion)
         longer = 1 / np.sinc(turn / (2 * np.pi))
@@ -280,8 +280,8 @@ class TrainLog:
             places = [pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, wheel, wheel + block]
             places += [pull + f for f in range(self.f)]
             rolling.append((np.stack(places, axis=-1), np.stack(values, axis=-1)))
-        places = np.stack([own for own, _ in rolling], axis=2)
-        values = np.stack([own for _, own in rolling], axis=2)
+        places = np.stack([place for place, _ in rolling], axis=2)
+        values = np.stack([value for _, value in rolling], axis=2)
         slip, axles = self.bent(motion, ends), np.arange(n)
         turned, aside = np.zeros((k - 1, n, 2, self.numbers)), np.zeros((k - 1, n, self.numbers))
         turned[:, axles, :, self.creeping + axles] = -slip[..., :2].transpose(1, 0, 2)
@@ -294,16 +294,16 @@ class TrainLog:
         more = [-by_pull[:, :, 2, f] for f in range(self.f)]
         values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2, *more], axis=-1)
         found["side"] = self._sparse(places, values, aside.reshape(-1, self.numbers))
-        pull = every[:, None] * block + 5 * n + np.arange(self.f)
+        pull = samples[:, None] * block + 5 * n + np.arange(self.f)
         before = np.concatenate([pull[:1], pull[:-1]])
         kept = np.append(0.0, -self.lasting)[:, None] * np.ones(self.f)
         found["pull"] = self._sparse(np.stack([pull, before], axis=-1), np.stack([np.ones_like(kept), kept], axis=-1))
 
         by_pose, places = self._relative_derivatives(motion)
         by_posture = [bending.ends_by_posture(frame, ends[:, f]) for f, frame in enumerate(built.frames)]
-        bent = np.stack([own for own, _ in by_posture], axis=1)
-        for kind, more in self._by_bend(built, motion, ends, bent, (by_pose, places)).items():
-            found[kind] = replace(found[kind], by_sample=found[kind].by_sample + more)
+        bent = np.stack([derivative for derivative, _ in by_posture], axis=1)
+        for kind, by_bend in self._by_bend(built, motion, ends, bent, (by_pose, places)).items():
+            found[kind] = replace(found[kind], by_sample=found[kind].by_sample + by_bend)
         short: list[Array] = []
         for f, frame in enumerate(built.frames):
             by_y_phi, longer = by_posture[f]
@@ -314,12 +314,12 @@ class TrainLog:
             read[..., 1:] = -by_ends @ by_y_phi
             shape[:, 0, 0], shape[:, :, 1:] = 1.0, -longer[:, None] @ by_y_phi
             chained = read @ by_pose[:, f] * self.read[:, f, None, None]
-            own = np.broadcast_to(places[:, f, None], (k, 3, 6))
+            frame_places = np.broadcast_to(places[:, f, None], (k, 3, 6))
             numbers = np.zeros((k, 3, self.numbers))
             numbers[..., self.gauges[f] : self.gauges[f + 1]] = -bends.by_gauge[f] * self.read[:, f, None, None]
             raised = self._bowed(built, motion, ends, f) * self.read[:, f]
             numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ live) * raised[:, None]
-            found[f"gauges{f}"] = self._sparse(own, chained, numbers.reshape(3 * k, -1))
+            found[f"gauges{f}"] = self._sparse(frame_places, chained, numbers.reshape(3 * k, -1))
             short.append((shape @ by_pose[:, f])[:, 0])
         found["shape"] = self._sparse(places, np.stack(short, axis=1))
         if len(self.at):
@@ -328,15 +328,15 @@ class TrainLog:
         return found
 
     def offset_of(
-        self, frame: int, gauge: int, built: TrainDescription, motion: Motion, ends: Array, now: dict[str, Array]
+        self, frame: int, gauge: int, built: TrainDescription, motion: Motion, ends: Array, residuals: dict[str, Array]
     ) -> tuple[int, tuple[str, Array]]:
         """Return which nuisance the offset of a gauge is, and what it changes in a train in which that gauge lives.
 
-        frame, gauge: from 1. now: residuals of this train. A dead gauge's offset is not known, nor what it would read.
+        frame, gauge: from 1. residuals: of this train. A dead gauge's offset is not known, nor what it would read.
         """
         at, kind, small = int(self.gauges[frame - 1]) + gauge - 1, f"gauges{frame - 1}", 1e-4
         moved = replace(motion, offsets=motion.offsets + small * np.eye(len(motion.offsets))[at])
-        return at, (kind, (self.residuals(built, moved, ends)[kind] - now[kind]) / small)
+        return at, (kind, (self.residuals(built, moved, ends)[kind] - residuals[kind]) / small)
 
     def noise(self, built: TrainDescription, motion: Motion, f: int) -> tuple[float, int]:
         """Return how large the noise of a frame's gauges is, in what its description says, and from how many readings.
@@ -345,15 +345,15 @@ class TrainLog:
         """
         ends = self.ends(built, motion.relative)
         left = self.residuals(built, motion, ends)[f"gauges{f}"][:, 2]
-        own = self.read[1:, f] & self.read[:-1, f]
+        pairs = self.read[1:, f] & self.read[:-1, f]
         heading = self._by_gauge(built, motion, ends, f)[:, 2]
         live = np.ones(heading.shape[1])
         live[[number - 1 for number in built.frames[f].dead_gauges]] = 0.0
         expected = built.frames[f].gauge_noise ** 2 * np.sum(live * heading**2, axis=1)
-        expected = (expected[1:] + expected[:-1])[own]
-        if not own.any() or not np.all(expected > 0):
+        expected = (expected[1:] + expected[:-1])[pairs]
+        if not pairs.any() or not np.all(expected > 0):
             return 1.0, 0
-        return float(np.sqrt(np.mean(np.diff(left)[own] ** 2 / expected))), int(own.sum())
+        return float(np.sqrt(np.mean(np.diff(left)[pairs] ** 2 / expected))), int(pairs.sum())
 
     def _reference_derivatives(self, motion: Motion) -> dict[str, Jacobian]:
         m, n = len(self.at), self.n
@@ -361,10 +361,10 @@ class TrainLog:
         heading = motion.pose[self.at][..., 2]
         c, s, x, y = np.cos(heading), np.sin(heading), motion.mount[:, 0], motion.mount[:, 1]
         pose = self.at[:, None] * self.block + 3 * np.arange(n)
-        one, rate = np.ones((m, n)), self._rate(motion)
+        ones, rate = np.ones((m, n)), self._rate(motion)
         swing = np.stack([-s * x - c * y, c * x - s * y], axis=-1)
         places = np.stack([np.stack([pose, pose + 2], -1), np.stack([pose + 1, pose + 2], -1)], axis=2)
-        values = np.stack([np.stack([one, swing[..., 0]], -1), np.stack([one, swing[..., 1]], -1)], axis=2)
+        values = np.stack([np.stack([ones, swing[..., 0]], -1), np.stack([ones, swing[..., 1]], -1)], axis=2)
         numbers, turned = np.zeros((m, n, 2, self.numbers)), np.zeros((m, n, self.numbers))
         for i in range(n):
             at = first + 3 * i
@@ -375,18 +375,18 @@ class TrainLog:
         numbers[..., clock], turned[..., clock] = rate[..., :2], rate[..., 2]
         return {
             "position": self._sparse(places, values, numbers.reshape(2 * m * n, -1)),
-            "heading": self._sparse((pose + 2)[..., None], one[..., None], turned.reshape(m * n, -1)),
+            "heading": self._sparse((pose + 2)[..., None], ones[..., None], turned.reshape(m * n, -1)),
         }
 
     def _relative_derivatives(self, motion: Motion) -> tuple[Array, NDArray[np.integer]]:
         """Return the derivatives (K, F, 3, 6) of relative poses by the front and the rear axle's, and their places."""
         relative, heading = motion.relative, motion.pose[:, 1:, 2]
         c, s = np.cos(heading), np.sin(heading)
-        zero, one = np.zeros_like(c), np.ones_like(c)
+        zero, ones = np.zeros_like(c), np.ones_like(c)
         rows = [
             np.stack([c, s, zero, -c, -s, relative[..., 1]], axis=-1),
             np.stack([-s, c, zero, s, -c, -relative[..., 0]], axis=-1),
-            np.stack([zero, zero, one, zero, zero, -one], axis=-1),
+            np.stack([zero, zero, ones, zero, zero, -ones], axis=-1),
         ]
         frame = np.arange(self.k)[:, None] * self.block + 3 * np.arange(self.f)
         return np.stack(rows, axis=2), frame[..., None] + np.arange(6)
@@ -402,11 +402,11 @@ class TrainLog:
         bowed = self._bowed(built, motion, ends, f)
         for gauge in range(last - first):
             small = 1e-4 * np.eye(last - first)[gauge]
-            more, less = (
+            above, below = (
                 bending.reading(frame, ends[:, f], motion.offsets[first:last] + d, t, bowed, motion.raised[f])
                 for d in (small, -small)
             )
-            columns.append((more - less) / 2e-4)
+            columns.append((above - below) / 2e-4)
         return np.stack(columns, axis=-1)
 
     def creep(self, built: TrainDescription, motion: Motion, ends: Array, pull: Array | None = None) -> Array:
@@ -434,9 +434,9 @@ class TrainLog:
 
     def _by_pull(self, built: TrainDescription, motion: Motion, ends: Array) -> Array:
         """Return the derivatives (K - 1, N, 3, F) of slips by the frames' tension."""
-        none, *each = (np.broadcast_to(pull, (self.k, self.f)) for pull in (np.zeros(self.f), *np.eye(self.f)))
+        none, *unit_pulls = (np.broadcast_to(pull, (self.k, self.f)) for pull in (np.zeros(self.f), *np.eye(self.f)))
         without = self.creep(built, motion, ends, none)
-        return np.stack([self.creep(built, motion, ends, pull) - without for pull in each], axis=-1)
+        return np.stack([self.creep(built, motion, ends, pull) - without for pull in unit_pulls], axis=-1)
 
     def _by_bend(
         self,
@@ -459,23 +459,26 @@ class TrainLog:
                 slips = []
                 for change in (step, -step):
                     moved = ends + chosen * (by_y_phi @ change[1:])
-                    load, other = (
+                    load, described_load = (
                         self._loads(train, motion, moved, pull, chosen * change)
                         for train, pull in ((built, motion.pull), (self.described, none))
                     )
-                    creep = bending.creep(built, load) + bending.creep(self.described, other) * motion.creep[:, None]
+                    creep = (
+                        bending.creep(built, load)
+                        + bending.creep(self.described, described_load) * motion.creep[:, None]
+                    )
                     slips.append(creep * self._travelled)
                 for f in np.flatnonzero(chosen[:, 0]):
                     by_relative[:, f : f + 2, :, f, j] = (slips[0] - slips[1])[:, f : f + 2] / (2 * step.sum())
         found = {kind: sparse.csr_array((rows, k * self.block)) for kind, rows in self._slipping.items()}
         for f in range(self.f):
             values = [by_relative[:, f : f + 2, :, f] @ (by_pose[at, f, 1:] / 2)[:, None] for at in self._both]
-            own = np.concatenate(values, axis=-1)
-            where = np.concatenate([places[at, f] for at in self._both], axis=-1)[:, None, None]
-            for kind, part in (("rolling", own[:, :, :2]), ("side", own[:, :, 2:])):
+            by_samples = np.concatenate(values, axis=-1)
+            columns = np.concatenate([places[at, f] for at in self._both], axis=-1)[:, None, None]
+            for kind, part in (("rolling", by_samples[:, :, :2]), ("side", by_samples[:, :, 2:])):
                 width = part.shape[2]
                 rows = (np.arange(k - 1)[:, None, None] * n + np.array([f, f + 1])[:, None]) * width + np.arange(width)
-                matrix = self._placed(rows[..., None], where, -part, self._slipping[kind])
+                matrix = self._placed(rows[..., None], columns, -part, self._slipping[kind])
                 found[kind] = sparse.csr_array(found[kind] + matrix)
         return found
 
@@ -498,8 +501,8 @@ class TrainLog:
         self, rows: NDArray[np.integer], columns: NDArray[np.integer], values: Array, total: int
     ) -> sparse.csr_array:
         """Return `total` rows of derivatives by samples, with values (...) at these rows and columns."""
-        each = tuple(np.broadcast_to(where, values.shape).ravel() for where in (rows, columns))
-        return sparse.csr_array((values.ravel(), each), shape=(total, self.k * self.block))
+        indices = tuple(np.broadcast_to(index, values.shape).ravel() for index in (rows, columns))
+        return sparse.csr_array((values.ravel(), indices), shape=(total, self.k * self.block))
 
     def bent(self, motion: Motion, ends: Array) -> Array:
         """Return what `creep` says of the train as described if its frames have no tension."""
