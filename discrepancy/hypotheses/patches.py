@@ -66,7 +66,7 @@ def _shared(steps: Steps, w: int) -> Steps:
 
 
 def _ratio(n: Array, total: Array, count: float, overall: float) -> Array:
-    """Return the deviance by which `n` of `count` squares, whose sum is `total` of `overall`, have a larger variance."""
+    """Return the deviance by which `n` of `count` squares, summing to `total` of `overall`, have a larger variance."""
     within = np.where((n >= FEWEST) & (n < LARGEST_PART * count) & (total > 0) & (total < overall), 1.0, 0.0)
     n, total = np.where(within > 0, n, 1.0), np.where(within > 0, total, overall / count)
     inside, outside = total / n, (overall - total) / (count - n)
