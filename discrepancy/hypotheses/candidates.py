@@ -316,11 +316,13 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
     """Return the effects that a robot may have, those of all phases as one.
 
     Of those of timing only a clock's rate: its offset (all encoders late is the same) is found beside everything else,
-    and jitter has no mean. Nor wrong wiring, which is no small change.
+    and jitter has no mean. Nor wrong wiring, which is no small change. Of those that no log tells apart the first: the
+    others would come and go with what else is in the robot.
     """
     found: dict[str, list[Effect]] = {}
     for effect in catalogue(robot.as_described()):
-        if not effect.wiring and (not effect.timing or rate_of([effect])):
+        reported, *_ = effect.indistinguishable_from or (effect.name,)
+        if effect.name == reported and not effect.wiring and (not effect.timing or rate_of([effect])):
             found.setdefault(f"{effect.name} {_place_but_phase(effect)}", []).append(effect)
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 

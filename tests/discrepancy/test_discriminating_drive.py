@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from castor_envs.effects.dimensions import CountsPerRev
 from castor_envs.vehicles.presets import preset
 from discrepancy import discriminating_drive
 from discrepancy.discriminating_drive import drive_for
-from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, described
 from discrepancy.posterior.answers import Answer
 from estimators.calibration.drives import DRIVES
 
@@ -40,7 +41,9 @@ def test_it_names_the_drive_that_tells_more():
 def test_what_is_tiny_or_of_one_name_no_drive_separates():
     assert drive_for(ROBOT, answer(RADIUS, 3e-3, TRACK), [RADIUS, TRACK], "all") is not None
     assert drive_for(ROBOT, answer(RADIUS, 1e-7, TRACK), [RADIUS, TRACK], "all") is None
-    twin = next(one for one in candidates_of(ROBOT) if one.family == RADIUS.family and one != RADIUS)
+    kind = CountsPerRev(castor=1, wheel=1, value=CountsPerRev.step)
+    twin = Candidate(described(kind), (kind,))
+    assert twin.family == RADIUS.family
     assert drive_for(ROBOT, answer(RADIUS, 3e-3, twin), [RADIUS, twin], "all") is None
     assert drive_for(ROBOT, answer(RADIUS, 3e-3, twin, TRACK), [RADIUS, twin, TRACK], "all") is not None
 
