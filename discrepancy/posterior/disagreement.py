@@ -24,6 +24,9 @@ LEAST = 4e-4
 FARTHEST = 2.0
 """Sizes beyond which disagreement is not what it usually is (Huber's function)."""
 
+LEAST_KEPT = 1e-3
+"""Part of a row's slip that the others must contradict to tell how large it is."""
+
 MEDIAN = 0.6745
 """Of the absolute value of a standard normal number."""
 
@@ -36,15 +39,14 @@ class Disagreement:
     """One log's disagreement, summed over W windows, as a part of the way rolled in each.
 
     seen (W, rows): beyond what wheels hide of the robot's effects. by_size (W, rows, C): what a unit of each size adds.
-    hidden (W, rows, e): what the robot's effects add where wheels hide them. by_slip (W, rows, rows): what a slip of
-    each row adds. told_by (W,): windows that count. along (rows,): rolling, not side slip.
+    hidden (W, rows, e): what the robot's effects add where wheels hide them. told_by (W,): windows that count. along
+    (rows,): rolling, not side slip.
     t (W,): when windows begin, s. way (K - 1,): of every step, the mean of its window. steps (W,): of each window.
     """
 
     seen: Array
     by_size: Array
     hidden: Array
-    by_slip: Array
     told_by: NDArray[np.bool_]
     along: NDArray[np.bool_]
     t: Array
@@ -59,20 +61,19 @@ class Disagreement:
         """
         model = design.model
         seen, by_size = model.disagreement(*design.alone())
-        by_slip = _of_slips(design)
         way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
         samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
         rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        parts_of = (seen - hiding @ parts, by_size, hiding, by_slip * way[:, None, None])
+        parts_of = (seen - hiding @ parts, by_size, hiding)
         sums = [np.add.reduceat(part, starts, axis=0) for part in parts_of]
-        of_way, by_size, hidden, by_slip = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
+        of_way, by_size, hidden = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
         steps = np.diff([*starts, len(way)])
         along = model.rows < len(design.geometry.radius)
         told_by = ~np.logical_or.reduceat(released.any(axis=1), starts)
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, by_size, hidden, by_slip, told_by, along, log.t[starts], way, steps)
+        return cls(of_way, by_size, hidden, told_by, along, log.t[starts], way, steps)
 
     def sizes(self) -> Sizes:
         """Return how far wheels disagree most of the time, whatever there is at others."""
@@ -113,12 +114,15 @@ class Disagreement:
         return columns.T @ columns, columns.T @ seen, likely
 
 
-def _of_slips(design: Columns) -> Array:
-    """Return by how much wheels disagree in every step (K - 1, rows, rows) for a metre of slip in each row."""
-    rows, state = len(design.model.rows), design.state
-    slips = np.broadcast_to(np.eye(rows), (len(state) - 1, rows, rows))
-    none = np.zeros((len(state), state.shape[1] - 3, rows))
-    return design.model.disagreement(design.geometry, stacked(design.geometry, []), np.zeros(0), state, none, slips)[1]
+def of_row(design: Columns, row: int) -> tuple[Array, Array]:
+    """Return by how much a row disagrees with the others in every step (K - 1,), m, and by how much for a metre of its
+    own slip."""
+    model, geometry, state = design.model, design.geometry, design.state
+    slips = np.zeros((len(state) - 1, len(model.rows), 1))
+    slips[:, row] = 1.0
+    none = np.zeros((len(state), state.shape[1] - 3, 1))
+    seen, by_slip = model.disagreement(geometry, stacked(geometry, []), np.zeros(0), state, none, slips)
+    return seen[:, row], by_slip[:, row, 0]
 
 
 def _size(seen: Array) -> float:

@@ -16,9 +16,10 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
+from discrepancy.measurement.design_matrix import Columns
 from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
-from discrepancy.posterior.disagreement import Disagreement
+from discrepancy.posterior.disagreement import LEAST_KEPT, Disagreement, of_row
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances.bursts import Bursts, bursts_of
 from discrepancy.validation.cost import cost_of_sizes
@@ -26,11 +27,8 @@ from discrepancy.validation.cost import cost_of_sizes
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
 """Of all windows, that may be a fault's."""
 
-IN_SOME = np.log(0.5)
-"""A fault at times may be in one log and not in another: natural logarithm of the probability."""
-
-LEAST_KEPT = 1e-3
-"""Part of a row's slip that the others must contradict to tell how large it is."""
+IN_SOME = 0.5
+"""Probability that a fault at times is in one log, as it may be in another."""
 
 
 class Faulty(NamedTuple):
@@ -63,8 +61,8 @@ def at_times(seen: Linearised, clean: Linearised | None, told: Sequence[Answer],
         if expit(log_odds[row]) < CREDIBLE:
             break
         hits = tuple(_hit(off[:, row]) for off in every)
-        told_by = zip(seen.disagreements, every, hits, strict=True)
-        slips = tuple(_slips(one, off, row, hit) for one, off, hit in told_by)
+        told_by = zip(seen.designs, seen.disagreements, every, hits, strict=True)
+        slips = tuple(_slips(design, one, off, row, hit) for design, one, off, hit in told_by)
         found.append(Faulty(row, hits, slips, float(log_odds[row])))
         every = [off * ~hit[:, None] for off, hit in zip(every, hits, strict=True)]
     return found
@@ -154,15 +152,19 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     return every
 
 
-def _slips(disagreement: Disagreement, off: Array, row: int, hit: NDArray[np.bool_]) -> Array:
+def _slips(design: Columns, disagreement: Disagreement, off: Array, row: int, hit: NDArray[np.bool_]) -> Array:
     """Return the slip of a row (W,), as a part of the way, that is alone to slip in windows that are hit."""
-    kept = np.maximum(disagreement.by_slip[:, row, row], LEAST_KEPT)
+    rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
+    starts = np.cumsum(disagreement.steps) - disagreement.steps
+    _, by_slip = of_row(design, row)
+    kept = np.add.reduceat(by_slip * rolled, starts) / np.add.reduceat(disagreement.way, starts)
+    kept = np.maximum(kept, LEAST_KEPT)
     return np.where(hit, off[:, row] * disagreement.sizes()[not disagreement.along[row]] / kept, 0.0)
 
 
 def _in_some(log_factors: Sequence[Array]) -> Array:
     """Return log Bayes factors (rows,) of faults that may be in some logs only, of those (rows,) of each log."""
-    return np.asarray(np.sum(np.logaddexp(IN_SOME, np.log1p(-np.exp(IN_SOME)) + np.array(log_factors)), axis=0))
+    return np.asarray(np.sum(np.logaddexp(np.log1p(-IN_SOME), np.log(IN_SOME) + np.array(log_factors)), axis=0))
 
 
 def _log_densities(off: Array) -> tuple[Array, Array]:

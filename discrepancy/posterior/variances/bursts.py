@@ -14,8 +14,8 @@ from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import stacked
 from discrepancy.measurement.design_matrix import Columns
+from discrepancy.posterior.disagreement import LEAST_KEPT, of_row
 from discrepancy.posterior.linearise import Linearised
 
 EVEN, MOSTLY = 0.1, 0.75
@@ -77,13 +77,9 @@ def bursts_of(
 
 def _lost(design: Columns, row: int) -> tuple[Array, Array]:
     """Return what a wheel's encoder shows too little in every step (K - 1,), and how far the wheel rolls then, m."""
-    model, geometry, state = design.model, design.geometry, design.state
-    slips = np.zeros((len(state) - 1, len(model.rows), 1))
-    slips[:, row] = 1.0
-    none = np.zeros((len(state), state.shape[1] - 3, 1))
-    seen, of_slip = model.disagreement(geometry, stacked(geometry, []), np.zeros(0), state, none, slips)
-    lost = seen[:, row] / np.maximum(of_slip[:, row, 0], 1e-3)
-    return lost, model.rolled(geometry, state)[:, row] + lost
+    seen, by_slip = of_row(design, row)
+    lost = seen / np.maximum(by_slip, LEAST_KEPT)
+    return lost, design.model.rolled(design.geometry, design.state)[:, row] + lost
 
 
 def _bursts(
