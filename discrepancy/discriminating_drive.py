@@ -8,7 +8,7 @@ from castor_envs.errors import InputError
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE
+from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS, order_of, sizes_of
 from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of
@@ -25,7 +25,7 @@ def drive_for(robot: RobotDescription, answer: Answer, among: Sequence[Candidate
     likely = [*own, *(one for family, one in others.items() if family != answer.candidate.family)]
     if not own or len(likely) < 2:
         return None
-    best, most = None, float(np.log(CREDIBLE / (1 - CREDIBLE)))
+    best, most = None, LOG_ODDS
     for drive, make in DRIVES.items():
         try:
             logs = [log_of(robot, trajectory, poses) for trajectory in make(robot)]

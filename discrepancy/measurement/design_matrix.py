@@ -23,7 +23,7 @@ QUIETER_ROUNDS, SAME = 6, 0.02
 class Columns:
     """The columns of one log's linear problem around a state: of C amplitudes, the first G of `geometries` changed by
     `steps` (G,), the other R of readings (K, s + d, R) and slips (K - 1, rows, R); fought (K - 1, rows, C): of what
-    wheels hide of each; own (K - 1, rows, e): of slips that are known in part. rates (R,): what the clock of the
+    wheels hide of each; known_slips (K - 1, rows, e): of slips that are known in part. rates (R,): what the clock of the
     reference gains; rate: what it gains by the robot's effects, None where no poses tell."""
 
     model: LogLikelihood
@@ -36,7 +36,7 @@ class Columns:
     readings: Array
     slips: Array
     fought: Array
-    own: Array
+    known_slips: Array
     rates: Array
     rate: float | None
 
@@ -76,7 +76,7 @@ class Columns:
             readings=found.readings,
             slips=slips,
             fought=fought,
-            own=known_slips,
+            known_slips=known_slips,
             rates=found.rates,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
         )
@@ -85,12 +85,12 @@ class Columns:
         """Return what the log says of amplitudes, of what wheels hide of each, of parts, and of what every wheel and
         castor may always creep; of `only` some candidates: but for the last."""
         chosen = [only is None or candidate in only for candidate in self.candidates for _ in range(candidate.columns)]
-        columns, always = np.flatnonzero(chosen), self.own[..., :0]
+        columns, always = np.flatnonzero(chosen), self.known_slips[..., :0]
         if only is None:
             always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
         built, other = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
         changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
-        slips = np.concatenate([self.slips[..., other], self.fought[..., columns], self.own, always], axis=-1)
+        slips = np.concatenate([self.slips[..., other], self.fought[..., columns], self.known_slips, always], axis=-1)
         readings = np.zeros((*self.readings.shape[:2], slips.shape[-1]))
         readings[..., : len(other)] = self.readings[..., other]
         rates = np.pad(self.rates[other], (0, slips.shape[-1] - len(other)))

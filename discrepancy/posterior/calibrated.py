@@ -4,9 +4,14 @@
 What contacts and trackers are like is stated where logs are linearised, what robots are like by each effect class.
 """
 
+from scipy.special import logit
+
 CREDIBLE = 0.95
 """Probability that a credible set holds at least, and with its odds (19, a log-likelihood ratio of ln 19) what held-out
 logs must say for a name. The field's convention; nothing was fitted to it."""
+
+LOG_ODDS = float(logit(CREDIBLE))
+"""What `CREDIBLE` is as natural logarithm of odds."""
 
 NOTHING = 0.8
 """Probability that one single effect of the sum is none, before logs are seen. Of five, one is expected to be there:

@@ -70,6 +70,14 @@ class Linearised:
     disagreements: tuple[Disagreement, ...]
     slips: tuple[Array, ...]
 
+    def cost_of_slips(self, slips: Sequence[Array]) -> Array:
+        """Return what slips (K - 1, rows, 1) of each log cost (2,): m after 10 m, rad after a turn."""
+        costs = []
+        for design, slipped in zip(self.designs, slips, strict=True):
+            error = design.model.as_motion(design.geometry, design.state, slipped)
+            costs.append(cost_of_sizes(error, design.state[:, :3])[:, 0])
+        return np.sqrt(np.mean(np.square(costs), axis=0))
+
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the same at the noise that is left beside effects, each as large as logs want.
 
@@ -189,7 +197,7 @@ def _of_sizes(
     of_disagreement = np.concatenate([np.arange(n), np.arange(n + CREEPS, n + len(shared.parts))])
     information[np.ix_(of_disagreement, of_disagreement)] += disagreement[0]
     score[of_disagreement] += disagreement[1]
-    rows = design.own.shape[1]
+    rows = design.known_slips.shape[1]
     uneven = np.arange(rows) + n + len(shared.parts)
     creep = uneven + rows
     information[parts, parts] += np.diag(shared.doubt**-2.0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discrepancy.posterior.answers import Answer, Seen, Verdict
-from discrepancy.posterior.calibrated import CREDIBLE
+from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized
 from estimators.calibration.identifiability import COVERAGE
@@ -75,7 +75,7 @@ def _judgement(
         return "unexplained", f"{what} looks most like it, and cannot be as large"
     if held_out is not None and order is not None:
         log_odds = _log_odds(answer, named, held_out[1], order) if answer.confirmed is None else answer.confirmed
-        if log_odds < np.log(CREDIBLE / (1 - CREDIBLE)):
+        if log_odds < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {what}"
         if grows:
             return "unconfirmed", f"the held-out gap does not shrink with {what}"

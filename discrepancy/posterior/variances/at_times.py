@@ -22,7 +22,6 @@ from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
 from discrepancy.posterior.disagreement import LEAST_KEPT, Disagreement, of_row
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances.bursts import Bursts, bursts_of
-from discrepancy.validation.cost import cost_of_sizes
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
 """Of all windows, that may be a fault's."""
@@ -100,11 +99,8 @@ def answer_of(
     most = int(np.argmax(np.abs(fault.slips[k])))
     what = f"{_row(robot, int(seen.designs[k].model.rows[fault.row]))} contradicts the others at times, most at "
     what += f"{seen.disagreements[k].t[most]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
-    costs = []
-    for design, one, slips in zip(seen.designs, seen.disagreements, fault.slips, strict=True):
-        error = design.model.as_motion(design.geometry, design.state, one.slips(fault.row, slips))
-        costs.append(cost_of_sizes(error, design.state[:, :3])[:, 0])
-    cost = np.sqrt(np.mean(np.square(costs), axis=0))
+    slipped = [one.slips(fault.row, slips) for one, slips in zip(seen.disagreements, fault.slips, strict=True)]
+    cost = seen.cost_of_slips(slipped)
     answer = Answer(
         probabilities={what: probability, "nothing": 1 - probability},
         credible=(what,),

@@ -16,7 +16,6 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances import at_times, slippery
-from discrepancy.validation.cost import cost_of_sizes
 
 Released = list[NDArray[np.bool_]]
 """Steps (K - 1, rows) of each log."""
@@ -85,12 +84,11 @@ class Events:
 
 def _cost(released: Released, seen: Linearised) -> Array:
     """Return what slips of wheels in some steps cost (2,): m after 10 m, rad after a turn."""
-    costs = []
+    every = []
     for design, steps, slips in zip(seen.designs, released, seen.slips, strict=True):
         rows = design.model.rows
-        slipped = np.zeros((*steps.shape, 1))
         wheels = np.flatnonzero(rows < slips.shape[1])
+        slipped = np.zeros((*steps.shape, 1))
         slipped[:, wheels, 0] = np.where(steps[:, wheels], np.nan_to_num(slips[:, rows[wheels]]), 0.0)
-        error = design.model.as_motion(design.geometry, design.state, slipped)
-        costs.append(cost_of_sizes(error, design.state[:, :3])[:, 0])
-    return np.sqrt(np.mean(np.square(costs), axis=0))
+        every.append(slipped)
+    return seen.cost_of_slips(every)

@@ -18,7 +18,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, candidates_of, described
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS
 from discrepancy.posterior.random_effects import Statistics, together
@@ -27,11 +27,8 @@ from discrepancy.validation.cost import cost_of
 KNOTS = 12
 """Of a curve."""
 
-AGAIN = 1
-"""Times that a curve is found anew around itself: it may be large."""
-
-SMOOTH = 1.0
-"""rad, or a third of the fastest speed: how far a curve keeps its value."""
+SMOOTH, SMOOTH_SPEED = 1.0, 1 / 3
+"""How far a curve keeps its value: rad, and as a part of the fastest speed."""
 
 SIZES = LearnedTerm.tolerance * FAULT * 2.0 ** np.arange(-4, 6)
 """Of curves, standard deviations: each is as likely before logs are seen."""
@@ -42,9 +39,9 @@ Look = Callable[[RobotDescription, Sequence[Candidate]], Linearised]
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A curve in the robot file. errors: standard deviations of its values. log_odds: of
-    that it is there, natural logarithm. nearest: what the catalogue has that is most like it, in words, and the cosine
-    between what both do to logs; None where nothing is like it."""
+    """A curve in the robot file. errors: standard deviations of its values. log_odds: of that it is there, natural
+    logarithm. nearest: what the catalogue has that is most like it, in words, and the cosine between what both do to
+    logs; None where nothing is like it."""
 
     effect: LearnedTerm
     errors: tuple[float, ...]
@@ -64,7 +61,7 @@ def helps(robot: RobotDescription, curve: "Learned", held_out: Sequence[Log], cr
         linearise(one, held_out, creep=creep, among=()) for one in (robot, robot.with_effects(curve.effect))
     )
     shrinks = without.gap is None or beside.gap is None or beside.gap[0] < without.gap[0]
-    return shrinks and beside.log_evidence - without.log_evidence > np.log(CREDIBLE / (1 - CREDIBLE))
+    return shrinks and beside.log_evidence - without.log_evidence > LOG_ODDS
 
 
 def answer_of(robot: RobotDescription, curve: "Learned", logs: Sequence[Log]) -> Answer:
@@ -110,17 +107,15 @@ def learned(
         return None
     term, (log_factor, values, errors) = max(curves, key=lambda curve: curve[1][0])
     log_odds = log_factor - float(np.log(len(terms)))
-    if log_odds < np.log(CREDIBLE / (1 - CREDIBLE)):
+    if log_odds < LOG_ODDS:
         return None
-    for _ in range(AGAIN):
-        there = replace(term, values=tuple(values.tolist()), value=1.0)
-        (candidate,) = (one for other, one in every if other == term)
-        told = look(robot.with_effects(there), [candidate])
-        columns = told.columns[told.candidates.index(candidate)]
-        whole = np.zeros(2 * len(told.usual))
-        whole[columns] = values
-        _, values, errors = _curve(term, together(told.logs).at(-whole), columns, len(told.usual))
-    effect = replace(term, value=1.0, values=tuple(values.round(7).tolist()))
+    there = replace(term, values=tuple(values.tolist()))  # found anew around itself, as it may be large
+    (candidate,) = (candidate for other, candidate in every if other == term)
+    told = look(robot.with_effects(there), [candidate])
+    columns, whole = told.columns[told.candidates.index(candidate)], np.zeros(2 * len(told.usual))
+    whole[columns] = values
+    _, values, errors = _curve(term, together(told.logs).at(-whole), columns, len(told.usual))
+    effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
 
@@ -157,7 +152,7 @@ def _covariance(term: LearnedTerm) -> Array:
     """Return the covariance (k, k) of a curve's values, of size 1."""
     apart = np.subtract.outer(np.array(term.knots), np.array(term.knots))
     if term.of == "speed":
-        return np.asarray(np.exp(-((apart / (max(term.knots) / 3)) ** 2) / 2))
+        return np.asarray(np.exp(-((apart / (SMOOTH_SPEED * max(term.knots))) ** 2) / 2))
     return np.asarray(np.exp(-2 * (np.sin(apart / 2) / SMOOTH) ** 2))
 
 

@@ -29,9 +29,10 @@ from discrepancy.posterior.linearise import Linearised
 from discrepancy.validation.replay import replay
 
 SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
-"""Parts of friction that may be missing, alike likely; rectangles are looked at further that suit with the fourth."""
+"""Parts of friction that may be missing, alike likely."""
 
 TRIED = SLIPPERY[3]
+"""With which a rectangle must help, to be looked at further."""
 
 WINDOW = 2.0
 """s of a replay."""
@@ -61,14 +62,12 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
         plain = _missed(robot, logs, seen)
     except InputError:  # a robot that cannot be replayed
         return None
-    usual = np.median(plain, axis=1, keepdims=True)
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
     area, best = float(np.prod(np.ptp(way, axis=0))), None
     for patch in patches_of(robot, motions, slips):
 
         def gain(value: float, patch: FrictionPatch = patch) -> float:
-            missed = _missed(robot.with_effects(replace(patch, value=value)), logs, seen)
-            return float(np.sum(_log_density(missed, usual) - _log_density(plain, usual)))
+            return _likelier(_missed(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
 
         if gain(TRIED) <= 0:
             continue
@@ -93,8 +92,7 @@ def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised,
         plain, missed = (_missed(one, logs, seen) for one in (robot, robot.with_effects(patch.effect)))
     except InputError:  # logs without what it takes
         return 0.0
-    usual = np.median(plain, axis=1, keepdims=True)
-    as_found = float(np.sum(_log_density(missed, usual) - _log_density(plain, usual)))
+    as_found = _likelier(missed, plain)
     again = slippery_in(robot, logs, seen, 1)
     if again is None or not (_holds(patch.effect, again.effect) or _holds(again.effect, patch.effect)):
         return as_found
@@ -153,6 +151,8 @@ def _missed(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> A
     return np.concatenate(missed, axis=1)
 
 
-def _log_density(missed: Array, usual: Array) -> Array:
-    """Return how likely it is to miss by so much (natural logarithm, up to a constant)."""
-    return -(FREEDOM + 1) / 2 * np.log1p((missed / usual) ** 2 / FREEDOM)
+def _likelier(missed: Array, plain: Array) -> float:
+    """Return by how much (natural logarithm) replays are likelier that miss by so much (3, N) than those without."""
+    usual = np.median(plain, axis=1, keepdims=True)
+    less = np.log1p((plain / usual) ** 2 / FREEDOM) - np.log1p((missed / usual) ** 2 / FREEDOM)
+    return (FREEDOM + 1) / 2 * float(np.sum(less))
