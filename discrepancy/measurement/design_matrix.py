@@ -23,7 +23,7 @@ QUIETER_ROUNDS, SAME = 6, 0.02
 class Columns:
     """The columns of one log's linear problem around a state: of C amplitudes, the first G of `geometries` changed by
     `steps` (G,), the other R of readings (K, s + d, R) and slips (K - 1, rows, R); fought (K - 1, rows, C): of what
-    wheels hide of each; known_slips (K - 1, rows, e): of slips that are known in part. rates (R,): what the clock of the
+    wheels hide of each; known_slips (K - 1, rows, e): those that are known in part. rates (R,): what the clock of the
     reference gains; rate: what it gains by the robot's effects, None where no poses tell."""
 
     model: LogLikelihood
