@@ -32,7 +32,7 @@ from discrepancy.report.told import Data
 from discrepancy.report.traces import Traces, traces_of
 from discrepancy.validation.replay import Replay, joined, replay
 from estimators.calibration.log_likelihood import Noise
-from estimators.calibration.maximum_likelihood import State
+from estimators.calibration.maximum_likelihood import State, straightened
 
 Logs = Mapping[str, Log]
 
@@ -169,18 +169,16 @@ def _prepared(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) 
     for given in (logs, held_out, clean):
         check_logs(given)
     checked, kept, before = (
-        preflight(robot, list(log_set.values()), list(log_set)) if log_set else Preflight(())
+        preflight(robot, list(log_set.values()), list(log_set)).serious if log_set else Preflight(())
         for log_set in (logs, held_out, clean)
     )
     for result in (checked, kept, before):
         if result.fatal:
             raise InputError("; ".join(mistake.what for mistake in result.mistakes))
     (mended, wiring), (once, good_wiring) = _mended(robot, checked), _mended(robot, before)
-    straight, kept_back = (
-        {name: _unwired(robot, wiring, log) for name, log in log_set.items()} for log_set in (logs, held_out)
-    )
-    good = [_unwired(robot, good_wiring, log) for log in clean.values()]
-    return _Prepared(mended, once, checked, wiring, straight, kept_back, good)
+    straight, kept_back = (_straight(robot, mended, wiring, log_set) for log_set in (logs, held_out))
+    good = _straight(robot, once, good_wiring, clean)
+    return _Prepared(mended, once, checked, wiring, straight, kept_back, list(good.values()))
 
 
 def _posterior(prepared: _Prepared, material: Material) -> Diagnosis[RobotDescription, Linearised]:
@@ -202,6 +200,17 @@ def _found(
     built = [effect for effect in checked.effects if not effect.wiring and effect not in doubtful]
     effects = [*built, *named, *(effect for effect in wiring if effect not in doubtful)]
     return robot.with_effects(*effects) if effects else None
+
+
+def _straight(
+    robot: RobotDescription, mended: RobotDescription, wiring: Sequence[Effect], logs: Logs
+) -> dict[str, Log]:
+    """Return logs with their encoders where they belong, and the axes of their tracker along the body's.
+
+    mended: the robot with gross mistakes that are not of wiring.
+    """
+    unwired = [_unwired(robot, wiring, log) for log in logs.values()]
+    return dict(zip(logs, straightened(Geometry.of(mended.as_built()), unwired)[0], strict=True))
 
 
 def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log:

@@ -92,8 +92,9 @@ def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterat
         side = "left" if yaw > 0 else "right"
         yield Mistake(
             f"the reference's heading points {abs(np.degrees(yaw)):.0f} degrees to the {side} of the robot's front: it "
-            "then agrees with the encoders; correct ref_psi, or what the robot file takes for the front",
+            "then agrees with the encoders, and is taken so; if it is not mounted so, correct ref_psi",
             alternatives=tuple(_named(candidate) for candidate in straight),
+            taken=True,
         )
 
 

@@ -251,6 +251,11 @@ class LogLikelihood:
         anchors = np.flatnonzero(self._posed)[:1]
         return compose(self._reference[anchors[0]], relative_pose(path[anchors[0]], path)) if len(anchors) else path
 
+    def ways(self, geometry: Geometry) -> tuple[Array, Array]:
+        """Return poses by odometry and by the reference (used poses, 3), where reference poses are in use."""
+        used = self._used_poses
+        return self.odometry(geometry)[used], self._reference[used]
+
     def _twist(self, geometry: Geometry) -> Array:
         """Return the body's motion (K - 1, 3) in every step, in B, from counts alone, by least squares."""
         angle = self._angles(geometry, self._counts)

@@ -10,7 +10,7 @@ its clock early or late. All of this is found beside the robot's parameters, nev
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.mounting import turn_of_tracker
+from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
@@ -134,6 +136,7 @@ def calibrate(
         raise Declined("there is no log; record one")
     described, parameters = Geometry.of(robot), parameters_of(robot, pivots)
     scale, before = _scales(parameters), values_of(described, parameters)
+    logs, turn = straightened(described, logs)
     models = [LogLikelihood(described, log, k) for k, log in enumerate(logs)]
     poses = sum(model.poses for model in models)
     _check(robot, logs, parameters)
@@ -159,12 +162,26 @@ def calibrate(
         unseen=solution.way[:, ~solution.seen].T,
         information=(solution.way * solution.strength) @ solution.way.T,
         noise=sizes,
-        mount=at.mount,
+        mount=np.append(at.mount[:2], wrap(at.mount[2] + turn)),
         mount_covariance=solution.mount_covariance,
         clocks=at.clocks,
         poses=poses,
         left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
     )
+
+
+def straightened(described: Geometry, logs: Sequence[Log]) -> tuple[list[Log], float]:
+    """Return logs with the axes of their tracker along the body's, but for little; and by how much they were turned.
+
+    Of a tracker that is turned by little, logs stay as they are: that is found beside all else. turn: rad, to the left.
+    """
+    models = [LogLikelihood(described, log) for log in logs]
+    turn = turn_of_tracker([model.ways(described) for model in models], _size(described))
+    return [_turned(log, -turn) if turn else log for log in logs], turn
+
+
+def _turned(log: Log, by: float) -> Log:
+    return log if log.reference is None else replace(log, reference=log.reference + np.array([0.0, 0.0, by]))
 
 
 def fitted(

@@ -1,0 +1,52 @@
+"""How far a tracker's axes are turned against the body's: by the ways that both go between the same samples."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import relative_pose
+
+TURNED = np.radians(20.0)
+"""A tracker whose axes are meant to be along the body's is not turned by more."""
+
+STRAIGHT, LEAST = 2.0, 5e-4
+"""A tracker that is not turned may leave so many times what a turned one leaves, or twice this share of squares, and be
+taken for straight: on circles, a point elsewhere on the body looks the same."""
+
+AGREED = 0.01
+"""The share of squares up to which ways agree well enough to tell how the tracker is turned."""
+
+FIRM = 1e-3
+"""Of the squares of the ways: doubt that a tracked point so far from the origin as `size` costs."""
+
+
+def turn_of_tracker(ways: Sequence[tuple[Array, Array]], size: float) -> float:
+    """Return by how much a tracker's axes are turned to the left of the body's, rad; 0.0 if by no more than `TURNED`,
+    or if the ways do not tell.
+
+    ways: the body's poses (k, 3) and the tracker's (k, 3) at the same samples; each in its own world. size: how far
+    from the origin the tracked point may be, m. Between two samples, what moved by o in the axes of the body, and
+    turned by phi, is seen to move by a o + b (exp(i phi) - 1), where a = exp(-i turn) and b is of the tracked point.
+    """
+    ways = [way for way in ways if len(way[0]) > 1]
+    if not ways:
+        return 0.0
+    moved, seen = (np.concatenate([relative_pose(way[k][:-1], way[k][1:]) for way in ways]) for k in (0, 1))
+    body, tracker = moved[:, :2] @ [1, 1j], seen[:, :2] @ [1, 1j]
+    arm = np.exp(1j * seen[:, 2]) - 1
+    way = float(np.vdot(tracker, tracker).real)
+    known = float(np.vdot(arm, arm).real) + FIRM * way / size**2 + 1e-12
+
+    def free(part: Array) -> Array:
+        """Return what no tracked point, near the origin, takes off a way."""
+        return part - arm * (np.vdot(arm, part) / known)
+
+    body, tracker = free(body), free(tracker)
+    turn = np.angle(np.vdot(tracker, body))
+    straight, turned = (
+        float(np.sum(np.abs(body - np.exp(1j * by) * tracker) ** 2)) / max(way, 1e-12) for by in (0.0, turn)
+    )
+    if abs(turn) <= TURNED or turned > AGREED or straight <= STRAIGHT * max(turned, LEAST):
+        return 0.0
+    return float(turn)

@@ -1,0 +1,41 @@
+"""How far a tracker is turned is told by any ways that turn, and by none that do not tell."""
+
+import numpy as np
+import pytest
+
+from castor_envs.geometry.mounting import TURNED, turn_of_tracker
+from castor_envs.geometry.se2 import compose
+
+
+def path(random, circle=False):
+    """Poses of a body that wanders; or one circle."""
+    moves = random.normal(size=(40, 3)) * [0.3, 0.3, 0.8]
+    if circle:
+        moves[:] = [0.3, 0.0, 0.4]
+    poses = [np.zeros(3)]
+    for move in moves:
+        poses.append(compose(poses[-1], move))
+    return np.array(poses)
+
+
+@pytest.mark.parametrize("turn", [-3.0, -1.5, -0.5, 0.5, 1.5, 3.0])
+def test_any_turn_is_found_wherever_the_tracked_point_and_the_world_are(turn):
+    ways = []
+    for seed in range(2):
+        body = path(np.random.default_rng(seed))
+        ways.append((body, compose([3.0, -1.0, 2.0 + seed], compose(body, [0.1, -0.05, turn]))))
+    assert turn_of_tracker(ways, 0.4) == pytest.approx(turn, abs=0.01)
+
+
+def test_what_is_hardly_turned_or_not_told_is_not_turned():
+    body = path(np.random.default_rng(1))
+    assert turn_of_tracker([(body, compose(body, [0.1, 0.0, 0.8 * TURNED]))], 0.4) == 0.0
+    assert turn_of_tracker([], 0.4) == 0.0
+    assert turn_of_tracker([(body[:1], body[:1])], 0.4) == 0.0
+    mirrored = body * [1, -1, -1]
+    assert turn_of_tracker([(body, mirrored)], 0.4) == 0.0
+
+
+def test_on_a_circle_another_point_of_the_body_looks_the_same():
+    body = path(np.random.default_rng(1), circle=True)
+    assert turn_of_tracker([(body, compose(body, [0.3, 0.3, 0.0]))], 0.4) == 0.0
