@@ -15,8 +15,11 @@ from discrepancy.measurement.creep_prediction import Slipping
 from estimators.calibration.log_likelihood import TIMED, LogLikelihood, More, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 
-QUIETER_ROUNDS, SAME = 6, 0.02
+QUIETER_ROUNDS, SAME = 20, 0.02
 """Rounds in which noise beside some candidates is found, and a change that ends them."""
+
+UNEVEN = 0.3
+"""Standard deviation, as a part of it, of what each contact creeps otherwise than predicted where wheels disagree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +93,13 @@ class Columns:
             always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
         built, other = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
         changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
-        slips = np.concatenate([self.slips[..., other], self.fought[..., columns], self.known_slips, always], axis=-1)
-        readings = np.zeros((*self.readings.shape[:2], slips.shape[-1]))
-        readings[..., : len(other)] = self.readings[..., other]
-        rates = np.pad(self.rates[other], (0, slips.shape[-1] - len(other)))
-        more = More(readings, slips, rates)
+        readings, slips, fought = (
+            part if only is None else part[..., kept]
+            for part, kept in ((self.readings, other), (self.slips, other), (self.fought, columns))
+        )
+        parts = (slips, fought, self.known_slips, always)
+        rates = np.pad(self.rates[other], (0, sum(part.shape[-1] for part in parts) - len(other)))
+        more = More(readings, parts, rates)
         return self.model.reduce(
             self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, more, self.rate
         )
@@ -125,9 +130,12 @@ class Shared:
     mount: Array
 
     def believed(self, information: Array, gradient: Array, first: int) -> None:
-        """Add what was believed, of parts from number `first` on and of the tracked point, the last."""
-        parts, mount = slice(first, first + len(self.parts)), slice(-len(self.mount), None)
+        """Add what was believed, of parts from number `first` on, of what contacts creep otherwise than predicted, if
+        that is among the numbers, and of the tracked point, the last."""
+        end, mount = first + len(self.parts), slice(-len(self.mount), None)
+        parts, uneven = slice(first, end), np.arange(end, len(information) - len(self.mount))
         information[parts, parts] += np.diag(self.doubt**-2.0)
+        information[uneven, uneven] += UNEVEN**-2
         information[mount, mount] += np.eye(len(self.mount)) / MOUNT**2
         gradient[parts, 0] += (self.parts - self.expected) / self.doubt**2
         gradient[mount, 0] += self.mount / MOUNT**2

@@ -136,7 +136,7 @@ def _shared(
     none, e = stacked(geometry, []), known[0].shape[-1]
     told: list[tuple[tuple[Candidate, ...], Reduced]] = []
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
-        more = More(np.zeros((len(state), state.shape[1] - 3, e)), slips)
+        more = More(np.zeros((len(state), state.shape[1] - 3, 0)), (slips,))
         told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
     _, information, gradient, _ = together(told)
     freely = Shared(parts, _foreseen(e, None, False)[0], np.full(e, DOUBT), at.mount)

@@ -19,7 +19,7 @@ from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.measurement.creep_prediction import CREEPS
-from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, quieter
+from discrepancy.measurement.design_matrix import UNEVEN, Columns, Shared, columns_of, quieter
 from discrepancy.measurement.fit_states import settled
 from discrepancy.measurement.gap import gap_of
 from discrepancy.posterior.disagreement import Disagreement
@@ -34,9 +34,6 @@ log: contact is not as rigid as rolling."""
 
 LEAST_NOISE = Noise(along=1e-4, across=1e-4, position=1e-4, heading=1e-4)
 """No contact rolls, and no tracker measures, better: 0.1 mm after 1 m, 0.1 mm and 0.1 mrad."""
-
-UNEVEN = 0.3
-"""Standard deviation, as a part of it, of what each contact creeps otherwise than predicted where wheels disagree."""
 
 COUNTS, SLIP = 0.2, 3e-5
 """What a robot in good order shows of anything without a name: so many counts in mean, or such a part of the way that

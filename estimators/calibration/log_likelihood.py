@@ -13,8 +13,9 @@ are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at wh
 rounded regressors would shrink the parameters.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,9 @@ What such poses differ by within seconds (jitter of clocks, a filter) is not ind
 
 CLOCK = np.array([1.0, 0.05])
 """s and 1: what the clock of the reference may be off by, at the start and in rate; wide enough not to matter."""
+
+BLOCK = 256
+"""Samples whose columns are in memory at a time."""
 
 RATE_KNOWN = 1e-6
 """s/s: to which a rate is known that is said to be known."""
@@ -101,27 +105,45 @@ class Reduced(NamedTuple):
 class _Rows(NamedTuple):
     """Equations of one kind, over their standard deviations, one sample or step k after another.
 
-    at (k,): the sample. values (k, rows); derivatives by the state at that sample, `start` (k, rows, m), at the next
-    one, `end`, or None, and by parameters, mount and clock, `numbers` (k, rows, P + 5), or None.
+    at (k,): the sample, none before the last. values (k, rows); derivatives by the state at that sample, `start` (k,
+    rows, m), at the next one, `end`, or None. numbers: from some k to derivatives by parameters, mount and clock (k,
+    rows, P + 5), or None; drawn (k, rows, probes): in the place of values.
     """
 
     at: NDArray[np.intp]
     values: Array
     start: Array
     end: Array | None = None
-    numbers: Array | None = None
+    numbers: Callable[[slice], Array] | None = None
+    drawn: Array | None = None
+
+    def within(self, first: int, last: int) -> slice:
+        """Return the equations of samples from `first` to before `last`."""
+        return slice(*np.searchsorted(self.at, (first, last)).tolist())
+
+    def right(self, chosen: slice, count: int) -> Array:
+        """Return derivatives by `count` numbers, values and what is drawn of chosen equations (k, rows, columns)."""
+        values = self.values[chosen, :, None]
+        by = np.zeros((*values.shape[:2], count)) if self.numbers is None else self.numbers(chosen)
+        return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
 
 
 class More(NamedTuple):
     """R parameters beside those of the geometry, by what a unit of each does.
 
-    readings (K, s + d, R): counts read more than is true. slips (K - 1, rows, R): metres by which a step misses its
-    constraints. rates (R,): what the clock of the reference gains, s/s; None: nothing.
+    readings (K, s + d, r): counts read more than is true, of the first r parameters; others change no reading. slips:
+    metres by which a step misses its constraints, (K - 1, rows, c) of some parameters after another, R in all. rates
+    (R,): what the clock of the reference gains, s/s; None: nothing.
     """
 
     readings: Array
-    slips: Array
+    slips: tuple[Array, ...]
     rates: Array | None = None
+
+    @property
+    def count(self) -> int:
+        """How many parameters there are."""
+        return sum(part.shape[-1] for part in self.slips)
 
 
 class LogLikelihood:
@@ -315,42 +337,31 @@ class LogLikelihood:
         are drawn (standard normal, the same ones each time, other ones for each log) to learn what sums of squares to
         expect. more: of the other P - G parameters. rate: that the clock of the reference gains (s/s), if it is known.
         """
-        from scipy.linalg import cholesky_banded, get_lapack_funcs  # slow to import
+        from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
 
-        more = more or More(np.zeros((*self._readings.shape, 0)), np.zeros((len(state) - 1, len(self._used), 0)))
         weights = self._weights(geometry, state, noise)
         kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, more)
-        size, p = state.shape[1], len(change) + more.slips.shape[-1] + len(mount)
+        size, p = state.shape[1], len(change) + (more.count if more else 0) + len(mount)
         n = p + len(clock)
         random = np.random.default_rng(self._number)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
-        columns, numbers_block = np.zeros((len(state), size, n + 1 + probes)), np.zeros((n, n + 1 + probes))
-        rights = {}
         for name, rows in kinds.items():
-            k, r = rows.values.shape
-            by = np.zeros((k, r, n)) if rows.numbers is None else rows.numbers
-            right = np.concatenate([by, rows.values[..., None], random.normal(size=(k, r, probes))], axis=-1)
-            rights[name] = right
-            at, start = rows.at, np.swapaxes(rows.start, 1, 2)
-            _add(diagonal, at, start @ rows.start)
-            _add(columns, at, start @ right)
+            kinds[name] = rows._replace(drawn=random.normal(size=(*rows.values.shape, probes)))
+            start = np.swapaxes(rows.start, 1, 2)
+            _add(diagonal, rows.at, start @ rows.start)
             if rows.end is not None:
-                end = np.swapaxes(rows.end, 1, 2)
-                _add(diagonal, at + 1, end @ rows.end)
-                _add(above, at, start @ rows.end)
-                _add(columns, at + 1, end @ right)
-            numbers_block += _squared(right.reshape(k * r, right.shape[-1]))[:n]
+                _add(diagonal, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ rows.end)
+                _add(above, rows.at, start @ rows.end)
+        factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
+        numbers_block = _eliminated(kinds.values(), factors, n, n + 1 + probes)
+        least = float(numbers_block[n, n])
+        numbers_block = numbers_block[:n]
         believed, expected_clock = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6, np.zeros(2)
         if rate is not None:
             believed, expected_clock = np.array([believed[0], RATE_KNOWN]), np.array([0.0, rate])
         numbers_block[p:, p:n] += np.diag(believed**-2.0)
         numbers_block[p:, n] += (clock - expected_clock) / believed**2
-        factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
-        (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
-        half, _ = solve(factors, columns.reshape(-1, n + 1 + probes), trans="T")
-        least = sum(float(np.sum(rows.values**2)) for rows in kinds.values()) - float(half[:, n] @ half[:, n])
         least += float(np.sum(((clock - expected_clock) / believed) ** 2))
-        numbers_block -= _squared(half)[:n]
         clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
         reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
         least -= float(numbers_block[p:, n] @ clocks[:, p])
@@ -362,12 +373,20 @@ class LogLikelihood:
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
             all_by = np.concatenate([moved_by, set_by])
-            away = -solve(factors, half[:, n:] + half[:, :n] @ all_by)[0].reshape(len(state), size, 1 + probes)
+            lefts = {name: _left(rows, all_by, len(state)) for name, rows in kinds.items()}
+            columns = np.zeros((len(state), size, 1 + probes))
+            for name, rows in kinds.items():
+                _add(columns, rows.at, np.swapaxes(rows.start, 1, 2) @ lefts[name])
+                if rows.end is not None:
+                    _add(columns, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ lefts[name])
+            away = -cho_solve_banded((factors, False), columns.reshape(-1, 1 + probes), check_finite=False)
+            away = away.reshape(len(state), size, 1 + probes)
             if part < 1:
                 away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
+                lefts = {name: _left(rows, all_by, len(state)) for name, rows in kinds.items()}
             squares, expected = {}, {}
             for name, rows in kinds.items():
-                left = rights[name][..., n:] + rights[name][..., :n] @ all_by + rows.start @ away[rows.at]
+                left = lefts[name] + rows.start @ away[rows.at]
                 if rows.end is not None:
                     left += rows.end @ away[rows.at + 1]
                 total = np.sum(left**2, axis=(0, 1))
@@ -433,24 +452,40 @@ class LogLikelihood:
         clock: Array,
         mount: Array,
         weights: dict[str, Array],
-        more: More,
+        more: More | None,
     ) -> dict[str, _Rows]:
         """Return all equations around a state, by the kinds of `_values`."""
         every, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
-        placed, others = len(mount) + len(clock), more.slips.shape[-1]
-        values, read = self._values(geometry, state, clock, mount, weights), None
-        if others:
-            read = np.pad(self._readings[..., None] * more.readings, ((0, 0), (0, 0), (first, placed)))
+        others = more.count if more else 0
+        count = first + others + len(mount) + len(clock)
+        values = self._values(geometry, state, clock, mount, weights)
+
+        def read(chosen: slice) -> Array:
+            by = np.zeros((*self._readings[chosen].shape, count))
+            if more:
+                end = first + more.readings.shape[-1]
+                np.multiply(self._readings[chosen, :, None], more.readings[chosen], out=by[..., first:end])
+            return by
+
         kinds = {"counts": _Rows(every, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
         residual, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
-        by_parameters = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
-        by_parameters = np.concatenate([by_parameters, -more.slips], axis=-1)
-        by_parameters = np.pad(by_parameters, ((0, 0), (0, 0), (0, placed)))
+        by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         rolling = len(self._rolling)
+
+        def missed(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
+            by = np.zeros((*weight[chosen].shape, count))
+            at = 0
+            for part in (by_change, *(more.slips if more else ())):
+                np.multiply(weight[chosen, :, None], part[chosen, wheel_rows], out=by[..., at : at + part.shape[-1]])
+                at += part.shape[-1]
+            by[..., first:at] *= -1.0
+            return by
+
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            parts = (weights[name][..., None] * part[:, wheel_rows] for part in (*derivatives, by_parameters))
-            kinds[name] = _Rows(every[:-1], values[name], *parts)
+            parts = (weights[name][..., None] * part[:, wheel_rows] for part in derivatives)
+            by = partial(missed, wheel_rows=wheel_rows, weight=weights[name])
+            kinds[name] = _Rows(every[:-1], values[name], *parts, numbers=by)
         if not self.poses:
             kinds["pinned"] = _Rows(every[:1], values["pinned"], eye[None, :3] / PINNED)
             return kinds
@@ -465,13 +500,14 @@ class LogLikelihood:
         by_mount = np.array([[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]).transpose(2, 0, 1)
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
-        rates = np.zeros(others) if more.rates is None else more.rates
+        rates = np.zeros(others) if more is None or more.rates is None else more.rates
         by_others = np.concatenate([np.zeros((len(at), 3, first)), by_clock[..., 1:] * rates], axis=-1)
         numbers = np.concatenate([by_others, by_mount, by_clock], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]
-            kinds[name] = _Rows(at, values[name], *(weight * slope[:, axes] for slope in parts))
+            start, end, by_numbers = (weight * slope[:, axes] for slope in parts)
+            kinds[name] = _Rows(at, values[name], start, end, by_numbers.__getitem__)
         return kinds
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
@@ -518,7 +554,10 @@ class LogLikelihood:
         turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
         stiff = np.sqrt(yields.min(axis=1, keepdims=True) / yields)[..., None]
         moved = np.concatenate([a, turning], axis=-1)
-        return missing - moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * missing))
+        rounding = 1e-12 * np.abs(missing).max(axis=(0, 1), initial=0.0)
+        missing -= moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * missing))
+        missing[np.abs(missing) <= rounding] = 0.0  # what nothing fights is no column of its own
+        return missing
 
     def missing(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
@@ -631,6 +670,47 @@ def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
         if not kept or t[k] - t[kept[-1]] >= APART * (1 - 1e-9) or k == samples[-1]:
             kept.append(k)
     return np.array(kept, dtype=np.intp)
+
+
+def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: int) -> Array:
+    """Return products of numbers' derivatives, values and what is drawn (columns, columns), states eliminated.
+
+    factors: Cholesky's, upper banded, of what equations say of states. Their columns are made, and states eliminated,
+    for `BLOCK` samples at a time: all at once they would take a hundred times the memory of a log.
+    """
+    from scipy.linalg import get_lapack_funcs  # slow to import
+
+    (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
+    size = len(factors) // 2
+    samples = factors.shape[1] // size
+    total, over = np.zeros((columns, columns)), np.zeros((size, columns))
+    for first in range(0, samples, BLOCK):
+        last = min(first + BLOCK, samples)
+        block = np.zeros((last - first + 1, size, columns))
+        block[0] = over
+        for rows in kinds:
+            chosen = rows.within(first, last)
+            if chosen.start == chosen.stop:
+                continue
+            right, at = rows.right(chosen, count), rows.at[chosen] - first
+            _add(block, at, np.swapaxes(rows.start[chosen], 1, 2) @ right)
+            if rows.end is not None:
+                _add(block, at + 1, np.swapaxes(rows.end[chosen], 1, 2) @ right)
+            total += _squared(right.reshape(-1, columns))
+        half, _ = solve(factors[:, first * size : last * size], block[:-1].reshape(-1, columns), trans="T")
+        total -= _squared(half)
+        if last < samples:
+            after = factors[:, last * size : (last + 1) * size]
+            above = np.array([[after[size - 1 + a - b, b] for b in range(size)] for a in range(size)])
+            over = block[-1] - above.T @ half[-size:]
+    return total
+
+
+def _left(rows: _Rows, by: Array, samples: int) -> Array:
+    """Return what changes of numbers (P + 5, 1 + probes) leave of values and of what is drawn (k, rows, 1 + probes)."""
+    blocks = (rows.within(first, first + BLOCK) for first in range(0, samples, BLOCK))
+    rights = (rows.right(chosen, len(by)) for chosen in blocks)
+    return np.concatenate([right[..., len(by) :] + right[..., : len(by)] @ by for right in rights])
 
 
 def _squared(rows: Array) -> Array:
