@@ -1,8 +1,7 @@
-"""What all console scripts share: mistakes and errors are one line on stderr, Ctrl-C ends at once with code 130.
+"""What all console scripts share: errors are reported in one line on stderr, Ctrl-C ends at once with code 130.
 
-Exit codes: 0; 1 for an error that nobody foresaw, for a disk that is full, and for what a command itself calls a
-failure; 2 for a user's mistake; 130 after Ctrl-C. ``--traceback``, anywhere on the command line, shows an error's
-traceback too.
+Exit codes: 0 for success; 1 for an unexpected error, a full disk, or a failure that the command itself reports; 2 for a
+user's mistake; 130 after Ctrl-C. ``--traceback``, anywhere on the command line, shows an error's traceback too.
 """
 
 import contextlib
@@ -25,7 +24,7 @@ TRACEBACK = "--traceback"
 INTERRUPTED = 130
 """The exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
 FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
-"""The system's numbers for no space left: on the disk, in a file, of a user's share."""
+"""Error numbers of the system for no space left: disk full, file too large, user's quota used up."""
 
 _kept: list[str] = []
 _endings: list[Callable[[], None]] = []
@@ -46,16 +45,16 @@ Traceback = Annotated[bool, typer.Option(TRACEBACK, help="Show the whole traceba
 
 
 @contextmanager
-def keeping(what: str) -> Iterator[None]:
-    """Say what is kept, and how to go on, if the command is stopped or an error ends it meanwhile."""
-    _kept.append(what)
+def keeping(notice: str) -> Iterator[None]:
+    """Print `notice` (what is kept, how to continue) if the command is stopped or fails inside this context."""
+    _kept.append(notice)
     yield
-    _kept.pop()  # not after an exception: `run` is yet to say it
+    _kept.pop()  # not after an exception: `run` prints the notice then
 
 
 @contextmanager
 def ending_with(ending: Callable[[], None]) -> Iterator[None]:
-    """Call a function at the end, also where Ctrl-C ends the script at once."""
+    """Call a function when this context ends, also where Ctrl-C ends the script at once."""
     _endings.append(ending)
     try:
         yield
@@ -67,16 +66,16 @@ def ending_with(ending: Callable[[], None]) -> Iterator[None]:
 def main(app: typer.Typer) -> NoReturn:
     """Run an app as a console script.
 
-    Ctrl-C ends the process at once, wherever it is, instead of raising KeyboardInterrupt, which code that is about to
-    clean up may swallow or wait in. Worker processes end by themselves when their parent is gone
-    (`castor_envs.processes`), and files are written whole or not at all (`castor_envs.files`).
+    Ctrl-C ends the process at once, wherever it is, instead of raising KeyboardInterrupt, which clean-up code may
+    swallow or block. Worker processes end by themselves when their parent is gone (`castor_envs.processes`), and files
+    are written whole or not at all (`castor_envs.files`).
     """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as in a script's background job
         signal.signal(signal.SIGINT, _stop)
     try:
         run(app)
     finally:
-        # What is left is the interpreter's own end, which Ctrl-C would only disturb.
+        # Only the interpreter's shutdown is left, which Ctrl-C would disturb.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -85,7 +84,7 @@ def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
     _kept.clear()
     given = sys.argv[1:] if arguments is None else arguments
     options = given[: given.index("--")] if "--" in given else given
-    whole = TRACEBACK in options
+    with_traceback = TRACEBACK in options
     given = [argument for argument in options if argument != TRACEBACK] + given[len(options) :]
     try:
         code = app(given, standalone_mode=False)
@@ -96,9 +95,9 @@ def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
         print(_stopped(), file=sys.stderr)
         code = INTERRUPTED
     except BaseException as error:
-        if whole and isinstance(error, Exception):
+        if with_traceback and isinstance(error, Exception):
             traceback.print_exc()
-        code = _explained(error, whole)
+        code = _explained(error, with_traceback)
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -118,32 +117,32 @@ def _stopped() -> str:
     return "; ".join(["stopped", *_kept])
 
 
-def _explained(error: BaseException, whole: bool) -> int:
-    """Print an error in one line; return the exit code. whole: its traceback is shown already."""
+def _explained(error: BaseException, traceback_shown: bool) -> int:
+    """Print an error in one line; return the exit code. traceback_shown: whether it is printed already."""
     if isinstance(error, InputError):
         return _complain(str(error), 2)
     if isinstance(error, BrokenPipeError):
         # The reader of the output went away.
         _drop_output()
         return 1
-    # Typer's usage errors are click's, whose home differs between versions of Typer.
+    # Typer's usage errors are click's, whose import path differs between versions of Typer.
     message = getattr(error, "format_message", None)
     if message is not None:
         return _show_help(message()) if type(error).__name__ == "NoArgsIsHelpError" else _complain(message(), 2)
     if not isinstance(error, Exception):
         raise error
-    kept = "".join(f"; {what}" for what in _kept)
-    more = "" if whole else f"; run again with {TRACEBACK} to see where it comes from"
+    kept = "".join(f"; {notice}" for notice in _kept)
+    hint = "" if traceback_shown else f"; run again with {TRACEBACK} to see where it comes from"
     if isinstance(error, OSError):
         _drop_output()
-        where = f"{error.filename}: " if error.filename else ""
-        what = where + (error.strerror or message_of(error))
-        return _complain(f"{what}; make room{kept}" if error.errno in FULL else f"{what}{kept}{more}", 1)
-    return _complain(f"unforeseen {type(error).__name__}: {message_of(error) or 'without a message'}{kept}{more}", 1)
+        place = f"{error.filename}: " if error.filename else ""
+        problem = place + (error.strerror or message_of(error))
+        return _complain(f"{problem}; make room{kept}" if error.errno in FULL else f"{problem}{kept}{hint}", 1)
+    return _complain(f"unforeseen {type(error).__name__}: {message_of(error) or 'without a message'}{kept}{hint}", 1)
 
 
 def _drop_output() -> None:
-    """Give what is left in the buffer of stdout, which has nowhere to go, nowhere to fail either."""
+    """Flush stdout, or send its buffer to the null device, so that flushing at exit cannot fail."""
     try:
         sys.stdout.flush()
     except (OSError, ValueError):

@@ -23,9 +23,9 @@ def _nothing_or_made(length: float) -> float:
     return length
 
 
-# What numbers in files may be. Each bound is far beyond anything that rolls, and close enough to it that products and
-# squares of numbers within bounds neither overflow nor vanish: a mistake of units or a slip of the keyboard is refused
-# where it stands, before physics meets it. SI units and radians.
+# Bounds of the numbers in files. Each is far beyond anything that rolls, yet products and squares of numbers within
+# bounds neither overflow nor underflow: a wrong unit or a typing error is refused when the file is read, not later by
+# the physics. SI units and radians.
 #
 #: A length of a robot's part, up to a kilometre; 0 only where a part may be without it (`LengthOrNone`).
 Length = Annotated[float, Field(ge=FINEST, le=1e3)]
@@ -33,16 +33,16 @@ LengthOrNone = Annotated[float, Field(ge=0, le=1e3), AfterValidator(_nothing_or_
 #: A coordinate in a robot's own frame, up to a kilometre either way.
 Coordinate = Annotated[float, Field(ge=-1e3, le=1e3)]
 Vector = tuple[Coordinate, Coordinate]
-#: A coordinate on the floor: 10 000 km either way, the range of UTM northings. A size there: as wide.
+#: A coordinate on the floor: 10 000 km either way, the range of UTM northings. A size on the floor: up to the same.
 Place = Annotated[float, Field(ge=-1e7, le=1e7)]
 Extent = Annotated[float, Field(ge=FINEST, le=1e7)]
-#: An angle: 1591 turns either way, which leaves it as exact as 1e-12 rad, and takes degrees as well.
+#: An angle: 1591 turns either way, where rounding is still 1e-12 rad; angles in degrees are within it as well.
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
 #: A mass, kg: a milligram to ten thousand tonnes, what the largest wheeled transporters carry. A rotational inertia,
 #: kg m2: of a milligram at a millimetre to ten thousand tonnes at a kilometre.
 Mass = Annotated[float, Field(ge=1e-6, le=1e7)]
 Inertia = Annotated[float, Field(ge=1e-12, le=1e13)]
-#: A time, s: a microsecond to 30 years; 0 where it may be none.
+#: A time, s: a microsecond to 30 years; 0 where there may be none.
 Duration = Annotated[float, Field(ge=1e-6, le=1e9)]
 DurationOrNone = Annotated[float, Field(ge=0, le=1e9)]
 #: A rate of turning, rad/s: to a million, some fifty times a turbocharger's; the limit of a motor: from a turn in ten
@@ -65,7 +65,7 @@ _IN_OUR_WORDS = {
     "missing": "is required; add it",
     "unexpected_keyword_argument": "is not known; remove it or mend its name",
 }
-"""What is said of keys, where Pydantic speaks of arguments and fields."""
+"""Messages about keys, where Pydantic's own speak of arguments and fields."""
 
 T = TypeVar("T")
 
@@ -92,7 +92,7 @@ def from_data(adapter: TypeAdapter[T], data: Any, name: str, source: str) -> T:
 
 
 def fingerprint(data: dict[str, Any]) -> str:
-    """Return a hash of plain data but for its name, to know a description again."""
+    """Return a hash of plain data without its name, by which a description is recognised."""
     body = {key: value for key, value in data.items() if key != "name"}
     return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -115,7 +115,7 @@ D = TypeVar("D", bound=_Built)
 
 
 def with_possible_effects(described: D, source: str) -> D:
-    """Return a robot or train read from `source`; raises InputError for an effect on what it does not have."""
+    """Return a robot or train read from `source`; raises InputError for an effect on a part that it lacks."""
     try:
         described.as_built()
     except InputError as error:
@@ -129,7 +129,7 @@ def explain(error: ValidationError) -> str:
     """Say in one line what the first few problems are and where."""
     problems = []
     for item in error.errors()[:3]:
-        where = ".".join(str(part) for part in item["loc"])
+        place = ".".join(str(part) for part in item["loc"])
         message = _IN_OUR_WORDS.get(item["type"], item["msg"].removeprefix("Value error, "))
         told = item.get("ctx", {})
         if item["type"] == "too_short":
@@ -139,6 +139,6 @@ def explain(error: ValidationError) -> str:
         given = item["input"]
         hidden = isinstance(given, dict | list | tuple) or item["type"] in _IN_OUR_WORDS
         shown = "" if hidden else f", got {shortened(repr(given), 80)}"
-        problems.append(f"{where}: {message}{shown}" if where else f"{message}{shown}")
-    more = error.error_count() - len(problems)
-    return "; ".join(problems) + (f"; and {more} more" if more > 0 else "")
+        problems.append(f"{place}: {message}{shown}" if place else f"{message}{shown}")
+    unnamed = error.error_count() - len(problems)
+    return "; ".join(problems) + (f"; and {unnamed} more" if unnamed > 0 else "")

@@ -1,10 +1,10 @@
-"""The exceptions for what a user can mend, and what messages have in common: one line, never a traceback."""
+"""The exceptions for mistakes that a user can correct, and how all messages are formed: one line, never a traceback."""
 
 import difflib
 from collections.abc import Iterable
 
 MOST_SHOWN = 200
-"""Characters of a value or a message of someone else's that are shown: two to three lines of a terminal."""
+"""Characters shown of a given value, or of a message from other code: two to three lines of a terminal."""
 
 
 class InputError(ValueError):
@@ -19,23 +19,23 @@ class Declined(InputError):  # noqa: N818 - a statement, not a mistake
     """
 
 
-def shortened(text: object, most: int = MOST_SHOWN) -> str:
-    """Return a text as one printable line of at most `most` characters, cut between words, an ellipsis at its end.
+def shortened(text: object, limit: int = MOST_SHOWN) -> str:
+    """Return a text as one printable line of at most `limit` characters, cut between words, an ellipsis at its end.
 
-    A word that alone is longer is cut where it must be. What cannot be printed is shown as ``?``.
+    A single word that is longer is cut anywhere. What cannot be printed is shown as ``?``.
     """
-    # Splitting a text of megabytes is slow; a few times what is shown holds all that can be shown of most.
-    whole = str(text)
-    words = whole[: 20 * most].split()
+    # Splitting a text of megabytes is slow, and 20 times the limit contains all that can be shown of nearly any text.
+    full = str(text)
+    words = full[: 20 * limit].split()
     line = "".join(character if character.isprintable() else "?" for character in " ".join(words))
-    if len(line) <= most and len(whole) <= 20 * most:
+    if len(line) <= limit and len(full) <= 20 * limit:
         return line
-    kept, space, _ = line[: most - 1].rpartition(" ")
-    return (kept if space else line[: most - 2]) + " …"
+    kept, space, _ = line[: limit - 1].rpartition(" ")
+    return (kept if space else line[: limit - 2]) + " …"
 
 
 def message_of(error: BaseException) -> str:
-    """Return the message of someone else's exception as `shortened`, whatever it may hold."""
+    """Return the message of an exception from other code as `shortened`, whatever it may hold."""
     try:
         return shortened(error)
     except Exception:
@@ -43,7 +43,7 @@ def message_of(error: BaseException) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """Return type and message of someone else's exception as one printable line."""
+    """Return type and message of an exception from other code as one printable line."""
     text = message_of(error)
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

@@ -17,17 +17,17 @@ except ImportError:  # Windows
     fcntl = None
 
 LEFT_OVER = 3600.0
-"""s: where files cannot be locked, an older temporary file is taken for left over. No file takes so long to write."""
+"""s: age from which a temporary file that cannot be locked counts as left over. No file takes so long to write."""
 
 _TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}\.tmp")
-"""The names of temporary files: that of the file to be, between a dot and what `tempfile` adds."""
+"""Names of temporary files: a dot, the name of the final file, and what `tempfile` adds."""
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a file by way of a temporary one beside it, so that it is never half there.
 
-    The temporary file is locked as long as its writer lives, so that `remove_leftovers` knows those of writers that
-    were killed. Raises OSError that names `path`.
+    The temporary file is locked as long as its writer lives, so that `remove_leftovers` recognises the files of writers
+    that were killed. Raises OSError that names `path`.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
@@ -72,7 +72,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _remove_if_left_over(path: Path) -> None:
-    """Remove a temporary file that nobody is writing; raises OSError if it cannot be told or removed."""
+    """Remove a temporary file that nobody is writing; raises OSError if it cannot be checked or removed."""
     if fcntl is not None:
         descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:

@@ -114,7 +114,7 @@ def cable_extra_roll(wheel_radius: float, diameter: float) -> float:
 
 
 def load_floor(floor: Floor | str | None) -> Floor:
-    """Return a floor given as one, as the path of a floor file, or None for an even one; raises InputError."""
+    """Return a floor given as a `Floor`, the path of a floor file, or None for an even floor; raises InputError."""
     floor = Floor.load(floor) if isinstance(floor, str) else Floor() if floor is None else floor
     if not isinstance(floor, Floor):
         raise InputError(f"floor must be a Floor or the path of a floor file, got {type(floor).__name__}")

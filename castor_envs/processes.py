@@ -1,8 +1,8 @@
-"""Worker processes that run strangers' code: one job each at a time, killed when late, replaced when they end.
+"""Worker processes that run plug-ins' code: one job at a time each, killed when late, replaced when they end.
 
 A plug-in may hang, crash or end its process (with exit code 0 too), start processes, fill the memory or print without
-end; what is lost is its own job. Workers are spawned, so they start without the parent's memory, and with a safe path,
-so that nothing in the current folder shadows a package.
+end; only its own job is lost. Workers are spawned, so they start without the parent's memory, and with a safe path, so
+that nothing in the current folder shadows a package.
 
 Where there are sessions (not on Windows) each worker leads one of its own: it ends together with all processes that the
 plug-in started, also when the parent is killed. What a plug-in prints to stdout is dropped, to stderr it is shown.
@@ -182,13 +182,13 @@ class _Worker:
 
     def __init__(self):
         context = multiprocessing.get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        self.errors, their_errors = context.Pipe(duplex=False)
-        self.process = context.Process(target=_serve, args=(theirs, their_errors), daemon=True)
+        self.connection, worker_end = context.Pipe()
+        self.errors, worker_errors = context.Pipe(duplex=False)
+        self.process = context.Process(target=_serve, args=(worker_end, worker_errors), daemon=True)
         with _safe_path(), _sigint_deferred():
             self.process.start()
-        theirs.close()
-        their_errors.close()
+        worker_end.close()
+        worker_errors.close()
         self.ready = False
         self.owner: Any = None
         self.job: Job | None = None
@@ -214,7 +214,7 @@ class _Worker:
         return True
 
     def news(self, processes: int) -> Outcome | None:
-        """Return the outcome of the job if there is one by now. processes: in the worker's session."""
+        """Return the outcome of the job if it has ended. processes: in the worker's session."""
         self._show_printed()
         try:
             if self.connection.poll():
@@ -345,8 +345,8 @@ def _serve(connection: Connection, errors: Connection) -> None:
     errors.close()
     if resource is not None:
         hardest = resource.getrlimit(resource.RLIMIT_DATA)[1]
-        most = MOST_MEMORY if hardest == resource.RLIM_INFINITY else min(MOST_MEMORY, hardest)
-        resource.setrlimit(resource.RLIMIT_DATA, (most, hardest))
+        limit = MOST_MEMORY if hardest == resource.RLIM_INFINITY else min(MOST_MEMORY, hardest)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, hardest))
     try:
         connection.send(_READY)
         while True:

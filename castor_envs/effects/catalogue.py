@@ -2,8 +2,8 @@
 
 Effects change the vehicle that the physics builds (`as_built`), or radii as castors turn (`radii_of`), or what the
 encoders make of true angles (`readings`), or when and of which point the reference is taken (`reference`), or the floor
-(`floor_of`), or how contacts creep (`creep_compliance_of`). What they make contacts slip in a motion that is known is
-predicted by `slip_of`.
+(`floor_of`), or how contacts creep (`creep_compliance_of`). `slip_of` predicts by how much they make contacts slip in a
+known motion.
 """
 
 import importlib
@@ -44,7 +44,7 @@ def catalogue(vehicle: RobotDescription | TrainDescription) -> tuple[Effect[Any]
 def floor_of(robot: RobotDescription, floor: Floor) -> Floor:
     """Return the floor as it really is under the robot: with its effects on the floor, in order.
 
-    Raises InputError where an effect makes it one that cannot be.
+    Raises InputError where an effect makes the floor an impossible one.
     """
     for effect in robot.effects:
         try:
@@ -55,12 +55,12 @@ def floor_of(robot: RobotDescription, floor: Floor) -> Floor:
 
 
 def creep_compliance_of(robot: RobotDescription) -> float:
-    """Return how fast (m/s) each contact of the robot slips for every N on it, beside its creep in rolling."""
+    """Return how fast (m/s) each contact of the robot slips for every N on it, in addition to its creep in rolling."""
     return sum(effect.creep_compliance() for effect in robot.effects)
 
 
 def radii_of(robot: RobotDescription) -> Callable[[Array], Array] | None:
-    """Return what gives the robot's radii (k, w), m, with castors at angles (k, n), rad; None: they do not change."""
+    """Return a function from castor angles (k, n), rad, to wheel radii (k, w), m; None if the radii do not change."""
     changes, built = [], robot.as_described()
     for effect in robot.effects:
         change = effect.radius_change(built)
@@ -73,9 +73,9 @@ def radii_of(robot: RobotDescription) -> Callable[[Array], Array] | None:
 
 
 def slip_of(contacts: Contacts[RobotDescription]) -> Slip:
-    """Return by how much a robot's contacts slip more in a motion than those of it as described, by all its effects.
+    """Return the slip of a robot's contacts in a motion that all its effects add to that of the robot as described.
 
-    Each effect is handed the contacts of the robot as those before it have built it.
+    Each effect is given the contacts of the robot to which the effects before it have been applied.
     """
     robot = contacts.robot
     total, built = Slip.none(contacts.motion), robot.as_described()
@@ -113,8 +113,8 @@ def readings(
 def reference(robot: RobotDescription, t: ArrayLike, pose: ArrayLike) -> Array:
     """Return the poses (K, 3) that a log shows as reference in its rows of time t (K,), given the true ones.
 
-    Straight lines between samples; before the first the robot stood still, after the last there is no reference (NaN).
-    Effects on the tracked point act in order, each on the axes that those before it leave.
+    Interpolated linearly between samples; before the first the robot stood still, after the last there is no reference
+    (NaN). Effects on the tracked point act in order, each in the axes that the earlier ones have produced.
     """
     t, pose = np.asarray(t, dtype=float), np.asarray(pose, dtype=float)
     taken = t
@@ -132,7 +132,7 @@ def table(scope: Scope) -> str:
         value = TypeAdapter(kind).json_schema()["properties"]["value"]
         meaning = (kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
         bounds = " | ".join(f"{value[end]:.4g}" if end in value else "-" for end in ("minimum", "maximum"))
-        alike = [other for other in kind.indistinguishable_from if other != name]
+        alike = [twin for twin in kind.indistinguishable_from if twin != name]
         told = f" Indistinguishable from `{alike[0]}`." if alike else ""
         rows.append(f"| `{name}` | {meaning}{told} | {kind.unit} | {bounds} | {kind.step:g} | {kind.check} |")
     return "\n".join(rows) + "\n"

@@ -16,9 +16,9 @@ Latency = Annotated[float, Field(ge=-0.1, le=1.0)]
 
 
 class Past:
-    """Angles sampled so far, to be read at other times: straight lines between samples, standing still before them.
+    """Angles sampled so far, to be read at other times: interpolated linearly; before the first sample nothing moved.
 
-    back: how much earlier (s) than they are taken angles may be wanted.
+    back: how far (s) before the newest sample an angle may be asked for.
     """
 
     def __init__(self, back: float) -> None:
@@ -27,13 +27,14 @@ class Past:
         self._angle = np.zeros((0, 0))
 
     def since(self, t: Array) -> Array:
-        """Return how long after the sample before each of some new ones (k,) comes, s; 0 for the first of all."""
+        """Return the time between each new sample (k,) and the sample before it, s; 0 for the very first sample."""
         return np.diff(t, prepend=self._t[-1:] if len(self._t) else t[:1])
 
     def at(self, taken: Array, t: Array, angle: Array) -> Array:
         """Add samples at t (k,); return the angles (k, c) as they stood at the times `taken` (k,), s.
 
-        Each is read when its sample is there: after that one angles go on as between the last two by then.
+        Each angle is read when its own sample arrives, without later ones: beyond that sample, it is extrapolated from
+        the last two samples so far.
         """
         first = len(self._t)
         self._t = np.concatenate([self._t, t])
@@ -63,8 +64,8 @@ def late(robot: RobotDescription, channels: list[int], latency: float) -> Sensor
 class EncoderLatency(Effect[RobotDescription]):
     """One encoder is read `value` (s) late: a wheel's, or the castor's pivot encoder where `wheel` is left out.
 
-    Between samples by interpolation; before the start the robot stood still. Below 0 it is read early, as the last two
-    samples go on.
+    Between samples by interpolation; before the start the robot stood still. Below 0 it is read early, extrapolated
+    from the last two samples.
     """
 
     name: Literal["encoder_latency"] = "encoder_latency"
@@ -75,12 +76,12 @@ class EncoderLatency(Effect[RobotDescription]):
     unit = "s"
     step = 1e-3
     tolerance = 2e-4  # s: a bus or a timer of 5 kHz
-    least = 0.0  # no buffer foretells
+    least = 0.0  # no buffer predicts the future
     check = "Check this encoder's filter, bus and the order in which the encoders are read."
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["EncoderLatency", ...]:
-        """Return one for each encoder."""
+        """Return an instance for each encoder."""
         places = [*wheel_encoders(robot), *((i, None) for i in pivot_encoders(robot))]
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in places)
 
@@ -99,14 +100,14 @@ class AllLatency(Effect[RobotDescription]):
     unit = "s"
     step = 1e-3
     tolerance = 2e-4  # s: a bus or a timer of 5 kHz
-    least = 0.0  # no buffer foretells
+    least = 0.0  # no buffer predicts the future
     timing = True
     check = "Check what the log's time stamps mean, and the buffers between encoders and log."
     indistinguishable_from = ("all_latency", "clock_offset")
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["AllLatency", ...]:
-        """Return one if the robot has encoders."""
+        """Return an instance if the robot has encoders."""
         return (cls(value=cls.step),) if all_channels(robot) else ()
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -133,7 +134,7 @@ class SampleJitter(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["SampleJitter", ...]:
-        """Return one if the robot has encoders."""
+        """Return an instance if the robot has encoders."""
         return (cls(value=cls.step),) if all_channels(robot) else ()
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -162,7 +163,7 @@ class ClockSkew(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["ClockSkew", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def reference_time(self, t: Array) -> Array:
@@ -186,7 +187,7 @@ class ClockOffset(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["ClockOffset", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def reference_time(self, t: Array) -> Array:

@@ -29,7 +29,7 @@ class SlipStiffness(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["SlipStiffness", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -38,7 +38,7 @@ class SlipStiffness(Effect[RobotDescription]):
         return dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, slip_stiffness_long=stiffness))
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
-        """Return how far wheels creep more under the forces of the motion than with the stiffness described."""
+        """Return the creep of wheels under the forces of the motion beyond that with the stiffness described."""
         return contacts.of(self.apply(contacts.robot)).creep() - contacts.creep()
 
 
@@ -57,7 +57,7 @@ class SlipStiffnessLateral(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["SlipStiffnessLateral", ...]:
-        """Return one if the robot has wheels without rollers."""
+        """Return an instance if the robot has wheels without rollers."""
         return (cls(value=cls.step),) if any(wheel.grip == "standard" for wheel in robot.wheels) else ()
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -66,7 +66,7 @@ class SlipStiffnessLateral(Effect[RobotDescription]):
         return dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, slip_stiffness_lat=stiffness))
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
-        """Return how far castors slip more to their side than with the stiffness described."""
+        """Return the sideways slip of castors beyond that with the stiffness described."""
         return contacts.of(self.apply(contacts.robot)).creep() - contacts.creep()
 
 
@@ -74,7 +74,7 @@ class SlipStiffnessLateral(Effect[RobotDescription]):
 class ContactCreep(Effect[RobotDescription]):
     """Contacts creep under force even at rest: each slips at `value` (m/s) for every N of force on it.
 
-    Along and across, beside the slip in proportion to the distance rolled.
+    Along and across, in addition to the slip in proportion to the distance rolled.
     """
 
     name: Literal["contact_creep"] = "contact_creep"
@@ -88,7 +88,7 @@ class ContactCreep(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["ContactCreep", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def creep_compliance(self) -> float:
@@ -96,5 +96,5 @@ class ContactCreep(Effect[RobotDescription]):
         return self.value
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
-        """Return how far contacts slip more under the forces of the motion."""
+        """Return the additional slip of contacts under the forces of the motion."""
         return contacts.creep(creep_compliance=self.value) - contacts.creep()

@@ -34,13 +34,13 @@ class WheelRadius(Effect[RobotDescription]):
     title = "wheel radius"
     unit = "1"
     step = 1e-3
-    tolerance = 1e-4  # of itself: 5 um on 50 mm
+    tolerance = 1e-4  # relative: 5 um on 50 mm
     check = "Measure the wheel's diameter under load; look for wear and dirt on the tread."
     indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["WheelRadius", ...]:
-        """Return one for each wheel with an encoder."""
+        """Return an instance for each wheel with an encoder."""
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -57,12 +57,12 @@ class AllWheelRadius(Effect[RobotDescription]):
     title = "radius of all wheels"
     unit = "1"
     step = 1e-3
-    tolerance = 1e-4  # of itself: as a wheel's
+    tolerance = 1e-4  # relative: as one wheel's
     check = "Measure the diameters under load; compare a straight drive with a tape measure."
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["AllWheelRadius", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -83,13 +83,13 @@ class CountsPerRev(Effect[RobotDescription]):
     title = "wheel counts a turn"
     unit = "1"
     step = 1e-3
-    tolerance = 1e-4  # of itself: as the radius that it looks like
+    tolerance = 1e-4  # relative: as the radius that it looks like
     check = "Turn the wheel ten times by hand and read the counts; check gear ratio and encoder settings."
     indistinguishable_from = ("wheel_radius", "counts_per_rev")
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["CountsPerRev", ...]:
-        """Return one for each wheel with an encoder."""
+        """Return an instance for each wheel with an encoder."""
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -108,12 +108,12 @@ class Track(Effect[RobotDescription]):
     title = "track (distance between the wheels)"
     unit = "1"
     step = 1e-3
-    tolerance = 2e-4  # of itself: 50 um on 0.25 m
+    tolerance = 2e-4  # relative: 50 um on 0.25 m
     check = "Measure the distance between the wheels' contact lines; look for play along the axle."
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["Track", ...]:
-        """Return one for each castor with more than one wheel."""
+        """Return an instance for each castor with more than one wheel."""
         return tuple(cls(castor=i, value=cls.step) for i, c in enumerate(robot.castors, start=1) if len(c.wheels) > 1)
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -136,7 +136,7 @@ class PivotOffset(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotOffset", ...]:
-        """Return one for each castor that turns about a pivot ahead of its axle."""
+        """Return an instance for each castor that turns about a pivot ahead of its axle."""
         trailing = [i for i, c in enumerate(robot.castors, start=1) if c.steering != "fixed" and c.offset > 0]
         return tuple(cls(castor=i, value=cls.step) for i in trailing)
 
@@ -161,7 +161,7 @@ class PivotPositionX(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotPositionX", ...]:
-        """Return one for each castor."""
+        """Return an instance for each castor."""
         return tuple(cls(castor=i + 1, value=cls.step) for i in range(len(robot.castors)))
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -185,7 +185,7 @@ class PivotPositionY(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotPositionY", ...]:
-        """Return one for each castor."""
+        """Return an instance for each castor."""
         return tuple(cls(castor=i + 1, value=cls.step) for i in range(len(robot.castors)))
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -209,7 +209,7 @@ class PivotBias(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotBias", ...]:
-        """Return one for each castor with a pivot encoder."""
+        """Return an instance for each castor with a pivot encoder."""
         return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
@@ -222,8 +222,8 @@ class PivotBias(Effect[RobotDescription]):
 class LoadRadius(Effect[RobotDescription]):
     """Tyres yield: a wheel's radius is smaller by `value` (m/N) times its load beyond the mean load of all wheels.
 
-    As castors turn, loads shift (`castor_envs.vehicles.weight.swung_loads`); what accelerating shifts is left out. The
-    average is of the standing loads of wheels with encoders. `apply` takes those that stand on each.
+    As castors turn, loads shift (`castor_envs.vehicles.weight.swung_loads`); shifts by acceleration are left out. The
+    mean is over the wheels with encoders, of the robot at rest. `apply` takes each wheel's load at rest.
     """
 
     name: Literal["load_radius"] = "load_radius"
@@ -236,7 +236,7 @@ class LoadRadius(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["LoadRadius", ...]:
-        """Return one if loads on wheels with encoders differ, or change as castors turn, by over 1 %."""
+        """Return an instance if loads on wheels with encoders differ, or change as castors turn, by over 1 %."""
         try:
             loads = _shifting_loads(robot)[:, list(robot.driven_wheels)]
         except InputError:  # its weight is not described well enough for it to stand
@@ -244,27 +244,27 @@ class LoadRadius(Effect[RobotDescription]):
         return (cls(value=cls.step),) if loads.size and np.ptp(loads) > 0.01 * np.mean(loads) else ()
 
     def apply(self, robot: RobotDescription) -> RobotDescription:
-        """Return the robot with the radii under its standing loads."""
+        """Return the robot with the radii under its loads at rest."""
         loads, radius = wheel_loads(robot, GRAVITY), np.array([wheel.radius for wheel in robot.wheels])
-        less = self.value * (_shifting_loads(robot) - np.mean(loads[list(robot.driven_wheels)]))
-        if np.any(gone := np.max(less, axis=0) >= radius):
+        shrinkage = self.value * (_shifting_loads(robot) - np.mean(loads[list(robot.driven_wheels)]))
+        if np.any(gone := np.max(shrinkage, axis=0) >= radius):
             castor = robot.wheel_castors[int(np.argmax(gone))] + 1
             raise InputError(f"effect {self.name} is too large for castor {castor}: its wheels would be gone")
-        less = iter(less[0].tolist())
+        shrinkage = iter(shrinkage[0].tolist())
         for i, castor in enumerate(robot.castors, start=1):
             for j, wheel in enumerate(castor.wheels, start=1):
-                robot = with_wheels(robot, i, self.name, j, radius=1.0 - next(less) / wheel.radius)
+                robot = with_wheels(robot, i, self.name, j, radius=1.0 - next(shrinkage) / wheel.radius)
         return robot
 
     def radius_change(self, robot: RobotDescription) -> RadiusChange | None:
-        """Return by what part radii are larger than under standing loads; None where loads do not shift."""
+        """Return the relative change of radii from those under the loads at rest; None where loads do not shift."""
         if self.value == 0.0 or not _swinging(robot):
             return None
         radius, standing = np.array([wheel.radius for wheel in self.apply(robot).wheels]), wheel_loads(robot, GRAVITY)
         return lambda castor_angle: self.value * (standing - swung_loads(robot, GRAVITY, castor_angle)) / radius
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip | None:
-        """Return how much further contacts move than wheels of standing loads' radii roll."""
+        """Return how much further contacts move than wheels with the radii under the loads at rest roll."""
         robot, half_way = contacts.robot, contacts.motion.half_way
         if (larger := self.radius_change(robot)) is None:
             return None
@@ -273,7 +273,7 @@ class LoadRadius(Effect[RobotDescription]):
 
 
 def _shifting_loads(robot: RobotDescription) -> Array:
-    """Return loads on wheels (5, w), N: standing ones, and with all castors that swing turned to each side of B."""
+    """Return loads on wheels (5, w), N: at rest, and with all swinging castors turned to each side of B."""
     angles = np.array([castor.angle for castor in robot.castors]) + np.zeros((4, 1))
     angles[:, _swinging(robot)] = np.arange(4)[:, None] * np.pi / 2
     return np.vstack([wheel_loads(robot, GRAVITY), swung_loads(robot, GRAVITY, angles)])

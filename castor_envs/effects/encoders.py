@@ -1,4 +1,4 @@
-"""Effects on what the encoders read: gains, eccentric discs, backlash, lost counts, and what has no name."""
+"""Effects on what the encoders read: gains, eccentric discs, backlash, lost counts, and curves learned from logs."""
 
 import math
 from collections.abc import Callable
@@ -25,14 +25,16 @@ from castor_envs.vehicles.robot import RobotDescription
 Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
-QUARTERS = (0.0, math.pi / 2)  # phases whose sines add up to one of any phase
+QUARTERS = (0.0, math.pi / 2)  # sines of these two phases add up to a sine of any phase
 Of = Literal["own angle", "castor angle", "speed"]
 """What a curve depends on: the encoder's own angle or its castor's (rad, of one turn), or how fast it turns (rad/s)."""
 
 
 def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
-    """Return what leaves out of angles (k, c) all that was lost so far: `lost(times taken (k,), angles turned (k, c))`
-    of each sample."""
+    """Return a function that subtracts from angles (k, c) all that was lost so far.
+
+    lost(durations (k,), angles turned (k, c)): what is lost in each sample (k, c), rad.
+    """
     last: list[tuple[Array, Array, Array]] = []
 
     def read(t: Array, angle: Array) -> Array:
@@ -55,12 +57,12 @@ class PivotGain(Effect[RobotDescription]):
     title = "gain of a pivot encoder"
     unit = "1"
     step = 1e-3
-    tolerance = 2e-5  # of itself: gears and discs have whole numbers
+    tolerance = 2e-5  # relative: gears and discs have whole numbers
     check = "Turn the castor by ten full turns and read its pivot; check the gear or belt between pivot and encoder."
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotGain", ...]:
-        """Return one for each castor with a pivot encoder."""
+        """Return an instance for each castor with a pivot encoder."""
         return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -85,7 +87,7 @@ class PivotEccentricity(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotEccentricity", ...]:
-        """Return two for each castor with a pivot encoder, a quarter turn apart."""
+        """Return two instances for each castor with a pivot encoder, a quarter turn apart."""
         return tuple(cls(castor=i, value=cls.step, phase=phase) for i in pivot_encoders(robot) for phase in QUARTERS)
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -114,7 +116,7 @@ class WheelEccentricity(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["WheelEccentricity", ...]:
-        """Return two for each wheel with an encoder, a quarter turn apart."""
+        """Return two instances for each wheel with an encoder, a quarter turn apart."""
         places = [(*place, phase) for place in wheel_encoders(robot) for phase in QUARTERS]
         return tuple(cls(castor=i, wheel=j, value=cls.step, phase=phase) for i, j, phase in places)
 
@@ -142,7 +144,7 @@ class PivotBacklash(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["PivotBacklash", ...]:
-        """Return one for each castor with a pivot encoder."""
+        """Return an instance for each castor with a pivot encoder."""
         return tuple(cls(castor=i, value=cls.step) for i in pivot_encoders(robot))
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -161,7 +163,8 @@ class PivotBacklash(Effect[RobotDescription]):
 class TickLoss(Effect[RobotDescription]):
     """A wheel's encoder loses the fraction `value` of what the wheel turns in samples faster than `above` (rad/s).
 
-    Only while it turns in one `direction`, which is that of its castor. The speed is a sample's mean.
+    Only while it turns in one `direction`, forward being the castor's rolling direction. The speed is the mean over a
+    sample.
     """
 
     name: Literal["tick_loss"] = "tick_loss"
@@ -180,7 +183,7 @@ class TickLoss(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["TickLoss", ...]:
-        """Return two for each wheel with an encoder, one a direction, above a quarter of the robot's top speed."""
+        """Return an instance for each wheel with an encoder and each direction, above a quarter of its top speed."""
         above = robot.max_wheel_speed / 4
         ways: tuple[Direction, ...] = ("forward", "backward")
         return tuple(
@@ -210,8 +213,8 @@ class TickLoss(Effect[RobotDescription]):
 class TickLossBursts(Effect[RobotDescription]):
     """A wheel's encoder loses the fraction `value` of what the wheel turns in bursts: `width` (s) every `period` (s).
 
-    The first burst begins at `start` (s), the others `period` after the one before; with a `seed` their distances are
-    drawn, evenly from 0 to twice the period. In part of a sample, that part is lost.
+    The first burst begins at `start` (s), each further burst `period` after the one before; with a `seed` the intervals
+    are drawn, uniformly from 0 to twice the period. A burst that covers part of a sample loses that part.
     """
 
     name: Literal["tick_loss_bursts"] = "tick_loss_bursts"
@@ -230,7 +233,7 @@ class TickLossBursts(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["TickLossBursts", ...]:
-        """Return none: when counts may be lost has to be found first."""
+        """Return no instance: the times at which counts are lost have to be found in logs first."""
         return ()
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -272,14 +275,14 @@ class LostRemainders(Effect[RobotDescription]):
     title = "remainders lost between samples"
     unit = "1"
     step = 1.0
-    tolerance = 3e-3  # there or not
+    tolerance = 3e-3  # present or absent
     discrete = True
     binary = True
     check = "Look in the motor driver's code for increments or speeds cut to whole counts each period."
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["LostRemainders", ...]:
-        """Return one for each wheel with an encoder."""
+        """Return an instance for each wheel with an encoder."""
         return tuple(cls(castor=i, wheel=j, value=cls.step) for i, j in wheel_encoders(robot))
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -293,11 +296,11 @@ class LostRemainders(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class LearnedTerm(Effect[RobotDescription]):
-    """One encoder reads `value` times f(`of`) too much of what it turns: a wheel's, or the castor's pivot encoder where
-    `wheel` is left out.
+    """One encoder reads too much by the fraction `value` f(`of`) of what it turns: a wheel's, or the castor's pivot
+    encoder where `wheel` is left out.
 
-    f goes straight from each of its `values` at `knots` to the next one: over a turn and on, or constant beyond speeds.
-    What it depends on is half-way through a sample.
+    f is piecewise linear through its `values` at `knots`: periodic over a turn, or constant beyond the outermost
+    speeds. Its argument is taken half-way through a sample.
     """
 
     name: Literal["learned_term"] = "learned_term"
@@ -323,7 +326,7 @@ class LearnedTerm(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["LearnedTerm", ...]:
-        """Return none: what a curve depends on has to be found first."""
+        """Return no instance: what a curve depends on has to be found in logs first."""
         return ()
 
     def where(self) -> tuple[str, ...]:
@@ -331,7 +334,7 @@ class LearnedTerm(Effect[RobotDescription]):
         return (*super().where(), *(["pivot"] if self.wheel is None else []), f"by {self.of}")
 
     def curve(self, of: Array) -> Array:
-        """Return the part read too much at what the curve depends on, of any shape."""
+        """Return the fraction read too much at angles or speeds `of` (...), those that the curve depends on."""
         period = None if self.of == "speed" else 2 * math.pi
         return self.value * np.interp(of, self.knots, self.values, period=period)
 
@@ -343,16 +346,16 @@ class LearnedTerm(Effect[RobotDescription]):
         def read(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
             angles = np.concatenate([wheel, castor], axis=1)
             since, before, gone = last[0] if last else (t[:1], angles[:1], 0.0)
-            every = np.concatenate([before, angles])
-            turned, middle = np.diff(every[:, column]), (every[1:] + every[:-1]) / 2
+            course = np.concatenate([before, angles])
+            turned, middle = np.diff(course[:, column]), (course[1:] + course[:-1]) / 2
             if self.of == "speed":
                 step = np.diff(t, prepend=since)
                 of = turned / np.where(step > 0, step, 1.0)
             else:
                 of = middle[:, column if self.of == "own angle" else turns]
-            more = np.cumsum([gone, *(self.curve(of) * turned)])[1:]
-            last[:] = [(t[-1:], angles[-1:].copy(), float(more[-1]))]
-            angles[:, column] += more
+            excess = np.cumsum([gone, *(self.curve(of) * turned)])[1:]
+            last[:] = [(t[-1:], angles[-1:].copy(), float(excess[-1]))]
+            angles[:, column] += excess
             return angles[:, : wheel.shape[1]], angles[:, wheel.shape[1] :]
 
         return read

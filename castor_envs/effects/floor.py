@@ -1,4 +1,4 @@
-"""Effects of the floor: slope, a cable, a slippery place. Reference poses tell the places, in the frame N."""
+"""Effects of the floor: slope, a cable, a slippery place. Places are given in the frame N, that of reference poses."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ from castor_envs.vehicles.robot import RobotDescription
 Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 
 PARTS = 128
-"""Parts of a step, at each of which a cable's gradient is taken."""
+"""Points of a step at which a cable's gradient is computed."""
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -39,7 +39,7 @@ class FloorSlope(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["FloorSlope", ...]:
-        """Return one along each axis."""
+        """Return an instance along each axis."""
         return (cls(direction="x", value=cls.step), cls(direction="y", value=cls.step))
 
     def floor(self, robot: RobotDescription, floor: Floor) -> Floor:
@@ -49,7 +49,7 @@ class FloorSlope(Effect[RobotDescription]):
         return dataclasses.replace(floor, slope=slope)
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
-        """Return how far contacts creep more as the weight's part along the floor pulls at them."""
+        """Return the additional creep of contacts under the component of the weight along the floor."""
         return contacts.creep(self.floor(contacts.robot, Floor())) - contacts.creep()
 
 
@@ -57,7 +57,7 @@ class FloorSlope(Effect[RobotDescription]):
 class Bump(Effect[RobotDescription]):
     """A cable of diameter `value` (m) lies on the floor through (x, y), along `direction` (rad, world frame).
 
-    `length` (m) of it lies there, (x, y) in the middle.
+    It is `length` (m) long, with (x, y) at its middle.
     """
 
     name: Literal["bump"] = "bump"
@@ -74,7 +74,7 @@ class Bump(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["Bump", ...]:
-        """Return none: where a cable may lie has to be found first."""
+        """Return no instance: the place of a cable has to be found in logs first."""
         return ()
 
     def where(self) -> tuple[str, ...]:
@@ -92,16 +92,16 @@ class Bump(Effect[RobotDescription]):
         return robot
 
     def floor(self, robot: RobotDescription, floor: Floor) -> Floor:
-        """Return the floor with the cable on it, if there is any to speak of."""
+        """Return the floor with the cable on it; unchanged where the cable is thinner than `FINEST`."""
         if self.value < FINEST:
             return floor
         cable = Cable(center=(self.x, self.y), direction=self.direction, length=self.length, diameter=self.value)
         return dataclasses.replace(floor, cables=(*floor.cables, cable))
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
-        """Return how much less far contacts move in plan than wheels roll on their way over the cable.
+        """Return by how much contacts move less in plan than wheels roll on their way over the cable.
 
-        What the climb pulls at the contacts is left out: it is paid back on the way down.
+        Slip by the climbing force is left out: the way down gives it back.
         """
         robot, motion = contacts.robot, contacts.motion
         path = contacts.paths()[:, : len(robot.wheels)]
@@ -146,7 +146,7 @@ class FrictionPatch(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["FrictionPatch", ...]:
-        """Return none: where the floor may be slippery has to be found first."""
+        """Return no instance: the place of a slippery patch has to be found in logs first."""
         return ()
 
     def where(self) -> tuple[str, ...]:
@@ -176,7 +176,8 @@ class FrictionPatch(Effect[RobotDescription]):
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip:
         """Return where contacts may slide: the fraction `value` of each path inside, as of wheels that spin.
 
-        A shape only: how far they slide differs from pass to pass, in size and sign.
+        Only the shape of this slip over time is meant: how far wheels slide differs from pass to pass, in size and
+        sign.
         """
         path = contacts.paths()[:, : len(contacts.robot.wheels)]
         lost = -self.value * np.where(self.inside(contacts), path, 0.0)

@@ -1,4 +1,4 @@
-"""Finds the castor, wheel or encoder of a robot that an effect changes, and says what is not there."""
+"""Finds the castor, wheel or encoder of a robot that an effect changes; an error says which is missing."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ def castor_of(robot: RobotDescription, number: int, effect: str) -> Castor:
 
 
 def with_castor(robot: RobotDescription, number: int, effect: str, **changes: object) -> RobotDescription:
-    """Return the robot with some fields of castor `number` (from 1) replaced; raises InputError if that cannot be."""
+    """Return the robot with some fields of castor `number` (from 1) replaced; raises InputError if that is invalid."""
     castors = list(robot.castors)
     try:
         castors[number - 1] = dataclasses.replace(castor_of(robot, number, effect), **changes)
@@ -94,7 +94,7 @@ def all_channels(robot: RobotDescription) -> list[int]:
 
 
 def on_channels(robot: RobotDescription, channels: Sequence[int], read: Callable[[Array, Array], Array]) -> SensorModel:
-    """Return what passes angles (k, c) of some channels through `read(t, angles)` and leaves the others."""
+    """Return a sensor model that passes angles (k, c) of some channels, and no others, through `read(t, angles)`."""
     w, columns = len(robot.wheels), np.array(channels, dtype=np.intp)
 
     def model(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
@@ -106,5 +106,5 @@ def on_channels(robot: RobotDescription, channels: Sequence[int], read: Callable
 
 
 def sample_by_sample(read: Callable[[float, Array], Array]) -> Callable[[Array, Array], Array]:
-    """Return what passes samples through `read(t, angles (c,))` one after another."""
+    """Return a function that passes samples through `read(t, angles (c,))` one after another."""
     return lambda t, angle: np.stack([read(*sample) for sample in zip(t.tolist(), angle, strict=True)])

@@ -20,7 +20,7 @@ Metres = Annotated[float, Field(ge=-10.0, le=10.0)]
 class ReferenceYaw(Effect[RobotDescription]):
     """The reference's axes are turned against the body: its heading is larger by `value` (rad).
 
-    As biases of all pivots and pivots that are all turned about the body's origin.
+    It looks like a bias of every pivot encoder together with all pivots turned about the body's origin.
     """
 
     name: Literal["reference_yaw"] = "reference_yaw"
@@ -33,7 +33,7 @@ class ReferenceYaw(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["ReferenceYaw", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def reference_pose(self, pose: Array) -> Array:
@@ -45,7 +45,7 @@ class ReferenceYaw(Effect[RobotDescription]):
 class ReferenceLeverX(Effect[RobotDescription]):
     """The point that the reference tracks stands `value` (m) further forward than the body's origin.
 
-    As if all pivots stood further back.
+    It looks as if all pivots stood further back.
     """
 
     name: Literal["reference_lever_x"] = "reference_lever_x"
@@ -58,7 +58,7 @@ class ReferenceLeverX(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["ReferenceLeverX", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def reference_pose(self, pose: Array) -> Array:
@@ -70,7 +70,7 @@ class ReferenceLeverX(Effect[RobotDescription]):
 class ReferenceLeverY(Effect[RobotDescription]):
     """The point that the reference tracks stands `value` (m) further to the left than the body's origin.
 
-    As if all pivots stood further to the right.
+    It looks as if all pivots stood further to the right.
     """
 
     name: Literal["reference_lever_y"] = "reference_lever_y"
@@ -83,7 +83,7 @@ class ReferenceLeverY(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["ReferenceLeverY", ...]:
-        """Return one."""
+        """Return a single instance."""
         return (cls(value=cls.step),)
 
     def reference_pose(self, pose: Array) -> Array:

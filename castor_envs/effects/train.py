@@ -1,8 +1,8 @@
 """Effects of a train: what a real one does that its description leaves out. Each is one class, with one meaning.
 
 An effect stands in the train file as ``{"name": "gauge_gain", "frame": 1, "value": 0.05}``. Frames are counted from 1
-at the front (A), gauges from 1 at the frame's rear, axles from 1 at the front. What a single axle module may have, its
-track and wheels among it, are effects of that robot and stand in its module.
+at the front (A), gauges from 1 at the frame's rear, axles from 1 at the front. Effects on a single axle module, such as
+on its track and wheels, are effects of that robot and stand in its module.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ class GaugeNoise(Effect[TrainDescription]):
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["GaugeNoise", ...]:
-        """Return one for each frame."""
+        """Return an instance for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
     def apply(self, train: TrainDescription) -> TrainDescription:
@@ -52,12 +52,12 @@ class GaugeGain(Effect[TrainDescription]):
     title = "gain of gauges"
     unit = "1"
     step = 1e-3
-    tolerance = 1e-3  # of itself: amplifiers and glue
+    tolerance = 1e-3  # relative: amplifiers and glue
     check = "Bend the frame along a template of known radius and read the gauges; check amplifier settings and glue."
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["GaugeGain", ...]:
-        """Return one for each frame's gauges together, and one for each gauge of frames with more than one."""
+        """Return an instance for each frame's gauges together, and one for each gauge of frames with more than one."""
         return tuple(
             cls(frame=f, gauge=gauge, value=cls.step)
             for f in _frames(train)
@@ -88,7 +88,7 @@ class GaugeDrift(Effect[TrainDescription]):
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["GaugeDrift", ...]:
-        """Return one for each frame."""
+        """Return an instance for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
     def apply(self, train: TrainDescription) -> TrainDescription:
@@ -108,13 +108,13 @@ class DeadGauge(Effect[TrainDescription]):
     title = "dead gauge"
     unit = "1"
     step = 1.0
-    tolerance = 3e-3  # dead or not
+    tolerance = 3e-3  # present or absent
     binary = True
     check = "Bend the frame by hand and look at this gauge's reading; check its wires, bridge and amplifier."
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["DeadGauge", ...]:
-        """Return one for each gauge that is not known to be dead."""
+        """Return an instance for each gauge that is not known to be dead."""
         built = train.as_built()
         return tuple(
             cls(frame=f, gauge=gauge)
@@ -140,12 +140,12 @@ class ForeshorteningLeftOut(Effect[TrainDescription]):
     title = "foreshortening left out"
     unit = "1"
     step = 1e-3
-    tolerance = 1e-3  # of itself
+    tolerance = 1e-3  # relative
     check = "Look how the sensor's program gets x from curvature: the integral of cos, or just the frame's length?"
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["ForeshorteningLeftOut", ...]:
-        """Return one for each frame."""
+        """Return an instance for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
     def apply(self, train: TrainDescription) -> TrainDescription:
@@ -156,7 +156,7 @@ class ForeshorteningLeftOut(Effect[TrainDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class SensorStops(Effect[TrainDescription]):
-    """A frame's relative posture sensor repeats its last reading after `value` seconds; its age tells."""
+    """From `value` seconds on, a frame's relative posture sensor repeats its last reading, whose age then grows."""
 
     frame: Number
     value: DurationOrNone
@@ -164,16 +164,16 @@ class SensorStops(Effect[TrainDescription]):
     title = "posture sensor stops"
     unit = "s"
     step = 1.0
-    tolerance = 1.0  # s: stopped or not
+    tolerance = 1.0  # s: present or absent
     check = "Look at the sensor's supply and its connection at that time."
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["SensorStops", ...]:
-        """Return one for each frame."""
+        """Return an instance for each frame."""
         return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
 
     def apply(self, train: TrainDescription) -> TrainDescription:
-        """Return the train whose sensor stops then, or when it stopped before."""
+        """Return the train whose sensor stops at that time, or earlier where it already stopped earlier."""
         before = frame_of(train, self.frame, self.name).rps_stops
         return with_frame(train, self.frame, rps_stops=self.value if before is None else min(before, self.value))
 
@@ -193,7 +193,7 @@ class AxleSlip(Effect[TrainDescription]):
 
     @classmethod
     def variants(cls, train: TrainDescription) -> tuple["AxleSlip", ...]:
-        """Return one for each axle."""
+        """Return an instance for each axle."""
         return tuple(cls(axle=i, value=cls.step) for i in range(1, train.n_axles + 1))
 
     def apply(self, train: TrainDescription) -> TrainDescription:

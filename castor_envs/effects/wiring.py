@@ -31,14 +31,14 @@ class EncodersSwapped(Effect[RobotDescription]):
     title = "left and right encoder swapped"
     unit = "1"
     step = 1.0
-    tolerance = 3e-3  # so or not
+    tolerance = 3e-3  # present or absent
     binary = True
     check = "Turn one wheel of the castor by hand and see which counts change."
     wiring = True
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["EncodersSwapped", ...]:
-        """Return one for each castor with two wheels that have encoders."""
+        """Return an instance for each castor with two wheels that have encoders."""
         return tuple(cls(castor=i) for i, castor in enumerate(robot.castors, start=1) if _is_pair(castor))
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
@@ -60,14 +60,14 @@ class EncoderReversed(Effect[RobotDescription]):
     title = "encoder reversed"
     unit = "1"
     step = 1.0
-    tolerance = 3e-3  # so or not
+    tolerance = 3e-3  # present or absent
     binary = True
     check = "Turn the wheel or castor by hand, forward or counter-clockwise, and see whether its counts rise."
     wiring = True
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["EncoderReversed", ...]:
-        """Return one for each encoder."""
+        """Return an instance for each encoder."""
         places = [*wheel_encoders(robot), *((i, None) for i in pivot_encoders(robot))]
         return tuple(cls(castor=i, wheel=j) for i, j in places)
 
@@ -78,7 +78,7 @@ class EncoderReversed(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class CastorOrder(Effect[RobotDescription]):
-    """All encoders of one castor are connected as those of another, and the other's as its own."""
+    """The encoders of two castors are exchanged: those of either castor are connected as those of the other."""
 
     name: Literal["castor_order"] = "castor_order"
     castor: Number
@@ -87,14 +87,14 @@ class CastorOrder(Effect[RobotDescription]):
     title = "two castors' encoders exchanged"
     unit = "1"
     step = 1.0
-    tolerance = 3e-3  # so or not
+    tolerance = 3e-3  # present or absent
     binary = True
     check = "Turn one castor by hand and see which castor's counts change."
     wiring = True
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["CastorOrder", ...]:
-        """Return one for each two castors with the same encoders, of which there are some."""
+        """Return an instance for each pair of castors that have encoders, and the same ones."""
         kinds = {i: _encoders(castor) for i, castor in enumerate(robot.castors, start=1)}
         pairs = combinations([i for i, kind in kinds.items() if any(kind)], 2)
         return tuple(cls(castor=i, other=j) for i, j in pairs if kinds[i] == kinds[j])
@@ -125,12 +125,12 @@ def _encoders(castor: Castor) -> tuple[bool, ...]:
 
 
 def _exchanged(robot: RobotDescription, channels: list[int], sources: list[int]) -> SensorModel:
-    """Return a model in which each channel gets the counts of its source, counted as its own."""
+    """Return a model in which each channel gets its source's counts, read by the channel's counts a turn and zero."""
     per_rev = np.array(
         [wheel.counts_per_rev for wheel in robot.wheels] + [castor.pivot_counts_per_rev for castor in robot.castors],
         dtype=float,
     )
     zero = np.array([0.0] * len(robot.wheels) + [castor.pivot_zero for castor in robot.castors])
     order = [channels.index(source) for source in sources]
-    scale, own_zero, source_zero = per_rev[sources] / per_rev[channels], zero[channels], zero[sources]
-    return on_channels(robot, channels, lambda t, angle: (angle[:, order] + source_zero) * scale - own_zero)
+    scale, channel_zero, source_zero = per_rev[sources] / per_rev[channels], zero[channels], zero[sources]
+    return on_channels(robot, channels, lambda t, angle: (angle[:, order] + source_zero) * scale - channel_zero)

@@ -1,4 +1,4 @@
-"""The Gymnasium environments, one a module, found by themselves.
+"""The Gymnasium environments, one in each module, found automatically.
 
 An environment is a class with an ``ID``, as in ``ID = "castor/ASOC-v0"``, in a module of this folder. The IDs are read
 from the source: this module stays light, and an environment's own module is imported when it is made.
@@ -36,16 +36,15 @@ ENVIRONMENTS = _declared(Path(__file__).parent)
 def make_many(entry_point: str, num_envs: int, **arguments: Any) -> SyncVectorEnv:
     """Return `num_envs` environments with the same arguments: what ``gymnasium.make_vec`` makes.
 
-    They run side by side in one process. A step costs mostly the compiled physics of each robot, so there is nothing to
-    gain from arrays over robots, and nothing to lose: seeds, episodes and numbers are those of the single environments,
-    bit for bit.
+    They run side by side in one process. Most of a step's time goes into the compiled physics of each robot, so arrays
+    over robots would not make it faster. Seeds, episodes and numbers are those of the single environments, bit for bit.
     """
     kind: Any = load_env_creator(entry_point)
     return SyncVectorEnv([lambda: kind(**arguments)] * num_envs)
 
 
 def __getattr__(name: str) -> Any:
-    """Return what makes many environments of an ID, which the entry point ``castor_envs.envs:castor/ASOC-v0`` names."""
+    """Return the maker of many environments of an ID: that of entry points like ``castor_envs.envs:castor/ASOC-v0``."""
     if name in ENVIRONMENTS:
         return partial(make_many, ENVIRONMENTS[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,11 +7,11 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 
 
-def finite(values: ArrayLike, shape: tuple[int, ...] | None, what: str) -> Array:
+def finite(values: ArrayLike, shape: tuple[int, ...] | None, title: str) -> Array:
     """Return an array of finite numbers; raises InputError for anything else or another shape."""
     array = np.asarray(values, dtype=float)
     if array.shape != shape:
-        raise InputError(f"{what} must have shape {shape}, got {array.shape}")
+        raise InputError(f"{title} must have shape {shape}, got {array.shape}")
     if not np.all(np.isfinite(array)):
-        raise InputError(f"{what} must be finite, got {array}")
+        raise InputError(f"{title} must be finite, got {array}")
     return array

@@ -23,9 +23,9 @@ class ASOCEnv(RobotEnv):
     """Drive a robot on active split-offset castors (or any other) along a trajectory, by its own sensors.
 
     ## Description
-    The agent commands every motor once a sample period and is to follow a trajectory that it knows by
-    the time. It sees encoders only, so it has to keep track of its pose itself. Wheels slip, floors have patches,
-    cables and slope.
+    The agent commands every motor once a sample period and is to follow a trajectory that it knows as a
+    function of time. It sees encoders only, so it has to keep track of its pose itself. Wheels slip, floors have
+    patches, cables and slope.
 
     ## Action Space
     `Box(-1, 1, (driven wheels + driven castors,))`, float32, wheels first, in the order of the robot

@@ -44,7 +44,7 @@ class Course:
 class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
     """A sensed vehicle, a course, and pictures. Environments say what the agent does, and under which ID.
 
-    vehicle: as estimators may know it. _course and _sample: what is followed, and how many periods of it are over.
+    vehicle: as estimators may know it. _course: what is followed. _sample: how many sample periods of it have passed.
     """
 
     ID: ClassVar[str]
@@ -209,7 +209,7 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
 
 def check_control(control: str) -> None:
-    """Raise InputError for a way to command motors that is none."""
+    """Raise InputError unless motors can be commanded in this way."""
     if control not in CONTROLS:
         raise InputError(f"control must be 'speed' or 'voltage', got {control!r}")
 

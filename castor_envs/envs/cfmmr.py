@@ -21,9 +21,9 @@ class CFMMREnv(TrainEnv):
 
     ## Description
     Every axle is to follow the same path, each a frame's length behind the next (Vogt and Minor's
-    robot). The agent commands every wheel once a sample period. It knows the path by the time, sees wheel encoders and
-    relative posture sensors, and has to keep track of the rest itself. Frames bend, wheels slip, floors have patches,
-    cables and slope.
+    robot). The agent commands every wheel once a sample period. It knows the path as a function of time, sees wheel
+    encoders and relative posture sensors, and has to keep track of the rest itself. Frames bend, wheels slip, floors
+    have patches, cables and slope.
 
     ## Action Space
     `Box(-1, 1, (2 * axles,))`, float32, axle by axle from the front, left wheel first. With

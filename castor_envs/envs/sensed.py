@@ -79,11 +79,11 @@ class SensedVehicle(ABC):
         self._counts: Array | None = None
 
     def _read(self, wheel_angles: Array, castors: Sequence[Array]) -> list[tuple[Array, Array]]:
-        """Return the angles of wheels and castors of each body as effects leave them for the encoders to round, rad."""
-        now = np.array([self.world.time])
+        """Return each body's wheel and castor angles, rad, with effects on sensors, before encoders round them."""
+        t = np.array([self.world.time])
         wheels = np.split(wheel_angles, np.cumsum([len(body.wheels) for body in self._bodies])[:-1])
         read = [
-            reader(now, wheel[None], castor[None])
+            reader(t, wheel[None], castor[None])
             for reader, wheel, castor in zip(self._readers, wheels, castors, strict=True)
         ]
         return [(wheel[0], castor[0]) for wheel, castor in read]
@@ -127,7 +127,7 @@ class SensedRobot(SensedVehicle):
     """A robot in a world, seen through its encoders (and gyro).
 
     held: the castor (from 1) whose wheels are blocked. sensed_angles: of wheels (w,) and castors (n,), rad, as effects
-    on sensors leave them for the encoders to round.
+    on sensors change them, before encoders round them.
     """
 
     world: RobotWorld

@@ -9,7 +9,7 @@ from castor_envs.geometry.arrays import Array, vectors
 
 
 def compose(pose: ArrayLike, seen: ArrayLike) -> Array:
-    """Return in N what is `seen` (..., 3) from `pose` (..., 3)."""
+    """Return the pose in N (..., 3) of what is `seen` (..., 3) from `pose` (..., 3)."""
     pose, seen = np.asarray(pose, dtype=float), np.asarray(seen, dtype=float)
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x = pose[..., 0] + c * seen[..., 0] - s * seen[..., 1]

@@ -1,5 +1,5 @@
-"""Steps between samples of a motion that is known: integrals over them, to fourth order in their length where they are
-even, what happened in each (`Motion`), and by what contacts slipped (`Slip`).
+"""Steps between samples of a known motion: what happened in each (`Motion`), by how much contacts slipped (`Slip`), and
+integrals over steps, to fourth order in their length where steps are even.
 """
 
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 
 EVEN = 1.1
-"""Steps are integrated to fourth order where their neighbours last as long, up to this ratio; others to second."""
+"""Steps are integrated to fourth order where both neighbours last as long, up to this ratio; others to second order."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What truly happened at K samples: K - 1 steps, of which the properties tell.
+    """The true motion at K samples; the properties describe the K - 1 steps between them.
 
     t (K,): s, increasing. pose (K, 3): of B in N, m and rad, unwrapped. wheel_angle (K, w): since the start, rad; NaN
-    for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped. consistent_wheels: whether wheels are taken
-    to agree with each other, whatever their angles say: where a log alone tells of the motion, the rest is mostly
+    for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped. consistent_wheels: whether disagreement
+    between the wheels' angles is ignored: where the motion is known from a log alone, such disagreement is mostly
     noise.
     """
 
@@ -79,14 +79,14 @@ class Motion:
     def acceleration_of(self, course: Array) -> Array:
         """Return the second derivative in each step (K - 1, ...) of what is known at every sample, `course` (K, ...).
 
-        From smoothed first differences, by central differences: what is faster than about four steps is lost.
+        From smoothed first differences, by central differences: changes faster than about four steps are lost.
         """
         period = self.period.reshape(-1, *(1,) * (course.ndim - 1))
         rate = smoothed(np.diff(course, axis=0) / period)
         return np.gradient(rate, self.middle, axis=0) if len(rate) > 1 else np.zeros_like(rate)
 
     def in_body(self, vector: Array) -> Array:
-        """Return vectors in N of every step (K - 1, 2) in B half-way through it."""
+        """Return vectors (K - 1, 2), one in each step, turned from N into B as it stands half-way through the step."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.column_stack([c * vector[:, 0] + s * vector[:, 1], c * vector[:, 1] - s * vector[:, 0]])
 
@@ -96,7 +96,8 @@ class Slip:
     """By how much contacts slip in each of K - 1 steps, m.
 
     rolling (K - 1, w): by how much each wheel's contact moves further along its rolling direction than the wheel rolls.
-    side (K - 1, n): by how much each castor's axle moves to its own left beyond what its turning makes it do.
+    side (K - 1, n): by how much each castor's axle moves to the castor's left beyond what the castor's turning makes it
+    move.
     """
 
     rolling: Array
@@ -127,7 +128,7 @@ def even_steps(t: Array) -> NDArray[np.bool_]:
 def half_way(angle: Array, even: NDArray[np.bool_]) -> Array:
     """Return angles half-way through the steps (..., K - 1, n) from those at samples (..., K, n).
 
-    even (K - 1,): the steps to integrate to fourth order in their length, not to second; so below.
+    even (K - 1,): the steps to integrate to fourth order in their length, not to second; likewise below.
     """
     middle = (angle[..., 1:, :] + angle[..., :-1, :]) / 2
     curved = angle[..., 3:, :] - angle[..., 2:-1, :] - angle[..., 1:-2, :] + angle[..., :-3, :]
@@ -155,12 +156,12 @@ def integrated(rows: Array, body: Array, even: NDArray[np.bool_]) -> Array:
     """Return the integral of rows times twist over every step (..., K - 1, r).
 
     rows (..., K - 1, r, 3): half-way through the steps. body (K - 1, 3): `body_motion`. The mean of a product over a
-    step is mean times mean, and how both change together.
+    step is the product of both means plus a term from how both change together.
     """
     integral = (rows @ body[..., None])[..., 0]
     bend = _where_even(even, rows[..., 2:, :, :] - 2 * rows[..., 1:-1, :, :] + rows[..., :-2, :, :], 2) / 24
     slope = _where_even(even, rows[..., 2:, :, :] - rows[..., :-2, :, :], 2) * (body[2:] - body[:-2])[:, None, :] / 48
-    by_slope = slope[..., 0] + (slope[..., 1] + slope[..., 2])  # faster than a sum along three
+    by_slope = slope[..., 0] + (slope[..., 1] + slope[..., 2])  # faster than `np.sum` along an axis of three
     integral[..., 1:-1, :] += (bend @ body[1:-1, :, None])[..., 0] + by_slope
     return integral
 

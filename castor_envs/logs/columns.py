@@ -66,9 +66,9 @@ class LogColumns(NamedTuple):
         return {name for part in self for name in part}
 
     def check_header(self, path: Path, line: int, names: Sequence[str]) -> None:
-        """Raise InputError for nameless, doubled or missing columns.
+        """Raise InputError for unnamed, duplicate or missing columns.
 
-        t, wheels and pivots are required; of the other parts all columns or none.
+        t, wheels and pivots are required; each other part needs all of its columns or none.
         """
         places: dict[str, int] = {}
         for k, name in enumerate(names):
@@ -97,7 +97,7 @@ class LogColumns(NamedTuple):
                     raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
 
     def _foreign(self, name: str) -> bool:
-        """Return whether an unknown column is one that this vehicle would have if it were, or were longer, a train."""
+        """Return whether an unknown column is one of trains, where this vehicle is a robot or a shorter train."""
         train = re.fullmatch(r"rps_(age_)?[A-J](_x|_y|_phi)?|ref_\d+_(x|y|psi)", name) is not None
         return train or (bool(self.rps) and re.fullmatch(r"wheel_\d+[lr]", name) is not None)
 
@@ -122,6 +122,6 @@ class LogColumns(NamedTuple):
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names of columns as people read them; of more than `SHOWN` the first ones and how many there are."""
-    more = f", ... ({len(names)} columns)" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
+    """Return column names as text; of more than `SHOWN`, the first ones and the number of all."""
+    ending = f", ... ({len(names)} columns)" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + ending

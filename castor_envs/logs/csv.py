@@ -1,6 +1,6 @@
-"""Logs as CSV files: what one run of a robot or a train recorded, read and written with a place for every mistake.
+"""Logs as CSV files: what one run of a robot or a train recorded. Errors name file, line and column.
 
-The header comes first, columns stand in any order, columns that the vehicle does not explain are kept aside. A robot:
+The header comes first, columns stand in any order, columns that the vehicle does not have are kept as text. A robot:
 
     t                        s, strictly increasing
     wheel_1l ...             cumulative encoder counts of every driven wheel
@@ -43,9 +43,9 @@ from castor_envs.vehicles.train import TrainDescription
 _MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
 _FLAT = ("t", "gyro")
 
-#: What no number of a log is beyond, either way, by part. t: 64 bits of nanoseconds since 1970, so that a clock in
-#: another unit is still read, and told by the diagnosis. Counts: below 2^53 all whole numbers, and so all increments,
-#: are exact. Rates: some fifty times a turbocharger's. Ages: 30 years.
+#: The largest absolute value of a log's numbers, by part. t: 64 bits of nanoseconds since 1970, so that a clock in
+#: another unit is still read, and reported by the diagnosis. Counts: below 2^53 all whole numbers, and so all
+#: increments, are exact. Rates: some fifty times a turbocharger's. Ages: 30 years.
 MOST = {
     "t": 2.0**63,
     "wheel": 2.0**53,
@@ -55,17 +55,17 @@ MOST = {
     "gyro": 1e6,
     "rps_age": 1e9,
 }
-#: The same of positions, m: UTM northings in millimetres; and of headings, rad: 2778 turns in degrees.
+#: The same for positions, m: UTM northings in millimetres; and of headings, rad: 2778 turns in degrees.
 MOST_POSITION, MOST_HEADING = 1e10, 1e6
 
 
 def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     """Read and check a log of a robot or a train; a train's log without rps columns has rps of NaN.
 
-    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or doubled columns, encoders
-    of castors that the robot does not have, lines of the wrong width, cells that are not finite numbers or beyond
-    `MOST`, half-blank poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a
-    turn (see `pivot_jumps`), wrapped headings.
+    Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or duplicate columns, encoders of
+    castors that the robot does not have, lines of the wrong width, cells that are not finite numbers or beyond `MOST`,
+    half-blank poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
+    `pivot_jumps`), wrapped headings.
     """
     path = Path(path)
     header, *rows = read_lines(path)
@@ -140,7 +140,7 @@ def _blank_or_number(value: float) -> str:
 
 
 def _groups(part: str, width: int) -> list[slice]:
-    """Return which of a part's columns may be blank together: a frame's three of rps, of other parts all."""
+    """Return which columns of a part may be blank together: of rps the three of a frame, of other parts all."""
     size = 3 if part == "rps" else max(width, 1)
     return [slice(k, k + size) for k in range(0, width, size)]
 
@@ -155,7 +155,7 @@ def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
 
 
 def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) -> None:
-    """Raise InputError for what single cells do not show: too few rows, unsorted times, jumps."""
+    """Raise InputError for mistakes that no single cell shows: too few rows, unsorted times, jumps."""
     columns = LogColumns.of(vehicle)
     if len(log) < 2:
         raise complaint(path, None, None, f"a log needs at least 2 rows of numbers, not {len(log)}")
@@ -168,21 +168,21 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
     late = np.flatnonzero(np.diff(log.t) <= 0)
     if late.size:
         k = late[0] + 1
-        before, now = float(log.t[k - 1]), float(log.t[k])
-        what = f"repeats {now!r}" if now == before else f"goes back from {before!r} to {now!r}"
-        raise complaint(path, lines[k], "t", f"{what}; sort the rows and keep one for each time")
+        before, current = float(log.t[k - 1]), float(log.t[k])
+        problem = f"repeats {current!r}" if current == before else f"goes back from {before!r} to {current!r}"
+        raise complaint(path, lines[k], "t", f"{problem}; sort the rows and keep one for each time")
     pivots = [] if isinstance(vehicle, TrainDescription) else [vehicle.castors[i] for i in vehicle.pivot_encoders]
     for j, castor in enumerate(pivots):
         turn = castor.pivot_counts_per_rev or np.nan
         for k in pivot_jumps(log.pivot[:, j], turn)[:1]:
-            before, now = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
+            before, current = _count(float(log.pivot[k - 1, j])), _count(float(log.pivot[k, j]))
             ends = (int(np.argmin(log.pivot[:, j])), int(np.argmax(log.pivot[:, j])))
             low, high = (f"{_count(float(log.pivot[end, j]))} in line {lines[end]}" for end in ends)
             raise complaint(
                 path,
                 lines[k],
                 columns.pivot[j],
-                f"jumps from {before} to {now}, over half a turn of {turn} counts, in a column that spans "
+                f"jumps from {before} to {current}, over half a turn of {turn} counts, in a column that spans "
                 f"over one turn ({low} to {high}) and so does not wrap; mend the count, or sample faster",
             )
     if log.rps_age is not None:
@@ -207,10 +207,10 @@ def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], valu
 
 
 def _check_size(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:
-    most = np.array(
+    limits = np.array(
         [MOST.get(part, MOST_HEADING if name.endswith(("_psi", "_phi")) else MOST_POSITION) for name in names]
     )
-    for k, j in np.argwhere(np.abs(values) > most)[:1]:
+    for k, j in np.argwhere(np.abs(values) > limits)[:1]:
         raise complaint(
-            path, lines[k], names[j], f"{values[k, j]:g} is beyond +-{most[j]:g}; mend the number or its unit"
+            path, lines[k], names[j], f"{values[k, j]:g} is beyond +-{limits[j]:g}; mend the number or its unit"
         )

@@ -17,10 +17,10 @@ OPTIONAL = ("command", "steering_command", "reference", "gyro", "rps", "rps_age"
 class Log:
     """One run of K samples.
 
-    t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe
-    wrapped. command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference
-    (K, 3): a tracker's x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None.
-    extra: the columns that the vehicle does not explain, as text. Arrays of any real numbers are held as float64.
+    t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe wrapped.
+    command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference (K, 3): a tracker's
+    x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None. extra: the columns that
+    the vehicle does not have, as text. Arrays of any real numbers are held as float64.
 
     Of a train of N axles and F frames: wheel and command (K, 2N), pivot (K, 0), reference (K, 3N), axle by axle. rps
     (K, 3F): x, y, phi of every frame's front axle in its rear axle's frame, NaN where a frame has no reading. rps_age
@@ -62,10 +62,9 @@ class Log:
 def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:
     """Return the indices k at which pivot counts (N,) jump, from k - 1 to k, by over half a turn.
 
-    A stream that stays within one revolution (max - min <= counts_per_rev) may come from an encoder that
-    wraps: a jump of over half a turn is then a wrap, the shorter way round was meant, and no error can show. A
-    stream that ranges over more does not wrap: there such a jump is what it says, and every reader that takes
-    the shorter way round would get it wrong.
+    Counts that stay within one revolution (max - min <= counts_per_rev) may come from an encoder that wraps: a jump of
+    over half a turn is then taken for a wrap, and no error can be detected. Counts that range over more do not wrap:
+    such a jump is then a real change, which every reader that takes the shorter way round would get wrong.
     """
     if np.ptp(count) <= counts_per_rev:
         return np.empty(0, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""CSV files, read so that every mistake has a place: ``file:line: column 'x': what is wrong; what to do``."""
+"""CSV files, read so that every error names its place: ``file:line: column 'x': what is wrong; what to do``."""
 
 import csv
 import math
@@ -68,8 +68,8 @@ def number(path: Path, line: int, column: str, cell: str) -> float:
     except ValueError:
         value = None
     if value is None or "_" in text:
-        what = f"{text!r} is not a number" if text else "is blank"
-        raise complaint(path, line, column, f"{what}; give a number here")
+        problem = f"{text!r} is not a number" if text else "is blank"
+        raise complaint(path, line, column, f"{problem}; give a number here")
     if not math.isfinite(value):
         raise complaint(path, line, column, f"{text!r} is not finite; give a finite number or remove the line")
     return value

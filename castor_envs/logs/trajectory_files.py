@@ -1,4 +1,4 @@
-"""Trajectories as the text files that others read, `evo` for one: TUM and KITTI."""
+"""Trajectories as text files that other programs, such as `evo`, read: TUM and KITTI."""
 
 import os
 from pathlib import Path
@@ -16,8 +16,8 @@ def export_trajectory(
 ) -> None:
     """Write poses (K, 3) = x, y, psi at times (K,), s, as "tum" or "kitti" text; see `export_tum` and `export_kitti`.
 
-    Rows without a pose (NaN) are left out of TUM text. Raises InputError where KITTI text would need to, where no row
-    has a pose, and for other formats.
+    Rows without a pose (NaN) are left out of TUM text. Raises InputError where KITTI text would have to leave rows out,
+    where no row has a pose, and for other formats.
     """
     if np.shape(pose) != (len(t), 3):
         raise ValueError(f"pose must have shape ({len(t)}, 3), got {np.shape(pose)}")

@@ -1,4 +1,4 @@
-"""Who drives: from the desired motion and what sensors say to motor commands, of robots and of trains."""
+"""Controllers: from the desired motion and sensor readings to motor commands, for robots and for trains."""
 
 from typing import NamedTuple
 
@@ -77,8 +77,8 @@ class TrainDriver:
     The front axle is driven by the path (open loop in the pose, as `KinematicController`). Every other axle is driven
     by the path as well, and corrects its place behind the axle ahead by the sensor between them: the posture tracking
     law of Kanayama et al. (1990), whose target is where the axle should stand as seen from where it is. The train
-    starts on its path, so what a sensor reads first tells its zero: an offset of 4 degrees, followed, would set the
-    axles against each other. A reading that is missing or older than a sample period is not followed.
+    starts on its path, so a sensor's first reading gives its zero: an offset of 4 degrees, taken for a posture, would
+    drive the axles against each other. A reading that is missing or older than a sample period is not followed.
     """
 
     def __init__(self, train: TrainDescription, path: TrainPath) -> None:

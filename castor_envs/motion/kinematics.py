@@ -61,10 +61,10 @@ class Geometry:
         if isinstance(robot, Geometry):
             return robot
         if isinstance(robot, RobotDescription):
-            return _of_one(robot)
+            return _of_robot(robot)
         if isinstance(robot, TrainDescription):
             raise Declined(f"serves a single robot, and {robot.name!r} is a train")
-        members = [_of_one(member) for member in robot]
+        members = [_of_robot(member) for member in robot]
         first = members[0]
         layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
         for member in members[1:]:
@@ -137,7 +137,7 @@ class Geometry:
         return Geometry(**changed)
 
 
-def _of_one(robot: RobotDescription) -> Geometry:
+def _of_robot(robot: RobotDescription) -> Geometry:
     castors, wheels = robot.castors, robot.wheels
 
     def numbers(values: list[float | None]) -> Array:
@@ -226,8 +226,8 @@ def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Arra
     """
     castor_angle = np.asarray(castor_angle, dtype=float)
     shape = np.broadcast_shapes(castor_angle.shape, geometry.offset.shape)
-    each = (4, *(1,) * (len(shape) - 1))  # the three parts of the twist, then the castors' rates
-    twist, rate = np.eye(4, 3).reshape(*each, 3), np.eye(4)[3].reshape(*each, 1) * np.ones(shape[-1])
+    stack = (4, *(1,) * (len(shape) - 1))  # the three parts of the twist, then the castors' rates
+    twist, rate = np.eye(4, 3).reshape(*stack, 3), np.eye(4)[3].reshape(*stack, 1) * np.ones(shape[-1])
     motion = inverse(geometry, castor_angle, rate, twist)
     rows = np.concatenate([motion.rate * geometry.radius, motion.side_slip], axis=-1)
     rows = np.broadcast_to(rows, (4, *shape[:-1], rows.shape[-1]))
@@ -238,8 +238,8 @@ def forward(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike,
     """Return the twist (..., 3) that fits wheel rates (..., w) and castor rates (..., n) best, by least squares.
 
     Rows: rolling of each wheel with an encoder, no side slip of each standard wheel, all in m/s and equally weighted.
-    The rates of idle wheels are ignored. What the wheels cannot see (one free castor: the body's turning about its
-    pivot) is set to the smallest twist that fits.
+    The rates of idle wheels are ignored. Where the wheels do not determine the motion (one free castor: the body may
+    turn about its pivot), it is the smallest twist that fits.
     """
     castor_rate, wheel_rate = np.asarray(castor_rate, dtype=float), np.asarray(wheel_rate, dtype=float)
     a, b = constraint_matrix(geometry, castor_angle)

@@ -117,7 +117,7 @@ PATHS = {"straight": straight, "arc": arc, "s-bend": s_bend}
 
 
 def named_path(path: TrainPath | str, random: np.random.Generator | None = None) -> TrainPath:
-    """Return a path given as one or by name; "random" is drawn from `random`. Raises InputError for anything else."""
+    """Return a path given as such or by name; "random" is drawn from `random`. Raises InputError for anything else."""
     if isinstance(path, TrainPath):
         return path
     if path == "random" and random is not None:

@@ -14,7 +14,7 @@ from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 
 SIDEWAYS = 1e-9
-"""Sideways slip of fixed wheels, of a unit of motion, that only rounding explains."""
+"""Sideways slip of fixed wheels, for a unit of motion, up to which it is a rounding error."""
 
 
 class Rolled(NamedTuple):
@@ -56,7 +56,7 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
         return np.concatenate([turning, inverse(geometry, state[:n], turning, twist).rate])
 
     def pointed(state: Array, twist: Array) -> Array:
-        """Return a state with steered castors turned to a motion, and what their wheels roll by that."""
+        """Return the state after steered castors have turned to a twist's direction, their wheels rolling with them."""
         u = pivot_velocity(geometry, twist)
         away = np.arctan2(u[:, 1], u[:, 0]) - state[:n]
         moving = np.hypot(u[:, 0], u[:, 1]) > 0
@@ -69,7 +69,7 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
     samples = np.tile(state, (len(t), 1))
     breaks = trajectory.breakpoints()
     for start, end in pairwise(breaks):
-        here = np.flatnonzero((t > start) & (t <= end))
+        sampled = np.flatnonzero((t > start) & (t <= end))
         state = pointed(state, trajectory.twist_at((start + end) / 2))
         first, last = float(np.nextafter(start, end)), float(np.nextafter(end, start))
         # The motion is smooth between breakpoints only: stay strictly inside, or a step would see the next
@@ -81,9 +81,9 @@ def roll(robot: RobotDescription, trajectory: Trajectory, castor_angle: ArrayLik
             method="DOP853",
             rtol=1e-10,
             atol=1e-11,
-            t_eval=np.append(t[here], end) if not len(here) or t[here[-1]] < end else t[here],
+            t_eval=np.append(t[sampled], end) if not len(sampled) or t[sampled[-1]] < end else t[sampled],
         )
-        samples[here] = solution.y.T[: len(here)]
+        samples[sampled] = solution.y.T[: len(sampled)]
         state = solution.y[:, -1]
     samples[t > breaks[-1]] = state
     return Rolled(t, trajectory.at(t)[0], samples[:, :n], samples[:, n:])

@@ -116,21 +116,21 @@ class Trajectory:
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return pose (..., 3) in N and twist (..., 3) in B at times t (...), s; at rest before and after."""
         t = np.asarray(t, dtype=float)
-        which = np.clip(np.searchsorted(self._run_starts, t, side="right") - 1, 0, len(self.runs) - 1)
+        number = np.clip(np.searchsorted(self._run_starts, t, side="right") - 1, 0, len(self.runs) - 1)
         if t.ndim == 0:  # a controller asks for one time after another
-            pose, twist = self._in_run(int(which), t[None])
+            pose, twist = self._in_run(int(number), t[None])
             return pose[0], twist[0]
         pose, twist = np.empty((*t.shape, 3)), np.empty((*t.shape, 3))
-        for i in np.unique(which):
-            here = which == i
-            pose[here], twist[here] = self._in_run(i, t[here])
+        for i in np.unique(number):
+            within = number == i
+            pose[within], twist[within] = self._in_run(i, t[within])
         return pose, twist
 
     def twist_at(self, t: float) -> Array:
         """Return the twist (3,) in B at one time, s: that of `at`, in half the time."""
-        which = min(max(int(np.searchsorted(self._run_starts, t, side="right")) - 1, 0), len(self.runs) - 1)
-        leg, _, speed = self._on_leg(which, np.array([t], dtype=float))
-        return (self._legs[which][2][leg] * speed[..., None])[0]
+        number = min(max(int(np.searchsorted(self._run_starts, t, side="right")) - 1, 0), len(self.runs) - 1)
+        leg, _, speed = self._on_leg(number, np.array([t], dtype=float))
+        return (self._legs[number][2][leg] * speed[..., None])[0]
 
     def _in_run(self, i: int, t: Array) -> tuple[Array, Array]:
         """Return poses (k, 3) and twists (k, 3) at times t (k,) in run i."""
@@ -140,7 +140,7 @@ class Trajectory:
         return moved(poses[leg], motion * (covered - lengths[leg])[..., None]), motion * speed[..., None]
 
     def _on_leg(self, i: int, t: Array) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return which leg of run i it is at times t (k,), the length covered, and the speed."""
+        """Return the leg of run i at times t (k,), the length covered, and the speed."""
         run, lengths = self.runs[i], self._legs[i][0]
         covered, speed = run.progress(t - self._run_starts[i])
         leg = np.minimum(np.maximum(np.searchsorted(lengths, covered, side="right") - 1, 0), len(run.legs) - 1)

@@ -56,8 +56,8 @@ def chain(frame: Frame, rear: Clamp, front: Clamp, dt: float, bend: float = 0.0)
         else:
             body, rear_end = front.body, front.end - np.array([0.5 * h, 0.0])
         pivot = PivotJoint(before, body, tuple(anchor), tuple(rear_end))
-        # Joints keep Chipmunk's slow drift correction (6 a second): its solver is never quite done with a chain of
-        # light links between heavy axles, and what it leaves over, put right at once, would feed energy into them.
+        # Joints keep Chipmunk's slow drift correction (6 a second): its solver leaves errors in a chain of light links
+        # between heavy axles, and correcting these at once would feed energy into the links.
         stiffness = frame.bending_stiffness / h
         joints += [pivot, DampedRotarySpring(before, body, 0.0, stiffness, _chipmunk_damping(frame, before, body, dt))]
         before, anchor = body, np.array([0.5 * h, 0.0])
@@ -66,11 +66,11 @@ def chain(frame: Frame, rear: Clamp, front: Clamp, dt: float, bend: float = 0.0)
 
 
 def _chipmunk_damping(frame: Frame, a: pymunk.Body, b: pymunk.Body, dt: float) -> float:
-    """Return the coefficient with which Chipmunk's damper gives the impulse c * rate * dt, rate that after the substep.
+    """Return the coefficient with which Chipmunk's damper gives the impulse c * rate * dt, rate after the substep.
 
     Chipmunk damps a relative rate by the share a = 1 - exp(-coefficient * dt * (1 / I_a + 1 / I_b)), as if both bodies
-    were free, and in every iteration what the other joints have put back since the last one. So all its impulses add
-    up to a / (1 - a) / (1 / I_a + 1 / I_b) times the rate that is left in the end.
+    were free, and again in every iteration the rate that the other joints have restored since the last one. So its
+    impulses add up to a / (1 - a) / (1 / I_a + 1 / I_b) times the rate that remains.
     """
     mobility = dt * (1.0 / a.moment + 1.0 / b.moment)
     return math.log1p(frame.damping / (frame.length / frame.links) * mobility) / mobility

@@ -1,11 +1,11 @@
-"""How far contacts creep in a motion, by the forces that it takes and by wheels that are driven against each other.
+"""How far contacts creep in a motion, by the forces that it needs and by wheels that are driven against each other.
 
 A rolling contact slips at a speed in proportion to its force (`castor_envs.physics.tyre`, in steady rolling)
 
     s = -(V / C + creep_compliance) F        V rolling speed, C = slip stiffness * load
 
-With A the rows of `castor_envs.motion.kinematics.constraint_matrix`, any deviation delta of the robot's speeds
-changes slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that lose the least
+With A the rows of `castor_envs.motion.kinematics.constraint_matrix`, any deviation delta of the robot's speeds changes
+slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that dissipate the least
 power. How far wheels disagree does not change with delta, so it is known from what they roll, however well the body's
 motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
 
@@ -27,10 +27,10 @@ from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.weight import castor_center, chassis, wheel_loads
 
 LEAST = 0.02
-"""Of the fastest wheel's speed: no contact is taken to roll slower, as bristles average over a relaxation length."""
+"""Lowest rolling speed assumed, of the fastest wheel's: bristles average over a relaxation length."""
 
 ROUNDS, SETTLED = 20, 1e-3
-"""In which sliding contacts' yields are found, at most, and the relative change that ends them."""
+"""Iterations for the yields of sliding contacts: their largest number, and the relative change that ends them."""
 
 STANDING = 1e-6
 """m/s: rolling speed of a robot at rest, to divide by."""
@@ -56,7 +56,7 @@ class ContactMotion:
         return contact_places(self.robot, self.motion)
 
     def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0, quick: bool = False) -> Slip:
-        """Return `creep`; floor None: an even one."""
+        """Return `creep` of these contacts; floor None: an even floor."""
         return creep(self.robot, self.motion, floor or Floor(), creep_compliance, quick)
 
 
@@ -64,7 +64,7 @@ def contact_paths(robot: RobotDescription, motion: Motion) -> Array:
     """Return how far contacts move in each step (K - 1, 2w), m: all along their rolling directions, then to the left.
 
     Along is what a wheel without slip rolls; to the left is 0 without slip, but for wheels on rollers. Even steps are
-    integrated to fourth order in their length: wheels that disagree creep less than half-way values are off by.
+    integrated to fourth order in their length: half-way values alone are off by more than wheels that disagree creep.
     """
     geometry = Geometry.of(robot)
     by_body, by_castor = constraint_matrix(geometry, motion.half_way)
@@ -85,10 +85,11 @@ def contact_places(robot: RobotDescription, motion: Motion) -> Array:
 def creep(
     robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0, quick: bool = False
 ) -> Slip:
-    """Return by how much a robot's contacts creep in a motion on a floor, of which the slope counts.
+    """Return by how much a robot's contacts creep in a motion on a floor, of which only the slope matters.
 
-    creep_compliance: m/s for each N, at which contacts slip beside their creep in rolling. quick: whether wheels that
-    disagree from one step to the next creep for that at once, as they do to their sides; along, bristles take it up.
+    creep_compliance: m/s for each N, at which contacts slip in addition to their creep in rolling. quick: whether
+    disagreement between wheels that changes from step to step makes them creep at once, as it does sideways; along the
+    rolling direction bristles absorb it.
     """
     geometry, w = Geometry.of(robot), len(robot.wheels)
     by_body, by_castor = constraint_matrix(geometry, motion.half_way)
@@ -119,10 +120,10 @@ def creep(
 
 
 def _slipping(rows: Array, seen: Array, needed: Array, yields: Array, limits: Array, wheel: NDArray[np.intp]) -> Array:
-    """Return how fast contacts slip (k, rows), m/s: the `seen` slips less what a deviation of the robot takes away.
+    """Return how fast contacts slip (k, rows), m/s: the `seen` slips, changed by deviation delta.
 
     needed (k, e): forces on all that the rows (k, rows, e) move. yields (k, rows): m/s for each N while a contact
-    rolls. limits (rows,): friction times load of the wheel (rows,) that a row is of.
+    rolls. limits (rows,): friction times load of each row's wheel, whose number is `wheel` (rows,).
     """
     slip = _balanced(rows, seen, needed, yields)
     sliding, slack, of_wheel = np.arange(len(rows)), np.ones_like(yields), wheel[:, None] == wheel
@@ -139,7 +140,7 @@ def _slipping(rows: Array, seen: Array, needed: Array, yields: Array, limits: Ar
 
 
 def _balanced(rows: Array, seen: Array, needed: Array, yields: Array) -> Array:
-    """Return the slips (k, rows) that leave the least power where contacts yield as they do."""
+    """Return the slips (k, rows) that dissipate the least power where contacts yield at rates `yields`."""
     scale = yields.min(axis=1)[:, None]
     held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
     pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
@@ -148,7 +149,7 @@ def _balanced(rows: Array, seen: Array, needed: Array, yields: Array) -> Array:
 
 
 def _needed(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:
-    """Return what the contacts have to give in each step (K - 1, 3 + n).
+    """Return the forces that contacts have to provide in each step (K - 1, 3 + n).
 
     Force (2, N) and moment about B's origin on all, in B, and the moment about each castor's pivot (N m).
     """

@@ -96,7 +96,7 @@ class RobotWorld:
             castor_twist = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
             place(body, at, pose[2] + theta[i], castor_twist, castor_center(self.robot, i))
             joint = PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
-            joint.error_bias = 0.0  # all of a joint's drift is put right in the next step
+            joint.error_bias = 0.0  # all of a joint's drift is corrected in the next step
             joints.append(joint)
             if castor.steering == "driven":
                 joints.append(SimpleMotor(base, body, 0.0))
@@ -155,7 +155,7 @@ class RobotWorld:
         return np.where(self.geometry.fixed, self.geometry.angle, angles[self._castor_bodies] - angles[0])
 
     def _half_on(self) -> Array:
-        """Return where castors (n,) will be half a sample period on, rad, as they turn now."""
+        """Return the castor angles (n,) half a sample period ahead at their present rates, rad."""
         rate = self._simulation.motion[:, 5]
         turning = np.where(self.geometry.fixed, 0.0, rate[self._castor_bodies] - rate[0])
         return self.castor_angles + turning * self.robot.sample_period / 2

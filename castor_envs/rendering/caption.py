@@ -50,10 +50,10 @@ def draw_error(canvas: Canvas, view: View, pose: Array, estimate: Array) -> None
     canvas.text(words, (16 * view.unit, view.bottom - 18 * view.unit), 15 * view.unit, ESTIMATE)
 
 
-def round_length(most: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is not above `most`."""
-    power = 10.0 ** math.floor(math.log10(most))
-    return max(factor * power for factor in (1, 2, 5) if factor * power <= most)
+def round_length(limit: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above `limit`."""
+    power = 10.0 ** math.floor(math.log10(limit))
+    return max(factor * power for factor in (1, 2, 5) if factor * power <= limit)
 
 
 def _draw_symbol(canvas: Canvas, name: str, x: float, y: float, u: float) -> None:

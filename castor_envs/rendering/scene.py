@@ -75,7 +75,7 @@ class Scene:
         target: ArrayLike | None,
         rear: ArrayLike | None = None,
     ) -> None:
-        """Let the paths go on to places in N, (2,) or with more behind them that does not count.
+        """Extend the paths to places in N, (2,) or longer: only x and y count.
 
         rear: of a second true path, drawn fainter. target: a place, or a whole path (k, 2) that replaces the last.
         """

@@ -62,9 +62,9 @@ class TrainFigure:
         """Draw dashed outlines of the axles at poses (N, 3), joined by dashed frames."""
         for length, front, rear in zip(self._lengths, poses[:-1], poses[1:], strict=True):
             curve = view.pixel(frame_curve(rear, front, length))
-            whole = float(np.sum(np.hypot(*np.diff(curve, axis=0).T)))
-            dashes = max(3, round(whole / (17 * view.unit)))
-            points = evenly(curve, whole / (12 * dashes))
+            extent = float(np.sum(np.hypot(*np.diff(curve, axis=0).T)))
+            dashes = max(3, round(extent / (17 * view.unit)))
+            points = evenly(curve, extent / (12 * dashes))
             for k in range(0, len(points), 12):
                 canvas.line(points[k : k + 7], ESTIMATE, 4 * view.unit)
         for module, pose in zip(self._modules, poses, strict=True):

@@ -32,7 +32,7 @@ def observation(
     rps: ArrayLike | None = None,
     rps_age: ArrayLike | None = None,
 ) -> Observation:
-    """Return one observation, its arrays its own; what is None is left out.
+    """Return one observation, its arrays copied; parts that are None are left out.
 
     wheel (..., driven wheels): increments of counts. time and gyro (...): a number for each robot of a stack. pivot
     (..., pivot encoders). rps (..., 3 F) and rps_age (..., F).
@@ -50,7 +50,7 @@ def observation(
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """All observations of a run of K samples, or of several alike along leading axes. Iterating yields one a sample.
+    """All observations of a run of K samples, or of several alike along leading axes. Iterating yields the samples.
 
     wheel (..., K, driven wheels): increments of counts. time (..., K), s. pivot (..., K, pivot encoders), gyro
     (..., K), rps (..., K, 3 F) and rps_age (..., K, F): None where the vehicle has none.
@@ -81,7 +81,7 @@ class Observations:
         return (self.at(k) for k in range(len(self)))
 
     def at(self, k: int) -> Observation:
-        """Return observation k, in arrays of its own."""
+        """Return observation k, its arrays copied."""
 
         def sample(values: Numbers | None) -> Numbers | None:
             return None if values is None else values[..., k, :]

@@ -31,7 +31,7 @@ def posture(frame: Frame, curvature: ArrayLike) -> Array:
 
 @lru_cache
 def _fit(gauge_positions: tuple[float, ...], length: float) -> tuple[Array, Array, Array]:
-    """Return what takes readings to coefficients, these to headings at the nodes and the end; the nodes' weights, m."""
+    """Return matrices from readings to coefficients, from these to headings at nodes and end; the nodes' weights, m."""
     s = np.array(gauge_positions) / length
     powers = np.arange(min(DEGREE, len(s) - 1) + 1)
     along = 0.5 * (1.0 + _NODES)
@@ -55,7 +55,7 @@ def curvature_at_gauges(frame: Frame, joint_angles: ArrayLike) -> Array:
 
 
 def sensed(frame: Frame, curvature: ArrayLike, errors: ArrayLike, time: ArrayLike) -> Array:
-    """Return what a frame's sensor makes of true curvature (..., gauges), 1/m: a pose (..., 3) as of `posture`.
+    """Return the pose (..., 3), as of `posture`, that a frame's sensor computes from true curvature (..., gauges), 1/m.
 
     frame: as it is built; its gauges' gains, drift and deaths count, and what its program leaves out. errors
     (..., gauges): offsets and noise, 1/m. time (...): s.
@@ -72,9 +72,8 @@ def sensed(frame: Frame, curvature: ArrayLike, errors: ArrayLike, time: ArrayLik
 class PostureSensors:
     """The relative posture sensors of a train, one a frame; read once every sample period.
 
-    train: as it is built; its gauges' gains, offsets, drift and deaths are those of
-    `castor_envs.vehicles.train.Frame`. What the sensor makes of its
-    readings is what `posture` says of a sound one. random: draws offsets now, noise later.
+    train: as it is built; its gauges' gains, offsets, drift and deaths are those of `castor_envs.vehicles.train.Frame`.
+    A sensor computes poses from its readings as `posture` does. random: draws offsets now, noise later.
     """
 
     def __init__(self, train: TrainDescription, random: np.random.Generator) -> None:
@@ -88,7 +87,7 @@ class PostureSensors:
     def read(self, joint_angles: list[Array], time: float) -> tuple[Array, Array]:
         """Return relative poses (F, 3) and their ages (F,), s, for the angles (links,) of each frame's joints.
 
-        A sensor that has stopped repeats its last reading; its first one it always takes.
+        A sensor that has stopped repeats its last reading; the first reading is always taken.
         """
         for f, (frame, angles) in enumerate(zip(self._frames, joint_angles, strict=True)):
             noise = frame.gauge_noise * self._random.standard_normal(len(frame.gauge_positions))

@@ -27,27 +27,27 @@ ThereOrNot = Annotated[float, Field(ge=1.0, le=1.0)]
 """The value of effects without a size: always 1."""
 
 SensorModel = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""Called with all samples of a run in order of time, one, a few or all at once, which makes no difference: (times (k,),
-true wheel angles (k, w), true castor angles (k, n)) -> as encoders see them.
+"""Called with all samples of a run in order of time, in batches of any size, with the same result: (times (k,), true
+wheel angles (k, w), true castor angles (k, n)) -> both angles as encoders see them.
 
 Angles are in rad, not rounded and not wrapped; t is in s. The arrays given are left alone.
 """
 
 RadiusChange = Callable[[Array], Array]
-"""Called with castor angles (k, n), rad: by what part of themselves, as built, wheels' radii (k, w) are larger."""
+"""Called with castor angles (k, n), rad; returns the relative increase (k, w) of wheel radii over those as built."""
 
 V = TypeVar("V")
 
 
 class Contacts(Protocol[V]):
-    """What the contacts of a robot do in a motion that is known: physics tells, effects ask.
+    """What the contacts of a robot do in a known motion: computed by physics, used by effects.
 
     `castor_envs.physics.contact_motion.ContactMotion` is one.
     """
 
     @property
     def robot(self) -> V:
-        """Whose contacts these are, built as it is described: effects that it still has change nothing."""
+        """The robot that has these contacts, built as described: effects in it are not applied."""
         ...
 
     @property
@@ -70,7 +70,7 @@ class Contacts(Protocol[V]):
     def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0) -> Slip:
         """Return by how much contacts creep on a floor (None: an even one), of which the slope counts.
 
-        creep_compliance: m/s for each N, at which contacts slip beside their creep in rolling.
+        creep_compliance: m/s for each N, at which contacts slip in addition to their creep in rolling.
         """
         ...
 
@@ -81,13 +81,13 @@ class Effect(Generic[V]):
 
     name: in files. value: the amplitude, in `unit`; at 0 the effect does nothing. scope: what it is an effect of, as
     its `V` says. title: what people read. step: a small typical amplitude, to take derivatives with. tolerance: the
-    amplitude's standard deviation among vehicles in good order, and from log to log of one. least: no vehicle has an
-    amplitude below, though files may hold one. check: what to look at on the vehicle.
-    indistinguishable_from: the names, this one's own among them, that no log tells apart, the one to report first;
-    empty where the effect stands alone. binary: whether it is there or not: its value is always 1.
-    wiring: whether encoders are connected wrongly; twice it is undone. timing: whether all encoders together, or the
-    reference, are read at other times. discrete: whether it acts by whole counts, so that it hangs on parts of a count.
-    creep: what it changes of how contacts creep: their compliance, or the forces on them.
+    amplitude's standard deviation among vehicles in good order, and from log to log of one. least: no real vehicle has
+    a smaller amplitude, though files may hold one. check: what to look at on the vehicle. indistinguishable_from: the
+    names of effects that no log tells apart, this effect among them, the one to report first; empty where logs tell it
+    from all others. binary: whether it is there or not: its value is always 1. wiring: whether encoders are connected
+    wrongly; twice it is undone. timing: whether all encoders together, or the reference, are read at other times.
+    discrete: whether it acts by whole counts, so that its size depends on fractions of a count. creep: what it changes
+    about the creep of contacts: their compliance, or the forces on them.
     """
 
     name: str
@@ -116,7 +116,8 @@ class Effect(Generic[V]):
     def variants(cls, vehicle: V, /) -> tuple[Self, ...]:
         """Return one instance of size `step` for everything on the vehicle that may have this effect.
 
-        None for effects at a place or at times that the vehicle's file cannot tell: those have to be found first.
+        Empty for effects at a place or at times that the vehicle's file cannot tell: those have to be found in logs
+        first.
         """
         raise NotImplementedError
 
@@ -134,7 +135,7 @@ class Effect(Generic[V]):
         return vehicle
 
     def sensor_model(self, vehicle: V, /) -> SensorModel | None:
-        """Return what this effect makes of angles on their way to the encoders, new for each run; None: nothing."""
+        """Return a new sensor model, for one run, of what this effect does to the angles that encoders see, or None."""
         return None
 
     def radius_change(self, vehicle: V, /) -> RadiusChange | None:
@@ -154,11 +155,11 @@ class Effect(Generic[V]):
         return floor
 
     def creep_compliance(self) -> float:
-        """Return how fast (m/s) each contact slips for every N on it, beside its creep in rolling."""
+        """Return how fast (m/s) each contact slips for every N on it, in addition to its creep in rolling."""
         return 0.0
 
     def slip(self, contacts: Contacts[V]) -> Slip | None:
-        """Return by how much contacts slip more by this effect than those given; None: nothing.
+        """Return the slip that this effect adds to that of the contacts given; None: nothing.
 
         Effects on dimensions need none: they change what rolling without slip is.
         """
@@ -170,9 +171,9 @@ def known_effects(scope: Scope) -> dict[str, type[Effect]]:
     found: dict[str, type[Effect]] = {}
     for kind in (kind for kind in Effect.__subclasses__() if kind.scope == scope):
         name = kind.__dataclass_fields__["name"].default
-        other = found.setdefault(name, kind)
-        if _whole_name(other) != _whole_name(kind):
-            raise InputError(f"{_whole_name(kind)} has the name {name!r} of {_whole_name(other)}; give it another one")
+        known = found.setdefault(name, kind)
+        if _whole_name(known) != _whole_name(kind):
+            raise InputError(f"{_whole_name(kind)} has the name {name!r} of {_whole_name(known)}; give it another one")
         found[name] = kind  # defined again, as in a notebook: the last one counts
     return found
 

@@ -35,7 +35,7 @@ from castor_envs.description import (
 from castor_envs.vehicles.effect import Effect, EffectOf, apply_effects
 
 FORMAT = "castor-robot/1"
-#: rad: rollers whose axes lie nearer than 4 degrees to the way across would let the wheel push nowhere.
+#: rad: rollers whose axes lie within 4 degrees of the wheel's own axle would leave it unable to push.
 STEEPEST_ROLLER = 1.5
 
 
@@ -126,7 +126,7 @@ class Contact:
 class Gyro:
     """A yaw-rate gyro: white noise (rad/s, one standard deviation a sample) and constant bias (rad/s).
 
-    Either far above that of any gyro; a reading stays within the 100 rad/s that environments' observations hold.
+    The bounds of both are far above those of any gyro; a reading stays within the 100 rad/s of observation spaces.
     """
 
     noise: Annotated[float, Field(ge=0, le=5)] = 0.0
@@ -214,7 +214,7 @@ class RobotDescription:
         return description.to_data(_ADAPTER, self, FORMAT)
 
     def hash(self) -> str:
-        """Return a hash of all parameters (the name does not count), to know a robot again."""
+        """Return a hash of all parameters (the name does not count), by which a robot is recognised."""
         return description.fingerprint(self.to_dict())
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -23,7 +23,7 @@ from castor_envs.vehicles.robot import RobotDescription
 FORMAT = "castor-train/1"
 MOST_AXLES = 10
 
-#: A factor of a gauge: a hundred times either way is another gauge.
+#: Gain factor of a gauge: beyond a hundred times more or less it would be another gauge.
 Gain = Annotated[float, Field(ge=-100, le=100)]
 
 
@@ -36,7 +36,7 @@ class Frame:
     axle, increasing; None puts four evenly. gauge_noise: white noise of every reading, 1/m, one standard deviation.
     gauge_offset: standard deviation of each gauge's constant offset, drawn anew for every episode, 1/m.
 
-    What effects disturb, and a description leaves alone: gauge_gains, the factor of every gauge (empty: all 1);
+    Set by effects, and left at their defaults in descriptions: gauge_gains, the factor of every gauge (empty: all 1);
     gauge_drift, growth of all readings, 1/m a second; dead_gauges, numbers (from 1) of gauges that read 0;
     foreshortening_left_out, share of the bent frame's shortening that the computed x lacks; rps_stops, time after which
     the sensor repeats its last reading, s.
@@ -79,8 +79,8 @@ class Frame:
 class TrainDescription:
     """A train of N = 2 to 10 axle modules, front first, and its N - 1 frames: frozen and validated.
 
-    modules: robots with a single fixed castor at the origin, heading forward, with two driven standard wheels; their
-    effects are their own. effects: what the real train does beyond this description; `as_built` folds all in.
+    modules: robots with a single fixed castor at the origin, heading forward, with two driven standard wheels; each may
+    have effects. effects: what the real train does beyond this description; `as_built` folds all in.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -143,7 +143,7 @@ class TrainDescription:
         return description.to_data(_ADAPTER, self, FORMAT)
 
     def hash(self) -> str:
-        """Return a hash of all parameters (the train's name does not count), to know a train again."""
+        """Return a hash of all parameters (the train's name does not count), by which a train is recognised."""
         return description.fingerprint(self.to_dict())
 
     def save(self, path: str | os.PathLike[str]) -> None:

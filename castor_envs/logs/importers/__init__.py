@@ -1,6 +1,6 @@
 """Importers: published measurements of other people's robots, read as logs of robots that this package describes.
 
-Each module of this folder is one, found by itself: it states an `IMPORTER`.
+Each module of this folder is an importer and is found automatically: it defines an `IMPORTER`.
 """
 
 import os
@@ -21,12 +21,12 @@ class Session(Protocol):
 
     @property
     def vehicle(self) -> Vehicle:
-        """As its makers describe it."""
+        """The vehicle as its makers describe it."""
         ...
 
     @property
     def runs(self) -> Sequence[Log]:
-        """What was recorded, in order."""
+        """The recorded runs, in order."""
         ...
 
 
@@ -62,8 +62,8 @@ def importer_of(source: str | os.PathLike[str]) -> Importer:
     """Return the importer that recognises a folder; raises InputError if there is none."""
     source, known = Path(source), importers()
     if not source.is_dir():
-        what = "is a file" if source.exists() else "no such folder"
-        raise InputError(f"{source}: {what}; give the folder that holds the data")
+        problem = "is a file" if source.exists() else "no such folder"
+        raise InputError(f"{source}: {problem}; give the folder that holds the data")
     for candidate in known.values():
         if candidate.recognises(source):
             return candidate

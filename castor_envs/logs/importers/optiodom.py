@@ -9,9 +9,9 @@ NAME_run-01.csv, ... (no header). A run's columns are time s, true x m, y m, hea
 increments of a cycle: right and left wheel of the differential robot; driven wheel, and the steering angle in rad,
 of the tricycle; wheels 1 to 3 of the omni-wheel robot.
 
-- Omni wheels stand at the distance Li from the centre: 1 right front (bearing -60 deg), 2 left front (60 deg), 3 at
-  the rear. Each rolls around the centre, and increments above 0 turn the robot clockwise. So the authors' matrix has
-  it, and no other order or sense follows the measured path.
+- Omni wheels stand at the distance Li from the centre: 1 right front (bearing -60 deg), 2 left front (60 deg), 3 at the
+  rear. Each rolls around the centre, and increments above 0 turn the robot clockwise. This is what the authors' matrix
+  says, and no other order or sense of rotation reproduces the measured path.
 - The first row is the start: its increments were rolled before it and are dropped, as the authors' programs do.
 - In a session of squares the first half of the runs goes clockwise; `direction` reads that from the heading.
 - The authors' error is truth minus odometry at the last row, both starting at the first true pose, in its frame.
@@ -42,13 +42,13 @@ STEERING_COUNTS = 800
 """Counts a turn of the tricycle's steering encoder: its angles are multiples of 2 pi / 800 = 0.00785 rad."""
 
 FOLDER = "optiodom"
-"""What the folder of the data is called, below the one that is given."""
+"""Name of the data's folder inside the folder that is given."""
 
 _TRUTH = ("time", "x", "y", "heading")
 
 
 class _Columns(NamedTuple):
-    """The columns of a run behind the truth. wheels: those of the log's wheels, in the log's order."""
+    """The columns of a run after those of the truth. wheels: those of the log's wheels, in the log's order."""
 
     names: tuple[str, ...]
     wheels: tuple[int, ...]
@@ -198,8 +198,8 @@ def _metadata_path(folder: Path) -> Path:
 def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
     """Return the nominal robot that the metadata describe."""
     if kind not in _COLUMNS:
-        *others, last = _COLUMNS
-        known = f"{', '.join(others)} or {last}"
+        *kinds, last = _COLUMNS
+        known = f"{', '.join(kinds)} or {last}"
         raise metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {known}")
     (gear,), (resolution,) = metadata.numbers("ngear", 1), metadata.numbers("encRes", 1)
     counts = gear * resolution

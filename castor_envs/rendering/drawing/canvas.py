@@ -90,22 +90,22 @@ class Canvas:
 
     def line(self, points: ArrayLike, color: Color, width: float) -> None:
         """Draw a polyline (k, 2) with round ends and corners."""
-        whole = self._whole(points)
+        pixels = self._whole(points)
         half = max(0, round((width * OVERSAMPLING - 1) / 2))
-        if len(whole) > 1:
+        if len(pixels) > 1:
             # An odd width: pygame centres only those on the line.
-            self._pygame.draw.lines(self._large, color, False, whole, 2 * half + 1)
+            self._pygame.draw.lines(self._large, color, False, pixels, 2 * half + 1)
         if half > 0:
-            way = np.diff(np.array(whole, dtype=float), axis=0)
+            way = np.diff(np.array(pixels, dtype=float), axis=0)
             way /= np.maximum(np.hypot(*way.T)[:, None], 1e-9)
             bends = np.flatnonzero(np.sum(way[1:] * way[:-1], axis=1) < 0.97) + 1
-            for k in {0, len(whole) - 1, *bends.tolist()}:
-                self._round(whole[k], half, color)
+            for k in {0, len(pixels) - 1, *bends.tolist()}:
+                self._round(pixels[k], half, color)
 
     def disc(self, center: ArrayLike, radius: float, color: Color) -> None:
         """Fill a disc."""
-        (whole,) = self._whole(np.reshape(center, (1, 2)))
-        self._round(whole, radius * OVERSAMPLING - 0.5, color)
+        (pixel,) = self._whole(np.reshape(center, (1, 2)))
+        self._round(pixel, radius * OVERSAMPLING - 0.5, color)
 
     def text(
         self,

@@ -9,7 +9,7 @@ from castor_envs.geometry.arrays import Array
 class Path:
     """Corners of a path in N.
 
-    pixel: the size of a pixel, m. Of places that no eye would tell apart or miss only some become corners.
+    pixel: the size of a pixel, m. Places that would not change the picture visibly do not become corners.
     """
 
     def __init__(self, pixel: float) -> None:
@@ -25,7 +25,7 @@ class Path:
         return np.array(self._corners).reshape(-1, 2)
 
     def lengthen(self, place: ArrayLike) -> None:
-        """Let the path go on straight to a place (2,) in N."""
+        """Extend the path in a straight line to a place (2,) in N."""
         place = np.array(place, dtype=float)
         if self._corners:
             ahead = (place - self._corners[-1]) / self._pixel
@@ -33,8 +33,8 @@ class Path:
                 return
             if len(self._corners) > 1:
                 behind = (self._corners[-1] - self._corners[-2]) / self._pixel
-                whole = ahead + behind
-                aside = abs(whole[0] * behind[1] - whole[1] * behind[0]) / max(float(np.hypot(*whole)), 1e-9)
+                chord = ahead + behind
+                aside = abs(chord[0] * behind[1] - chord[1] * behind[0]) / max(float(np.hypot(*chord)), 1e-9)
                 # Short steps only, or many slight bends in a row would add up.
                 if np.hypot(*behind) < 8.0 and aside < 0.25 and ahead @ behind > 0:
                     self._corners.pop()
