@@ -82,7 +82,7 @@ class CastorOrder(Effect[RobotDescription]):
 
     name: Literal["castor_order"] = "castor_order"
     castor: Number
-    other: Number
+    exchanged_with: Number
     value: ThereOrNot = 1.0
     title = "two castors' encoders exchanged"
     unit = "1"
@@ -97,15 +97,15 @@ class CastorOrder(Effect[RobotDescription]):
         """Return an instance for each pair of castors that have encoders, and the same ones."""
         kinds = {i: _encoders(castor) for i, castor in enumerate(robot.castors, start=1)}
         pairs = combinations([i for i, kind in kinds.items() if any(kind)], 2)
-        return tuple(cls(castor=i, other=j) for i, j in pairs if kinds[i] == kinds[j])
+        return tuple(cls(castor=i, exchanged_with=j) for i, j in pairs if kinds[i] == kinds[j])
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that gives each castor the other's counts."""
-        ends = (self.castor, self.other)
+        ends = (self.castor, self.exchanged_with)
         kinds = [_encoders(castor_of(robot, i, self.name)) for i in ends]
-        if self.castor == self.other or kinds[0] != kinds[1] or not any(kinds[0]):
+        if self.castor == self.exchanged_with or kinds[0] != kinds[1] or not any(kinds[0]):
             raise InputError(
-                f"effect {self.name}: castors {self.castor} and {self.other} are not two castors with the same encoders"
+                f"effect {self.name}: castors {ends[0]} and {ends[1]} are not two castors with the same encoders"
             )
         first, second = (
             [wheel_channel(robot, i, j, self.name) for j, driven in enumerate(kinds[0][:-1], start=1) if driven]

@@ -125,13 +125,13 @@ def _wiring(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
                 case EncoderReversed():
                     sentence = f"{names[channels.at(effect.castor, effect.wheel)]} counts backwards"
                 case _:
-                    sentence = f"castors {effect.castor} and {effect.other} are exchanged"
+                    sentence = f"castors {effect.castor} and {effect.exchanged_with} are exchanged"
             yield _by_effects(channels, sentence, (effect,))
 
 
 def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
     """Yield castors in orders that are more than one exchange."""
-    pairs = {(effect.castor, effect.other) for effect in CastorOrder.variants(robot)}
+    pairs = {(effect.castor, effect.exchanged_with) for effect in CastorOrder.variants(robot)}
     alike: list[int] = []
     for i in range(1, len(robot.castors) + 1):
         if not alike or (alike[0], i) in pairs:
@@ -147,7 +147,7 @@ def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
         if len(exchanges) > 1:
             shown = ", ".join(map(str, order))
             sentence = f"the castors are connected in the order {shown}, not {', '.join(map(str, alike))}"
-            effects = tuple(CastorOrder(castor=a, other=b) for a, b in exchanges)
+            effects = tuple(CastorOrder(castor=a, exchanged_with=b) for a, b in exchanges)
             yield _by_effects(channels, sentence, effects, plain=False)
 
 

@@ -101,7 +101,8 @@ class Channels:
                 return reading.scaled((self.at(effect.castor, effect.wheel),), -1.0)
             case CastorOrder():
                 first, second = (
-                    (*self.of_castor(castor), *self.pivot_of(castor)) for castor in (effect.castor, effect.other)
+                    (*self.of_castor(castor), *self.pivot_of(castor))
+                    for castor in (effect.castor, effect.exchanged_with)
                 )
                 return reading.exchanged(first, second)
             case PivotBias():

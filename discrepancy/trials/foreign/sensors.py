@@ -128,7 +128,7 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
         case EncodersSwapped():
             return _exchanged(build, [build.wheel(effect.castor, 1)], [build.wheel(effect.castor, 2)])
         case CastorOrder():
-            first, second = (_of_castor(build, castor) for castor in (effect.castor, effect.other))
+            first, second = (_of_castor(build, castor) for castor in (effect.castor, effect.exchanged_with))
             return _exchanged(build, first, second)
         case EncoderLatency():
             return Late([_channel(build, effect.castor, effect.wheel)], effect.value)

@@ -242,7 +242,7 @@ def test_what_an_effect_says_of_itself_is_so(kind):
         ("asoc-prototype", PivotGain(castor=4, value=0.1), "no castor 4"),
         ("asoc-prototype", WheelEccentricity(castor=1, wheel=3, value=0.1), "castor 1 has no wheel 3"),
         ("asoc-prototype", EncoderLatency(castor=9, value=0.1), "no castor 9"),
-        ("asoc-prototype", CastorOrder(castor=2, other=2), "not two castors"),
+        ("asoc-prototype", CastorOrder(castor=2, exchanged_with=2), "not two castors"),
         ("asoc-prototype", PivotOffset(castor=1, value=-0.072), "too large for castor 1"),
         ("asoc-prototype", PivotOffset(castor=1, value=-0.1), "too large for castor 1"),
         ("asoc-full-scale", LoadRadius(value=1e-3), "too large for castor 1: its wheels"),
@@ -253,7 +253,7 @@ def test_what_an_effect_says_of_itself_is_so(kind):
         ("tricycle", TickLoss(castor=2, wheel=1, value=0.1, above=1.0), "wheel 1 of castor 2 has no encoder"),
         ("tricycle", CountsPerRev(castor=2, wheel=1, value=0.1), "wheel 1 of castor 2 has no encoder"),
         ("tricycle", EncodersSwapped(castor=1), "has not two wheels"),
-        ("tricycle", CastorOrder(castor=1, other=2), "not two castors"),
+        ("tricycle", CastorOrder(castor=1, exchanged_with=2), "not two castors"),
     ],
 )
 def test_what_the_robot_does_not_have_is_refused_by_name(robot, effect, said, tmp_path):
@@ -317,7 +317,7 @@ def test_a_reader_touches_only_its_own_channels_and_no_input(name):
     np.testing.assert_array_equal(castor, before[1])
     for a, b in zip(one, readings(ROBOT.with_effects(effect), T, wheel, castor), strict=True):
         np.testing.assert_array_equal(a, b)
-    own = {getattr(effect, "castor", None), getattr(effect, "other", None)}
+    own = {getattr(effect, "castor", None), getattr(effect, "exchanged_with", None)}
     if hasattr(effect, "castor"):
         for i in {1, 2, 3} - own:
             np.testing.assert_array_equal(one[0][:, 2 * i - 2 : 2 * i], wheel[:, 2 * i - 2 : 2 * i])
@@ -497,12 +497,12 @@ def test_wiring_exchanges_and_reverses_counts():
     )
     np.testing.assert_array_equal(turned[0], [[0, 1, 2, 3, -4, 5]])
     np.testing.assert_array_equal(turned[1], [[-0.1, 0.2, 0.3]])
-    order = readings(robot.with_effects(CastorOrder(castor=1, other=2)), [0.0], wheel, castor)
+    order = readings(robot.with_effects(CastorOrder(castor=1, exchanged_with=2)), [0.0], wheel, castor)
     np.testing.assert_array_equal(order[0], [[2, 3, 0, 1, 4, 5]])
     first, second = (own.pivot_counts_per_rev for own in castors[:2])
     assert order[1][0, 0] * first == pytest.approx((0.2 + 0.3) * second)
     assert (order[1][0, 1] + 0.3) * second == pytest.approx(0.1 * first)
-    again = robot.with_effects(CastorOrder(castor=1, other=2), CastorOrder(castor=2, other=1))
+    again = robot.with_effects(CastorOrder(castor=1, exchanged_with=2), CastorOrder(castor=2, exchanged_with=1))
     np.testing.assert_allclose(readings(again, [0.0], wheel, castor)[1], castor, atol=1e-12)
 
 

@@ -112,7 +112,7 @@ def test_a_robot_in_good_order_has_no_mistake(name):
 
 
 def test_castors_shifted_around_are_put_in_order():
-    effects = (CastorOrder(castor=1, other=2), CastorOrder(castor=2, other=3))
+    effects = (CastorOrder(castor=1, exchanged_with=2), CastorOrder(castor=2, exchanged_with=3))
     log = log_of(ASOC, *effects)
     mistake = only(preflight(ASOC, [log]))
     assert "order" in mistake.what
@@ -211,7 +211,7 @@ def test_a_reference_that_is_turned_is_told_with_its_angle():
 
 
 def test_robots_that_were_steered_by_wrong_readings_slide_and_are_understood():
-    for effect in (EncoderReversed(castor=2), CastorOrder(castor=1, other=3)):
+    for effect in (EncoderReversed(castor=2), CastorOrder(castor=1, exchanged_with=3)):
         motion = wander(np.random.default_rng([1, 1]), duration=30.0)
         log = drive(ASOC.with_effects(effect), motion, 1, duration=30.0)
         assert only(preflight(ASOC, [log])).effects == (effect,)
@@ -219,7 +219,7 @@ def test_robots_that_were_steered_by_wrong_readings_slide_and_are_understood():
 
 def test_a_mistake_that_stands_out_alone_is_told_though_wheels_slide_at_every_turn():
     """It leaves over a quarter of what contradicts the robot; any other leaves nearly all."""
-    effect = CastorOrder(castor=1, other=2)
+    effect = CastorOrder(castor=1, exchanged_with=2)
     log = log_of(ASOC, effect)
     step = np.abs(np.diff(log.wheel, axis=0)).mean()
     slip = np.random.default_rng(1).normal(scale=0.45 * step, size=log.wheel.shape)
@@ -337,7 +337,7 @@ def test_mistakes_made_in_measured_logs_are_found():
                     case EncoderReversed():
                         wheel[:, list(Channels(session.robot).of_castor(effect.castor))[effect.wheel - 1]] *= -1
                     case _:
-                        a, b = effect.castor - 1, effect.other - 1
+                        a, b = effect.castor - 1, effect.exchanged_with - 1
                         wheel[:, [a, b]] = wheel[:, [b, a]]
                 wrong.append(dataclasses.replace(run, wheel=wheel, pivot=pivot))
             found = preflight(session.robot, wrong)
