@@ -1,4 +1,4 @@
-"""``castor-bench calibrate``: a robot's own logs in, a calibrated robot file out, before beside after."""
+"""``castor-bench calibrate``: from logs of a robot to a calibrated robot file; prints each number before and after."""
 
 import io
 import json
@@ -43,8 +43,8 @@ def calibrate_logs(
 
     method: the spec of a calibration method; None: maximum likelihood, or the correction from squares where `side` is
     given. side: of the UMBmark squares that were driven, m. pivots: whether the places of free castors' pivots are
-    found too. scatter: where a picture of the squares' end points goes. Raises InputError where logs, robot or options
-    do not suit, or `out` is there already.
+    found too. scatter: file for a picture of the squares' end points. Raises InputError where logs, robot or options do
+    not suit, or `out` exists already.
     """
     _check_new("--out", out, ".json")
     if scatter is not None:
@@ -81,26 +81,26 @@ def calibrate_logs(
 
 
 def difference(robot: RobotDescription, calibrated: RobotDescription) -> Report:
-    """Return the report of a method that gives a robot and no more: its numbers before and after, without errors."""
+    """Return the report of a method that returns only a robot: its numbers before and after, without errors."""
     parameters = parameters_of(robot, pivots=True)
-    before, after = (values_of(Geometry.of(each), parameters) for each in (robot, calibrated))
+    before, after = (values_of(Geometry.of(described), parameters) for described in (robot, calibrated))
     rows = zip(parameters, before.tolist(), after.tolist(), strict=True)
     return Report(tuple(Result(p.name, p.unit, old, new, None) for p, old, new in rows), calibrated)
 
 
 def _check_new(option: str, path: Path, suffix: str) -> None:
     try:
-        there = path.exists()
+        exists = path.exists()
     except OSError as error:
         raise InputError(f"{option}: cannot be written to ({error.strerror or error})") from None
-    if there:
+    if exists:
         raise InputError(f"{option} {path}: is there already; name a new file")
     if path.suffix != suffix:
         raise InputError(f"{option} {path}: its name must end in {suffix}")
 
 
 def _check_options(entry: CalibrationEntry, side: float | None, pivots: bool, scatter: Path | None) -> None:
-    """Raise InputError for options that do not go with each other, or with the method."""
+    """Raise InputError for options that contradict each other or the method."""
     takes_squares = getattr(entry.kind, "takes_squares", None)
     if takes_squares and side is None:
         raise InputError(f"--method {entry.name} needs the --side of the squares that were driven, m")
@@ -115,14 +115,16 @@ def _check_options(entry: CalibrationEntry, side: float | None, pivots: bool, sc
 
 
 def _read(paths: Sequence[Path], robot: RobotDescription, side: float | None) -> list[Recording]:
-    """Return the logs; raises InputError for one that is given twice, or repeats another."""
+    """Return the logs; raises InputError for a log that is given twice, or repeats an earlier log."""
     read: list[Recording] = []
     for path in paths:
         log = read_log(path, robot)
-        for other in read:
-            same = np.array_equal(log.t, other.log.t) and np.array_equal(log.wheel, other.log.wheel)
-            if str(path) == other.name or same:
-                raise InputError(f"{path}: repeats {other.name}; give every log once, or intervals come out too narrow")
+        for earlier in read:
+            repeated = np.array_equal(log.t, earlier.log.t) and np.array_equal(log.wheel, earlier.log.wheel)
+            if str(path) == earlier.name or repeated:
+                raise InputError(
+                    f"{path}: repeats {earlier.name}; give every log once, or intervals come out too narrow"
+                )
         read.append(Recording(log, side=side, name=str(path)))
     return read
 
@@ -134,7 +136,7 @@ def _drawn(
     from benchmarks.scatter import umbmark_scatter  # Matplotlib is slow to import, and only the picture needs it
 
     logs, ways = [recording.log for recording in recordings], directions_of(recordings)
-    before, after = (return_errors(each, logs, ways, side) for each in (robot, calibrated))
+    before, after = (return_errors(described, logs, ways, side) for described in (robot, calibrated))
     picture = io.BytesIO()
     umbmark_scatter(before, after).savefig(picture, format="png", metadata={"Software": None})
     return picture.getvalue()
@@ -150,7 +152,7 @@ def _print(console: Console, robot: RobotDescription, title: str, report: Report
         unit, factor = SHOWN[result.unit]
         error = result.standard_error
         interval = "–" if error is None else "kept" if result.seen == "no" else f"{COVERAGE * error * factor:.4f}"
-        marks = f" ({', '.join(letters[what] for what in result.rests_on)})" if result.rests_on else ""
+        marks = f" ({', '.join(letters[unseen_part] for unseen_part in result.rests_on)})" if result.rests_on else ""
         before, after = (f"{value * factor:.4f}" for value in (result.before, result.after))
         table.add_row(result.name, unit, before, after, interval + marks)
     console.print(table, highlight=False, markup=False)
@@ -158,7 +160,7 @@ def _print(console: Console, robot: RobotDescription, title: str, report: Report
         console.print(
             "± with a letter: if what it stands for is right in the robot file", highlight=False, markup=False
         )
-    unseen = (f"({letters[what]}) not seen: {sentence}" for what, sentence in report.unseen.items())
+    unseen = (f"({letters[unseen_part]}) not seen: {sentence}" for unseen_part, sentence in report.unseen.items())
     for remark in [*unseen, *report.remarks]:
         console.print(remark, highlight=False, markup=False, soft_wrap=True)
 

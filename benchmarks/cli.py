@@ -52,7 +52,7 @@ OtherRobotName = Annotated[
     typer.Option("--robot", help="Another robot for the tasks of squares: a preset's name or a robot file."),
 ]
 MOST_NAMED = 5
-"""Failures that are named in the last line of a run: what fits in one or two lines."""
+"""Most failures that are named in the last line of a run, so that it fits in one or two lines."""
 DEFAULT_RESULTS = Path("castor-results")
 
 
@@ -86,31 +86,32 @@ def run(
     measured: MeasuredData = None,
     robot: OtherRobotName = None,
 ) -> None:
-    """Run what is missing, then show the leaderboard; exit code 1 if a row of what was asked for failed.
+    """Run what is missing, then show the leaderboard; exit code 1 if a requested row failed.
 
-    Whoever names estimators runs the tasks that judge these, whoever names calibration methods theirs alone. With
-    --robot the tasks of squares are run on that robot instead; their boards are not official and stand apart.
+    If estimators are named, only the tasks that judge estimators are run; if calibration methods are named, only
+    theirs. With --robot the tasks of squares are run on that robot instead; their boards are not official and are kept
+    apart.
     """
     _at_least("--cases", cases, 1)
     _at_least("--jobs", jobs, 1, 256)
     _above_zero("--timeout", timeout)
     check_results_folder(results)
-    other = None if robot is None else OtherRobot.load(robot)
-    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, other)
+    user_robot = None if robot is None else OtherRobot.load(robot)
+    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot)
     with (
         command_line.keeping(f"what is done is kept in {results}: the same command continues"),
         TerminalProgress() as progress,
     ):
-        if other is not None:
-            save_robot(results, other)
+        if user_robot is not None:
+            save_robot(results, user_robot)
         missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress)
     board = boards.build(choice.tasks, results, cases, missing, choice.sources, choice.left_out)
     print_leaderboard(board, _console())
     print(f"\nresults in {results}; show them again: castor-bench leaderboard --results {results}")
     failures = [*failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
     if failures:
-        more = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
-        print(f"not all succeeded: {', '.join(failures[:MOST_NAMED])}{more}; the reasons are above", file=sys.stderr)
+        unnamed = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
+        print(f"not all succeeded: {', '.join(failures[:MOST_NAMED])}{unnamed}; the reasons are above", file=sys.stderr)
         raise typer.Exit(1)
 
 
@@ -161,7 +162,7 @@ def rescore(
     results: Results = DEFAULT_RESULTS,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and store nothing.")] = False,
 ) -> None:
-    """Compute scores again from stored episodes and trajectories, as after a new metric; no estimator runs."""
+    """Compute scores again from stored episodes and trajectories, for example for a new metric; no estimator runs."""
     check_results_folder(results, write=not dry_run)
     _with_rows(results)
     for chosen in select_tasks(with_stored_robots(official_tasks(), results), task or []):
@@ -233,7 +234,7 @@ def calibrate(
     scatter: Annotated[Path | None, typer.Option(help="Draw the squares' end points, before and after (PNG).")] = None,
     as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Calibrate a robot from its own logs, and say what they do not show.
+    """Calibrate a robot from its logs, and say which parameters they do not determine.
 
     Maximum likelihood takes any robot and any drives, with or without reference poses. Pivoting (Doebbler) takes turns
     of a base on split castors about one castor whose wheels are blocked, both ways, for two castors or more. The
@@ -289,9 +290,9 @@ def _above_zero(option: str, value: float) -> None:
         raise InputError(f"{option} must be above 0 and at most 1e6, got {value:g}")
 
 
-def _at_least(option: str, value: int | None, least: int, most: int = 100_000) -> None:
-    if value is not None and not least <= value <= most:
-        raise InputError(f"{option} must lie between {least} and {most}, got {value}")
+def _at_least(option: str, value: int | None, least: int, limit: int = 100_000) -> None:
+    if value is not None and not least <= value <= limit:
+        raise InputError(f"{option} must lie between {least} and {limit}, got {value}")
 
 
 def _console() -> Console:

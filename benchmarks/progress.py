@@ -1,4 +1,4 @@
-"""How a run says how it gets on: to nobody, or with a bar in the terminal."""
+"""How a run reports its progress: not at all, or with a bar in the terminal."""
 
 from typing import Protocol
 
@@ -7,7 +7,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 class RunProgress(Protocol):
-    """Is told how a run gets on."""
+    """Receives the progress of a run."""
 
     def start(self, stage: str, total: int) -> None:
         """Start a stage of `total` steps."""
@@ -18,12 +18,12 @@ class RunProgress(Protocol):
         ...
 
     def warn(self, message: str) -> None:
-        """Say something that the user should know."""
+        """Show a message that the user should read."""
         ...
 
 
 class SilentProgress:
-    """Progress that nobody sees."""
+    """Progress that is not shown."""
 
     def start(self, stage: str, total: int) -> None:
         """Do nothing."""

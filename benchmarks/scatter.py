@@ -22,7 +22,7 @@ WAYS = (("cw", palette.TRUTH, "o"), ("ccw", palette.ESTIMATE, "s"))
 def umbmark_scatter(before: Runs, after: Runs) -> Figure:
     """Return a figure of all end points with the centroids of both directions, before (hollow) and after (filled).
 
-    Axes in mm, to one scale; the label of each centroid gives its distance from zero. Raises InputError for directions
+    Axes in mm, on one scale; the label of each centroid gives its distance from zero. Raises InputError for directions
     without a run or with errors that are not finite.
     """
     figure = Figure(figsize=(6.4, 5.6), layout="constrained")
@@ -30,18 +30,20 @@ def umbmark_scatter(before: Runs, after: Runs) -> Figure:
     axes = figure.add_subplot()
     axes.axhline(0, color=_rgb(palette.AXES), linewidth=0.8, zorder=0)
     axes.axvline(0, color=_rgb(palette.AXES), linewidth=0.8, zorder=0)
-    for when, runs in (("before", before), ("after", after)):
-        clusters = [_millimetres(f"{when}, {way[0]}", errors) for way, errors in zip(WAYS, runs, strict=True)]
+    for stage, runs in (("before", before), ("after", after)):
+        clusters = [_millimetres(f"{stage}, {way[0]}", errors) for way, errors in zip(WAYS, runs, strict=True)]
         found = umbmark(*clusters)
         for (way, color, marker), points, centroid, distance in zip(
             WAYS, clusters, (found.centroid_cw, found.centroid_ccw), (found.r_cw, found.r_ccw), strict=True
         ):
             rgb = _rgb(color)
-            face = "none" if when == "before" else rgb
+            face = "none" if stage == "before" else rgb
             axes.plot([0, centroid[0]], [0, centroid[1]], color=rgb, linewidth=0.8, alpha=0.6, zorder=1)
-            axes.scatter(*points.T, s=26, marker=marker, facecolors=face, edgecolors=rgb, label=f"{way} {when}")
-            name = f"{way} {when}: centroid {distance:.1f} mm off"
-            axes.scatter(*centroid, s=110, marker="+" if when == "before" else "x", color=rgb, linewidths=2, label=name)
+            axes.scatter(*points.T, s=26, marker=marker, facecolors=face, edgecolors=rgb, label=f"{way} {stage}")
+            name = f"{way} {stage}: centroid {distance:.1f} mm off"
+            axes.scatter(
+                *centroid, s=110, marker="+" if stage == "before" else "x", color=rgb, linewidths=2, label=name
+            )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("return error in x (mm)")
     axes.set_ylabel("return error in y (mm)")

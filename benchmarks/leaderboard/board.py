@@ -1,4 +1,4 @@
-"""From stored rows to a leaderboard: who is compared with whom, on what, and what is left out and why."""
+"""From stored rows to a leaderboard: which estimators are compared, on which cases, what is left out and why."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +17,7 @@ from benchmarks.tasks.task import Case, Task, odometry_of
 
 @dataclass(frozen=True)
 class FailedCases:
-    """Cases that an estimator failed for one reason. declined: the reason is its own, that it does not serve them."""
+    """Cases that an estimator failed for one reason. declined: it stated itself that it does not serve them."""
 
     reason: str
     cases: tuple[Case, ...]
@@ -37,8 +37,8 @@ class Entry:
     """One estimator on a task's board.
 
     rank: None if it failed or lacks cases, so that failing on hard cases never helps, or if it `stands_still`: its ATE
-    is no better than that of the start pose, and a robot that returns to its start flatters whoever never left it.
-    scores: by metric, over the `done` cases that it did. lacking: cases of the board that it has no row of.
+    is no better than that of the constant start pose, which has a small end error where a robot returns to its start.
+    scores: by metric, over the `done` cases. lacking: cases of the board without a row of this estimator.
     """
 
     rank: int | None
@@ -56,9 +56,9 @@ class Entry:
 class TaskBoard:
     """The board of a task.
 
-    missing: why there are no results. declined: estimators all of whose rows are refusals, with the reason.
-    superseded: estimators with the hash and number of rows of their older sources. odometry: of a board of calibration
-    methods, which then are its `estimator`s, the estimator that follows the calibrated robots; else None.
+    missing: why there are no results. declined: estimators that declined every case, with the reason. superseded:
+    estimators with the hash and number of rows of their older sources. odometry: on a board of calibration methods
+    (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else None.
     """
 
     task: str
@@ -78,8 +78,9 @@ class TaskBoard:
 class Leaderboard:
     """All boards of a folder of rows.
 
-    other_versions: of these tasks, of which there are rows that are not shown. refused: files of rows that cannot be
-    used, with the reason; refused_episodes: those of recorded episodes. older_formats: of rows that are not shown.
+    other_versions: names and other versions of these tasks whose rows are not shown. refused: files of rows that cannot
+    be used, with the reason; refused_episodes: the same for recorded episodes. older_formats: formats of rows that are
+    not shown.
     """
 
     boards: tuple[TaskBoard, ...]
@@ -100,10 +101,9 @@ def build(
 ) -> Leaderboard:
     """Return the leaderboard of some tasks from a results folder.
 
-    cases: look at the first so many cases of each task only; None: at all that any estimator has a row of. missing:
-    why tasks could not be run, by name, beyond what they say themselves. sources: source hashes by estimator; of
-    estimators not in it the source with the newest row is shown. left_out: estimators that a run left out of tasks, by
-    task.
+    cases: number of cases of each task to look at, from the first; None: all cases that have a row. missing: why tasks
+    could not be run, by name, in addition to the reasons that tasks state. sources: source hash by estimator; of an
+    estimator not in it, the source with the newest row is shown. left_out: estimators that a run left out, by task.
     """
     store, episodes, refused_episodes = ResultsStore(results), EpisodeStore(results), []
     boards = []
@@ -116,11 +116,13 @@ def build(
         recorded = _recorded(task, {row.case for row in rows}, episodes, refused_episodes)
         boards.append(_board(task, rows, store, recorded, reason, sources or {}, (left_out or {}).get(task.name, ())))
     current = {task.name: task.version for task in tasks}
-    others = tuple((name, version) for name, version in store.versions() if current.get(name, version) != version)
+    other_versions = tuple(
+        (name, version) for name, version in store.versions() if current.get(name, version) != version
+    )
     refused = {error.path: error for error in store.corrupt}
     return Leaderboard(
         tuple(boards),
-        others,
+        other_versions,
         tuple(refused.values()),
         tuple(refused_episodes),
         tuple(sorted(store.older_formats)),
@@ -129,7 +131,7 @@ def build(
 
 
 def _usable(task: Task, row: Row, store: ResultsStore) -> bool:
-    """Return whether a task's board can use a row; one that it cannot use is refused in `store`."""
+    """Return whether a task's board can use a row; a row that it cannot use is marked as refused in `store`."""
     reason = None
     if row.failure is None and task.metric not in row.scores:
         reason = f"has no score {task.metric}, by which {task.name} ranks"

@@ -16,7 +16,7 @@ _FRAME = 3  # a column's border and padding; one border more closes the table
 
 @dataclass(frozen=True)
 class Column:
-    """A column of text. keep: None: in a terminal of any width; else where one is too narrow the lowest goes first."""
+    """A column of text. keep: None: always shown; else, in a narrow terminal, columns of lowest `keep` go first."""
 
     name: str
     heading: str
@@ -26,7 +26,7 @@ class Column:
 
     @property
     def width(self) -> int:
-        """What the widest of heading and cells takes in a terminal."""
+        """Width of the heading or the widest cell in a terminal."""
         return max(map(cell_len, (self.heading, *self.cells)))
 
 
@@ -47,12 +47,12 @@ def board_columns(board: TaskBoard) -> list[Column]:
     if any(intervals):
         cells = tuple(text or "–" for text in intervals)
         columns.append(Column("interval", f"{100 * LEVEL:.0f} %", cells, keep=INTERVAL_KEEP))
-    others = [
+    further = [
         (metric.column, metric)
         for name, metric in BOARD_METRICS.items()
         if metric.column is not None and name != primary.name and any(name in entry.scores for entry in entries)
     ]
-    for place, metric in sorted(others, key=lambda other: other[0].place):
+    for place, metric in sorted(further, key=lambda pair: pair[0].place):
         columns.append(_scores(metric.name, metric, entries, place.keep))
     if board.odometry is None:
         times = (entry.time_per_update_us for entry in entries)

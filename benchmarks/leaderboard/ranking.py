@@ -1,8 +1,9 @@
-"""Who is better, and whether the cases show it: paired tests of all pairs, corrected for their number; intervals.
+"""Which estimator is better, and whether the cases show it: paired tests of all pairs, corrected for their number;
+intervals.
 
 All estimators are scored on the same cases, so what counts for a rank is the paired difference of two, which scatters
-far less than the scores themselves. The best of many is a selected one: among equally good estimators the luckiest
-looks better than most of the others. So all pairs are tested together.
+far less than the scores themselves. The best of many is selected by its score: among equally good estimators the
+luckiest looks better than most. So all pairs are tested together.
 """
 
 import math
@@ -24,7 +25,7 @@ GENERATORS = 11
 """Sign flips are the 2^11 products of so many. That is all of them for up to 11 cases; for more, 5 % are 102 of 2048,
 and a p-value near 5 % is that of all flips within 0.5 % (one standard deviation)."""
 ROUNDING = 1e-9
-"""Differences of so small a part of the scores are none: algebraically equal estimators differ by rounding, and sums of
+"""Relative differences up to this count as none: algebraically equal estimators differ by rounding, and sums of
 1e5 terms lose at most 1e-11."""
 
 
@@ -68,7 +69,7 @@ def ranks(scores: Mapping[str, ArrayLike], rounding: float = 0.0) -> dict[str, i
 
     From the smallest mean on: whoever does not differ significantly from the best of the current group (see
     `different`) belongs to the group and shares its rank; the next one opens a group, whose rank counts all before it
-    (1, 1, 3). rounding: differences that size, in the scores' unit, are none.
+    (1, 1, 3). rounding: differences up to this size, in the scores' unit, count as none.
     """
     given = {name: np.asarray(values, dtype=float) for name, values in scores.items()}
     if not given:
@@ -121,9 +122,9 @@ def different(scores: ArrayLike, rounding: float = 0.0) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _sign_flips(cases: int) -> Array:
-    """Return sign flips (flips, cases), +-1, that are a group: two of them after another are one of them too.
+    """Return sign flips (flips, cases), +-1, that form a group: the product of any two is one of them too.
 
-    Only of a group the level is exact when not all flips are taken (J. Hemerik and J. Goeman, "Exact testing with
+    Only with a group is the level exact when not all flips are taken (J. Hemerik and J. Goeman, "Exact testing with
     random group invariance tests", TEST 27, 2018); a fixed random choice of flips keeps it only on average.
     """
     n = min(cases, GENERATORS)
@@ -134,7 +135,7 @@ def _sign_flips(cases: int) -> Array:
 
 
 def _before_transformation(limits: Array, skewness: float, cases: int) -> Array:
-    """Return the T that Hall's transformation takes to some limits."""
+    """Return the T that Hall's transformation maps to the given limits."""
     if abs(skewness) < 1e-6:  # the transformation is linear to 1e-6 then, and the division below loses digits
         return limits
     moved = limits - skewness / (6 * cases)

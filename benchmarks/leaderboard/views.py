@@ -144,21 +144,21 @@ def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
 
 
 def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
-    """Return what is said below a table: who shares a rank, failures, cases not done, older sources.
+    """Return the notes below a table: shared ranks, failures, cases not done, older sources.
 
-    intervals: where in the table they are, if that is to be said.
+    intervals: where in the table the intervals stand, or None if the notes do not mention them.
     """
     served = "this robot" if board.odometry is None else "this task"
     refusals = [f"{declined.estimator} declines {served}: {declined.reason}" for declined in board.declined]
     if not board.entries:
         return refusals
     meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
-    few = len(board.cases) < FEWEST_CASES
-    if intervals is not None and not few:
+    too_few = len(board.cases) < FEWEST_CASES
+    if intervals is not None and not too_few:
         meaning.append(f"{intervals} {100 * LEVEL:.0f} % intervals")
     if any(entry.rank is not None for entry in board.entries):
         shared = "who does not differ significantly (paired, 5 % family-wise) from the best of a rank shares it"
-        meaning.append("too few to show a difference" if few else shared)
+        meaning.append("too few to show a difference" if too_few else shared)
     if board.odometry is not None:
         meaning.append(f"odometry with the calibrated robot: {board.odometry}")
     notes = ["; ".join(meaning), *refusals]
@@ -172,16 +172,16 @@ def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
         if entry.lacking:
             notes.append(f"{entry.estimator} has not run {len(entry.lacking)} of {len(board.cases)} cases; run again")
     if board.superseded:
-        others = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
-        notes.append(f"rows of other versions of an estimator's source are left out: {others}")
+        left_out = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
+        notes.append(f"rows of other versions of an estimator's source are left out: {left_out}")
     return notes
 
 
 def _general_notes(leaderboard: Leaderboard) -> list[str]:
     notes = [f"not shown: rows of {task} version {version}" for task, version in leaderboard.other_versions]
     if leaderboard.older_formats:
-        what = "are not shown; run the tasks again, or remove the folder"
-        notes.append(older_rows(leaderboard.older_formats, leaderboard.folder, what))
+        remedy = "are not shown; run the tasks again, or remove the folder"
+        notes.append(older_rows(leaderboard.older_formats, leaderboard.folder, remedy))
     if leaderboard.refused:
         notes.append(
             f"rows refused: {_listed(leaderboard.refused)}; castor-bench run computes them again, or delete them"
@@ -192,7 +192,7 @@ def _general_notes(leaderboard: Leaderboard) -> list[str]:
     return notes
 
 
-def _listed(refused: Sequence[CorruptFileError], most: int = 3) -> str:
-    """Return refused files with the reasons, in one line; of many the first few."""
-    more = f"; and {len(refused) - most} more (--json lists all)" if len(refused) > most else ""
-    return "; ".join(map(str, refused[:most])) + more
+def _listed(refused: Sequence[CorruptFileError], shown: int = 3) -> str:
+    """Return refused files with the reasons, in one line; of many the first `shown`."""
+    unshown = f"; and {len(refused) - shown} more (--json lists all)" if len(refused) > shown else ""
+    return "; ".join(map(str, refused[:shown])) + unshown

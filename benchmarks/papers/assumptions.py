@@ -1,4 +1,4 @@
-"""What Doebbler's paper leaves open: every assumption of its tables with default, unit, limits and reason.
+"""What Doebbler's paper does not specify: every assumption of its tables with default, unit, limits and reason.
 
 From the fields of `Assumptions` come the options of ``castor-bench tables``, their help, and the conditions that are
 shown with each table.
@@ -46,15 +46,16 @@ class Condition(NamedTuple):
         return "{} {}{} (default {})".format(self.name.replace("_", " "), next(shown), unit, next(shown))
 
 
-#: What the paper does give, for every table with squares.
+#: Conditions that the paper states, for every table with squares.
 GIVEN = (Condition("side", SIDE, SIDE, "m"), Condition("sample_period", SAMPLE_PERIOD, SAMPLE_PERIOD, "s"))
 
 
 @dataclass(frozen=True)
 class AssumptionSpec:
-    """What is said of an assumption: the tables that it matters to, what it means, why it has its default.
+    """Describes an assumption: the tables that it matters to, what it means, why it has its default.
 
-    unit: None for words and numbers of things. limits: least and most. corners: the only ones that it matters to.
+    unit: None for words and numbers of things. limits: smallest and largest value. corners: the only kind of corners
+    that it matters to, or None.
     """
 
     tables: str
@@ -67,7 +68,7 @@ class AssumptionSpec:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """One choice for all that is open, in the units that people read; raises InputError for an impossible one."""
+    """A value for every assumption, in the units that people read; raises InputError for an impossible one."""
 
     robot: Annotated[
         str,
@@ -183,8 +184,8 @@ class Assumptions:
                 raise InputError(f"unknown {words} {value!r}; known: {', '.join(known)}")
             if about.limits and not about.limits[0] <= value <= about.limits[1]:
                 unit = f" {about.unit}" if about.unit else ""
-                least, most = about.limits
-                raise InputError(f"{words} must lie between {least:.10g} and {most:.10g}{unit}, got {value:.10g}")
+                least, limit = about.limits
+                raise InputError(f"{words} must lie between {least:.10g} and {limit:.10g}{unit}, got {value:.10g}")
             if value != default and not self._matters(about):
                 raise InputError(f"{words} matters to corners {about.corners!r} alone, and these are {self.corners!r}")
         _ = self.base
@@ -247,7 +248,7 @@ class Assumptions:
 
 @functools.cache
 def _assumptions() -> tuple[tuple[str, Any, Any, AssumptionSpec], ...]:
-    """Return name, type, default and what is said of every assumption."""
+    """Return name, type, default and description of every assumption."""
     return tuple(
         (field.name, kind, field.default, about)
         for field in dataclasses.fields(Assumptions)
@@ -257,7 +258,7 @@ def _assumptions() -> tuple[tuple[str, Any, Any, AssumptionSpec], ...]:
 
 _NEEDED = "the tables are of bases on castors with two driven wheels and a pivot encoder each"
 
-#: What both Tables II and III assume.
+#: Assumptions of both Tables II and III.
 OF_SQUARES = ("robot", "speed", "acceleration", "corners", "turn_rate", "turn_acceleration", "distribution", "seed")
 
 
@@ -267,7 +268,7 @@ def option_name(name: str) -> str:
 
 
 def with_assumptions(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command with the parameter `assumptions` an option for each one instead."""
+    """Replace a command's parameter `assumptions` by an option for each assumption."""
 
     def option(name: str, kind: Any, default: Any, about: AssumptionSpec) -> inspect.Parameter:
         unit = f", {about.unit}" if about.unit else ""
@@ -281,8 +282,10 @@ def with_assumptions(command: Callable[..., None]) -> Callable[..., None]:
         assumed = {name: given.pop(name) for name, *_ in _assumptions()}
         command(**given, assumptions=Assumptions(**assumed))
 
-    others = [parameter for name, parameter in inspect.signature(command).parameters.items() if name != "assumptions"]
-    others = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in others]
-    signature = inspect.Signature([*others, *(option(*assumption) for assumption in _assumptions())])
+    parameters = [
+        parameter for name, parameter in inspect.signature(command).parameters.items() if name != "assumptions"
+    ]
+    parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in parameters]
+    signature = inspect.Signature([*parameters, *(option(*assumption) for assumption in _assumptions())])
     setattr(with_options, "__signature__", signature)  # noqa: B010
     return with_options

@@ -8,7 +8,7 @@ from benchmarks.papers.assumptions import Assumptions, Condition, option_name
 from benchmarks.progress import RunProgress, SilentProgress
 from castor_envs.errors import InputError
 
-#: What a value may be off beyond half a last printed digit: rounding errors of the arithmetic.
+#: Tolerance beyond half a last printed digit: rounding errors of the arithmetic.
 TOLERANCE = 1e-9
 
 
@@ -61,7 +61,7 @@ class Appendix:
 class PaperTable:
     """A table of a paper. name: for programs. notes: what a reader must know of the values that differ, and why.
 
-    rows: what the rows are, the heading of their column. conditions: all that ours was computed with.
+    rows: heading of the column that names the rows. conditions: everything that our values were computed with.
     """
 
     name: str
@@ -75,7 +75,7 @@ class PaperTable:
 
 @dataclass(frozen=True)
 class Effort:
-    """How a table is computed: parameter sets of a simulation, who is told of it, and what is assumed."""
+    """How a table is computed: parameter sets of a simulation, where progress is reported, and what is assumed."""
 
     sets: int = 1000
     progress: RunProgress = field(default_factory=SilentProgress)
@@ -96,7 +96,7 @@ class TableSource:
 
 
 def compute_tables(sources: Iterable[TableSource], effort: Effort) -> tuple[PaperTable, ...]:
-    """Compute tables; raises InputError where an assumption was changed that is none of theirs."""
+    """Compute tables; raises InputError where an assumption was changed that none of them uses."""
     sources = tuple(sources)
     for name in effort.assumptions.changed():
         if not any(name in source.assumes for source in sources):

@@ -21,7 +21,7 @@ COLUMNS: dict[str, tuple[str, WheelEncoders, Step]] = {
     "the same, swing exact, mm": ("lossy-euler-axle", "lossy", "euler-axle"),
 }
 
-#: What else the paper leaves open here.
+#: Further assumptions, which the paper does not state.
 ASSUMES = (*OF_SQUARES, "corner_radius", "runs")
 
 Errors = Mapping[tuple[str, str], Mapping[str, MeanError]]
@@ -54,7 +54,7 @@ def _simulation(effort: Effort) -> PaperTable:
 
 
 def _compared(column: str, name: str, file: str, estimator: str, ours: MeanError, length: float) -> Comparison:
-    """Return a printed mean beside ours, each also as a share of its own path; length: of ours, m."""
+    """Return a printed mean beside ours, each also as a share of the path driven; length: of our path, m."""
     printed, share = TABLE_2[file][estimator]
     place = (("simulation", name), ("robot_file", file), ("estimator", estimator))
     row, error = f"{file}: {estimator}", 1e3 * ours.standard_error

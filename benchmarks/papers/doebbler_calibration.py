@@ -10,7 +10,7 @@ from benchmarks.papers.simulations import ErrorsLeft, errors_left
 TABLE_1 = {"offset": (0.21, 0.09), "radius": (2.07, 0.04), "half_track": (0.89, 0.04), "pivot_zero": (7.98, 0.01)}
 ROWS = {"offset": "r_c, %", "radius": "r_w, %", "half_track": "d, %", "pivot_zero": "beta, deg"}
 
-#: What the paper leaves open here.
+#: Assumptions of this table, which the paper does not state.
 ASSUMES = ("robot", "distribution", "turns", "distance_error", "seed")
 
 
@@ -31,11 +31,11 @@ def _simulation(effort: Effort) -> PaperTable:
     return PaperTable("doebbler-1", title, tuple(values), _notes(assumed), "parameter", conditions)
 
 
-def _compared(column: str, when: int, part: str, left: ErrorsLeft) -> Comparison:
+def _compared(column: str, stage: int, part: str, left: ErrorsLeft) -> Comparison:
     factor = math.degrees(1.0) if part == "pivot_zero" else 100.0
     mean, error = (factor * value for value in getattr(left, part))
     place = (("column", column), ("parameter", part))
-    return Comparison(place, ROWS[part], column, "parameter error", None, TABLE_1[part][when], mean, 2, error)
+    return Comparison(place, ROWS[part], column, "parameter error", None, TABLE_1[part][stage], mean, 2, error)
 
 
 def _notes(assumed: Assumptions) -> tuple[str, ...]:

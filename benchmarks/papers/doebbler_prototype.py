@@ -21,7 +21,7 @@ from estimators.plugins.registry import load_estimator
 #: Table III: E_max, mm, of one robot.
 TABLE_3 = {"ipec-1": 540, "ipec-2": 511, "ipec-3": 458, "cast-1": 544, "cast-2": 459, "cast-3": 432, "cast-0": 191}
 
-#: What the paper leaves open here.
+#: Assumptions of this table, which the paper does not state.
 ASSUMES = (*OF_SQUARES, "robots")
 
 

@@ -23,16 +23,16 @@ from estimators.trains import grpec
 METRICS = ("theta_xy", "theta_phi", "theta_dev")
 RATIOS = (0.2, 1.2)
 
-#: Errors (m or rad) and ratios this much apart are the same.
+#: Errors (m or rad) and ratios that differ by no more count as equal.
 SAME = 1e-9
 
-#: A bend so small that sines are angles, rad.
+#: A bend so small that its sine equals the angle, rad.
 SMALL_BEND = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Two frames of constant curvature; the ratio of the curvatures is what is swept.
+    """Two frames of constant curvature, whose ratio is swept.
 
     test: the static test of the paper that lies on this sweep. claimed: the ratio at which the paper says it fails.
     keeps: the frame that keeps its bend, 0 for A, 1 for B. side: 1 where the other frame bends to the same side, -1
@@ -80,7 +80,7 @@ SWEEPS = tuple(
 
 @dataclass(frozen=True)
 class Tie:
-    """A curvature ratio at which axles (from 1) have the same error. lowest: no other axle's is lower."""
+    """A curvature ratio at which axles (from 1) have the same error. lowest: whether no axle has a lower error."""
 
     ratio: float
     axles: tuple[int, ...]
@@ -116,7 +116,7 @@ def ties(sweep: Sweep, metric: str) -> tuple[Tie, ...]:
 
 
 def selections(sweep: Sweep, metric: str) -> tuple[Selection, ...]:
-    """Return which axles a metric selects within `RATIOS`: it changes at ties of the lowest error, nowhere else."""
+    """Return which axles a metric selects within `RATIOS`; the selection changes only at ties of the lowest error."""
     bounds = [RATIOS[0], *(tie.ratio for tie in ties(sweep, metric) if tie.lowest), RATIOS[1]]
     found: list[Selection] = []
     for low, high in pairwise(bounds):
@@ -134,7 +134,7 @@ def with_small_bends(sweep: Sweep) -> Sweep:
 
 @functools.cache
 def failure_modes() -> Appendix:
-    """Return where the metrics fail, for every table that is about them."""
+    """Return where the metrics fail, as an appendix to the tables of these metrics."""
     return Appendix(
         key="failure_modes",
         title="Where the metrics fail",
@@ -149,10 +149,10 @@ def failure_modes() -> Appendix:
 
 def failure_lines(sweep: Sweep) -> list[str]:
     """Return what a sweep shows, line by line: where each metric's selection changes, and what the paper claims."""
-    kept, other = ("A", "B") if sweep.keeps == 0 else ("B", "A")
+    kept, swept = ("A", "B") if sweep.keeps == 0 else ("B", "A")
     true, small = sweep.test.true_axle, with_small_bends(sweep)
     lines = [
-        f"{sweep.title}: {kept} by {abs(sweep.bend):.4f} rad, {other} by {RATIOS[0]:g} to {RATIOS[1]:g} times "
+        f"{sweep.title}: {kept} by {abs(sweep.bend):.4f} rad, {swept} by {RATIOS[0]:g} to {RATIOS[1]:g} times "
         f"that; test {sweep.test.number} sits at {sweep.test_ratio:.3f}, where axle {true} is true. The paper: it "
         f"fails at {_claim(sweep)}."
     ]

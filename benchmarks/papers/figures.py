@@ -1,4 +1,4 @@
-"""Pictures to Vogt's tables: the four configurations as in the paper's Figs. 5 and 6, and where the metrics fail."""
+"""Pictures for Vogt's tables: the four configurations as in the paper's Figs. 5 and 6, and where the metrics fail."""
 
 import io
 from collections.abc import Iterator
@@ -124,8 +124,8 @@ def failure_modes() -> Figure:
     for axes, sweep in zip(panels[0], SWEEPS, strict=True):
         axes.set_title(f"{sweep.title} (test {sweep.test.number})", fontsize=11)
     for axes, sweep in zip(panels[-1], SWEEPS, strict=True):
-        kept, other = ("A", "B") if sweep.keeps == 0 else ("B", "A")
-        axes.set_xlabel(f"curvature of frame {other} / curvature of frame {kept}, magnitudes")
+        kept, swept = ("A", "B") if sweep.keeps == 0 else ("B", "A")
+        axes.set_xlabel(f"curvature of frame {swept} / curvature of frame {kept}, magnitudes")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     return figure

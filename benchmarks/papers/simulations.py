@@ -1,9 +1,9 @@
-"""Doebbler's simulations, all parameter sets at once, under conditions that the paper leaves open.
+"""Doebbler's simulations, all parameter sets at once, under conditions that the paper does not specify.
 
 UMBmark (IV.B, Table II): the same draws as the tasks in `benchmarks.tasks.kinematic`: with seed 0, set k is their case
 k. Calibration by pivoting (Table I): the base turns about each castor's pivot, both ways, in steady rolling: the angles
 at which castors trail and the distances that wheels roll are known in closed form, and only the counts are rounded.
-What the paper leaves open, such as how far the base turns and how well the distance D between pivots is known, stands
+What the paper does not specify, such as how far the base turns and how well the distance D between pivots is known, is
 in `benchmarks.papers.assumptions`.
 """
 
@@ -81,7 +81,7 @@ def mean_errors(
 def errors_of_sets(
     conditions: Conditions, errors: ParameterErrors, progress: RunProgress | None = None, at_a_time: int = CHUNK
 ) -> dict[str, Array]:
-    """Return E_max,syst (sets,), m, of IPEC-1, CAST-1 and CAST-0; `progress` is told of every set (`advance`).
+    """Return E_max,syst (sets,), m, of IPEC-1, CAST-1 and CAST-0; reports every set to `progress` (`advance`).
 
     at_a_time: runs each way that are computed together, which changes nothing but the time and memory it takes.
     """
@@ -118,12 +118,12 @@ def _errors_of_cases(conditions: Conditions, errors: ParameterErrors, cases: ran
 
 
 def _random(case: int, stream: int, assumed: Assumptions) -> np.random.Generator:
-    """Return what draws parameter errors (stream 0) or phases (1); a seed of 0 is as in the tasks, which have none."""
+    """Return the generator of parameter errors (stream 0) or phases (1); seed 0 draws as the tasks do."""
     return np.random.default_rng([case, stream, assumed.seed])
 
 
 def rolled_square(assumed: Assumptions, direction: Direction) -> Rolled:
-    """Return what the true robot's joints do on the square; raises InputError if its motors are too slow for it."""
+    """Return how the true robot's joints move on the square; raises InputError if its motors are too slow for it."""
     base = assumed.base_of_three
     rolled = _rolled(base, assumed.square(direction))
     needed = float(np.max(np.abs(np.diff(rolled.wheel_angle, axis=0)))) / base.sample_period
@@ -137,14 +137,14 @@ def rolled_square(assumed: Assumptions, direction: Direction) -> Rolled:
 
 @cache
 def _rolled(robot: RobotDescription, square: Trajectory) -> Rolled:
-    """Return what a robot's joints do, once for all parameter sets and tables."""
+    """Return the motion of a robot's joints, computed once for all parameter sets and tables."""
     return roll(robot, square)
 
 
 def _ends(
     rolled: Rolled, real: Geometry, described: Geometry, phase: Array, conditions: Conditions
 ) -> dict[str, Array]:
-    """Return where every estimator ends, (cases, runs, 3), on what the encoders say; phase (cases, runs, wheels)."""
+    """Return every estimator's last pose (cases, runs, 3), from encoder readings; phase (cases, runs, wheels)."""
     step = conditions.step
     estimators = {"IPEC-1": IPEC(1, step), "CAST-1": CAST(1, step), "CAST-0": CAST(0, step)}
     encoders = Encoders(real, phase)
@@ -177,7 +177,7 @@ class ErrorsLeft:
 def errors_left(sets: int, assumed: Assumptions | None = None, exact: bool = False) -> tuple[ErrorsLeft, ErrorsLeft]:
     """Return the errors before and after calibration, over `sets` robots.
 
-    exact: D is known exactly; else with errors of its own for each pair of pivots. Raises InputError where a castor's
+    exact: D is known exactly; else with an error drawn for each pair of pivots. Raises InputError where a castor's
     offset is not below the distance between pivots.
     """
     assumed = assumed or Assumptions()
@@ -198,8 +198,8 @@ def errors_left(sets: int, assumed: Assumptions | None = None, exact: bool = Fal
     nominal_track = np.array([[abs(wheel.lateral) for wheel in castor.wheels] for castor in robot.castors])
     offset, radius = drawn(nominal_offset, UNCALIBRATED_BETA.offset), drawn(nominal_radius, UNCALIBRATED_BETA.radius)
     track, zero = drawn(nominal_track, UNCALIBRATED_BETA.lateral), off(UNCALIBRATED_BETA.pivot_zero, n)
-    one_way = np.triu(off(0.0 if exact else 2 * (assumed.distance_error / 100), n, n))
-    known = 1 + one_way + np.swapaxes(one_way, 1, 2)
+    upper = np.triu(off(0.0 if exact else 2 * (assumed.distance_error / 100), n, n))
+    known = 1 + upper + np.swapaxes(upper, 1, 2)
     per_pivot = np.array([castor.pivot_counts_per_rev for castor in robot.castors], dtype=float) / (2 * np.pi)
     per_wheel = np.array([[w.counts_per_rev for w in c.wheels] for c in robot.castors], dtype=float) / (2 * np.pi)
     angle = 2 * np.pi * assumed.turns
@@ -231,8 +231,8 @@ def errors_left(sets: int, assumed: Assumptions | None = None, exact: bool = Fal
         return total / (n - 1)
 
     def summed(error: Array) -> tuple[float, float]:
-        each = np.abs(error).reshape(sets, -1).mean(axis=1)
-        return float(each.mean()), float(each.std(ddof=1) / np.sqrt(sets))
+        by_set = np.abs(error).reshape(sets, -1).mean(axis=1)
+        return float(by_set.mean()), float(by_set.std(ddof=1) / np.sqrt(sets))
 
     truth = (offset, zero, radius, track)
     nominal = (nominal_offset, np.zeros(n), nominal_radius, nominal_track)

@@ -24,7 +24,7 @@ def draw(folder: Path) -> list[Path]:
 
 
 def show_tables(tables: tuple[PaperTable, ...], pictures: list[Path], console: Console, json_text: bool) -> None:
-    """Print tables, as JSON if so wished, else also which pictures were written."""
+    """Print tables as JSON, or else as text with the names of the pictures that were written."""
     if json_text:
         print(json.dumps(as_json(tables), indent=2, allow_nan=False))
         return

@@ -35,7 +35,7 @@ TABLE_2 = {(test.number, metric): (0.0, "P") for test in STATIC_TESTS for metric
     (3, "theta_dev"): (0.065, "F"),
 }
 
-#: A configuration that is off by no more than this is the true one, m.
+#: A configuration that is off by no more than this counts as the true one, m.
 PASSES = 1e-9
 
 
@@ -93,14 +93,16 @@ def _table_1(test: StaticTest, metric: str) -> Iterator[Comparison]:
     column = f"{metric}, {unit}"
     for axle in (1, 2, 3):
         ours = float(scale * errors[axle - 1])
-        where = (*place, ("axle", axle))
-        yield Comparison(where, f"{test.number}: axle {axle}", column, "error", unit, printed[axle - 1], ours, digits)
+        value_place = (*place, ("axle", axle))
+        yield Comparison(
+            value_place, f"{test.number}: axle {axle}", column, "error", unit, printed[axle - 1], ours, digits
+        )
     # The paper shades the selected axle, that of the lowest printed error.
     lowest, selected = 1 + int(np.argmin(printed)), selected_axle(test, metric)
     yield Comparison(place, f"{test.number}: selected axle", column, "selection", None, lowest, selected)
     for name, value, ours in zip(("CON1", "CON2"), (con1, con2), grpec.confidence(errors), strict=True):
-        where = (*place, ("measure", name))
-        yield Comparison(where, f"{test.number}: {name}", column, "confidence value", None, value, float(ours), 3)
+        value_place = (*place, ("measure", name))
+        yield Comparison(value_place, f"{test.number}: {name}", column, "confidence value", None, value, float(ours), 3)
 
 
 def _table_2(test: StaticTest, metric: str) -> Iterator[Comparison]:
@@ -113,7 +115,7 @@ def _table_2(test: StaticTest, metric: str) -> Iterator[Comparison]:
 
 
 def _unexplained(values: tuple[Comparison, ...]) -> Iterator[str]:
-    """Say what our error means and, for each that disagrees with print, what other definitions would give."""
+    """Say what our error means and, for each value that disagrees with print, what other definitions would give."""
     yield "Ours: the mean over the axles of their distance from the truth; P where it is 0."
     apart = [dict(value.place) for value in values if value.quantity == "position error" and not value.agrees]
     for number in sorted({int(place["test"]) for place in apart}):

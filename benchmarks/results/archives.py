@@ -63,7 +63,7 @@ def read_metadata(path: Path, form: str, adapter: TypeAdapter[M]) -> M:
 def checked(path: Path, text: str, form: str, adapter: TypeAdapter[M]) -> M:
     """Return metadata in JSON, of a format, as what `adapter` describes; strict: no text is taken for a number.
 
-    Raises CorruptFileError for whatever else the text is.
+    Raises CorruptFileError for any other text.
     """
     try:
         found = json.loads(text)["format"]
@@ -93,6 +93,6 @@ def _read(path: Path, form: str, adapter: TypeAdapter[M], with_arrays: bool) -> 
             arrays = {name: archive[name] for name in names}
     except FileNotFoundError:
         raise
-    except Exception:  # of damaged bytes zipfile, zlib and NumPy raise whatever they stumble over, MemoryError too
+    except Exception:  # on damaged bytes zipfile, zlib and NumPy raise many kinds of error, MemoryError too
         raise CorruptFileError(path, "is damaged or incomplete") from None
     return checked(path, text, form, adapter), arrays

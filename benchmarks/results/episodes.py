@@ -1,4 +1,4 @@
-"""Recorded episodes, kept so that every estimator is judged on the same ones and scores can be computed again."""
+"""Recorded episodes, kept so that every estimator is judged on the same episodes and scores can be computed again."""
 
 import json
 import re
@@ -101,8 +101,9 @@ class EpisodeStore:
     def digest(self, task: str, version: int, case: Case) -> str | None:
         """Return the digest of a stored episode; raises CorruptFileError.
 
-        None if it is not there, or if another version of the world or of the tasks recorded it, or for another version
-        of the odometry that follows calibrated robots: then it is recorded again, and if it differs, so do its rows.
+        None if it is not there, or if it was recorded by another version of the world or of the tasks, or for another
+        version of the odometry that follows calibrated robots: then it is recorded again, and if it differs, its rows
+        are computed again too.
         """
         path = self.path(task, version, case)
         try:
@@ -177,10 +178,10 @@ class EpisodeStore:
 def write_episode(folder: Path, episode: Episode) -> None:
     """Write an episode for people and other programs: robot.json or train.json and a log a run, such as run-01-cw.csv.
 
-    A run on the clean floor that only gives the systematic error ends in -baseline. Where runs start from a belief
-    instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name. What
-    calibration methods get are logs such as recording-01.csv, with recordings.json: which castor was held, the side of
-    the square (m), the odometry that follows the runs; true-robot.json has the parameters that are sought.
+    The name of a run on the clean floor that only gives the systematic error ends in -baseline. Where runs start from a
+    belief instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name.
+    Calibration methods get logs such as recording-01.csv; recordings.json says which castor was held, the side of the
+    square (m), and the odometry that follows the runs; true-robot.json has the true parameters.
     """
     episode.robot.save(folder / vehicle_file_name(episode.robot))
     beliefs: dict[str, Any] = {}
@@ -211,7 +212,7 @@ def _log(arrays: dict[str, Any], name: str) -> Log:
 
 
 def _check_place(path: Path, metadata: _Metadata, task: str, version: int, case: Case) -> None:
-    """Raise CorruptFileError for an episode that stands where another one belongs."""
+    """Raise CorruptFileError for an episode that is stored under the name of another."""
     if (metadata.task, metadata.task_version, metadata.case) != (task, version, case):
         held = f"{metadata.task} version {metadata.task_version}, case {metadata.case!r}"
         raise CorruptFileError(path, f"holds the episode of {held}, which does not belong here")

@@ -17,7 +17,7 @@ Form = Literal["csv", "tum", "kitti"]
 
 
 def export_form(name: str) -> Form:
-    """Return the form of a name; raises InputError for an unknown one."""
+    """Return the export form of a name; raises InputError for an unknown name."""
     forms: dict[str, Form] = {form: form for form in get_args(Form)}
     if name not in forms:
         raise InputError(f"--format {name!r} is not known{did_you_mean(name, forms)}; choose csv, tum or kitti")
@@ -27,8 +27,8 @@ def export_form(name: str) -> Form:
 def export_cases(task: Task, cases: Sequence[Case], out: Path, form: Form, results: Path | None = None) -> None:
     """Record cases and write each into a folder of its own below `out`, which appears whole or not at all.
 
-    results: a results folder; the estimates of its rows of these episodes are written too, as TUM or KITTI text.
-    Raises InputError where `out` is there already or cannot be written, or for estimates as CSV.
+    results: a results folder; the estimates of its rows of these episodes are written too, as TUM or KITTI text. Raises
+    InputError where `out` exists already or cannot be written, or for estimates as CSV.
     """
     if results is not None and form == "csv":
         raise InputError("--results adds estimated poses; choose --format tum or --format kitti for them")
@@ -53,7 +53,7 @@ def export_cases(task: Task, cases: Sequence[Case], out: Path, form: Form, resul
 
 
 def stored_estimates(results: Path, task: Task, case: Case, episode: Episode) -> dict[str, tuple[Array, ...]]:
-    """Return the stored estimates of an episode's runs by the name and source hash of who made them."""
+    """Return the stored estimates of an episode's runs by the name and source hash of the estimator."""
     return {
         f"{row.estimator}-{row.source_hash}": row.estimates
         for row in ResultsStore(results).rows(task.name, task.version)
@@ -70,11 +70,11 @@ def write_poses(folder: Path, episode: Episode, form: Form, estimates: Mapping[s
     folder.mkdir(parents=True)
     for k, run in enumerate(episode.runs):
         name = "-".join(filter(None, [f"run-{k + 1:02d}", run.direction, "baseline" if run.baseline else None]))
-        made = {"": run.truth, **{f"-{_safe(who)}": poses[k] for who, poses in estimates.items()}}
-        for who, poses in made.items():
+        made = {"": run.truth, **{f"-{_safe(author)}": poses[k] for author, poses in estimates.items()}}
+        for author, poses in made.items():
             axles = {"": poses} if run.axles is None else {f"-axle-{i}": axle for i, axle in enumerate(poses, start=1)}
             for axle, path in axles.items():
-                file = folder / f"{name}{axle}{who}.{form}"
+                file = folder / f"{name}{axle}{author}.{form}"
                 if form == "tum":
                     export_tum(file, run.log.t[run.samples], path)
                 else:

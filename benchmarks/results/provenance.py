@@ -28,9 +28,9 @@ class Machine:
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Origin:
-    """Where a stored file comes from: when it was made (with its time zone), by which packages and world, on what.
+    """Where a stored file comes from: when it was made (with time zone), by which packages and world, on which machine.
 
-    rescored: when its scores were computed again without running, if they were.
+    rescored: when its scores were computed again from stored trajectories, or None.
     """
 
     created: AwareDatetime
@@ -53,7 +53,7 @@ def _versions() -> dict[str, str]:
 
 @cache
 def world_digest() -> str:
-    """Return a hash of the source that records episodes: the world (but for its pictures), the tasks."""
+    """Return a hash of the source code that records episodes: `castor_envs` without rendering, and the tasks."""
     seen = hashlib.sha256()
     for package in (castor_envs, benchmarks.tasks):
         folder = Path(package.__path__[0])

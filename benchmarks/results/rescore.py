@@ -20,8 +20,8 @@ from benchmarks.tasks.task import Task
 class Rescored:
     """A row whose scores were computed anew.
 
-    row: with the new scores; a failed one as it was. changed: by metric, the score before and now, None where there is
-    none. problem: why the row could not be scored again; then it is as it was.
+    row: with the new scores; unchanged if it failed. changed: by metric, the score before and now, None where there is
+    none. problem: why the row could not be scored again; then the row is unchanged.
     """
 
     row: Row

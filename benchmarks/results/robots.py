@@ -1,4 +1,4 @@
-"""Robots that are not the official tasks' own, kept beside their rows so that their boards can be shown again.
+"""Users' robots, on which the official tasks were run, kept beside their rows so that their boards can be shown again.
 
 RESULTS/robots/<label>@<robot hash>.json
 """
@@ -14,33 +14,33 @@ from castor_envs.errors import InputError
 from castor_envs.vehicles.robot import RobotDescription
 
 
-def save_robot(results: Path, other: OtherRobot) -> None:
+def save_robot(results: Path, user_robot: OtherRobot) -> None:
     """Keep a robot in a results folder."""
-    other.robot.save(results / "robots" / f"{other.key}.json")
+    user_robot.robot.save(results / "robots" / f"{user_robot.key}.json")
 
 
 def tasks_on_stored_robots(results: Path) -> tuple[tuple[Task, ...], tuple[CorruptFileError, ...]]:
-    """Return the tasks on a folder's robots of which there are rows, and the robot files that cannot be used."""
+    """Return the tasks on a folder's robots that have rows there, and the robot files that cannot be used."""
     tasks: list[Task] = []
     refused = []
     for path in sorted((results / "robots").glob("*@*.json")):
         if path.name.startswith("."):
             continue
         try:
-            other = OtherRobot(path.name.rpartition("@")[0], RobotDescription.load(path))
+            user_robot = OtherRobot(path.name.rpartition("@")[0], RobotDescription.load(path))
         except InputError:
             refused.append(CorruptFileError(path, "is damaged or incomplete"))
             continue
-        if path.stem != other.key:
+        if path.stem != user_robot.key:
             refused.append(CorruptFileError(path, "does not hold the robot that its name says"))
             continue
-        tasks += [task for task in tasks_on(other) if (results / "rows" / f"{task.name}@{task.version}").is_dir()]
+        tasks += [task for task in tasks_on(user_robot) if (results / "rows" / f"{task.name}@{task.version}").is_dir()]
     return tuple(tasks), tuple(refused)
 
 
 def with_stored_robots(tasks: Sequence[Task], results: Path) -> tuple[Task, ...]:
     """Return tasks and, after them, those on a folder's robots; raises InputError for a robot file that is damaged."""
-    others, refused = tasks_on_stored_robots(results)
+    on_stored, refused = tasks_on_stored_robots(results)
     if refused:
         raise InputError(f"{refused[0]}; castor-bench run --robot writes it again, or delete it")
-    return (*tasks, *others)
+    return (*tasks, *on_stored)

@@ -1,12 +1,12 @@
-"""The results store: one file a row, written whole, known by what it depends on.
+"""The results store: a file for each row, written whole, identified by everything that the row depends on.
 
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/<case>.npz    a row: metadata, scores, trajectories
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     the CPU time of an update in this task
     RESULTS/episodes/...                                                  see `episodes`
 
 A row holds for one task version, one estimator's source and one recorded episode (by its digest, which covers the
-robot); whatever differs in one of these is another row. Files are written whole or not at all, so a run that
-is killed leaves whole files only, and the next one computes what is missing.
+robot); if any of these differs, it is another row. Files are written whole or not at all, so a run that is killed
+leaves only whole files, and the next run computes what is missing.
 """
 
 import os
@@ -34,18 +34,18 @@ from castor_envs.vehicles.robot import RobotDescription
 ROW_FORMAT = "castor-row/2"
 TIME_FORMAT = "castor-time/2"
 DECLINED = "declined: "
-"""What a row's failure begins with where the estimator declined the robot; the estimator's reason follows."""
+"""Beginning of a row's failure where the estimator declined the robot; the estimator's reason follows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
     """What one estimator did in one case of a task.
 
-    episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the limit that a
-    row failed by, s, so that a longer one tries again. scores: SI, by the names of metrics. estimates: for
-    each run the poses (M, 3) at `task.Run.samples`. calibrated: the robot as a calibration method returned it; then
-    `estimator` names the method, and the estimates are those of the task's odometry. origin: versions, machine and
-    time.
+    episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the time limit
+    that a failed row exceeded, s; a run with a longer limit tries again. scores: SI, by the names of metrics.
+    estimates: for each run the poses (M, 3) at `task.Run.samples`. calibrated: the robot as a calibration method
+    returned it; then `estimator` names the method, and the estimates are those of the task's odometry. origin:
+    versions, machine and time.
     """
 
     task: str
@@ -72,7 +72,7 @@ class Row:
 
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
 class _Metadata:
-    """A row but for its estimates, as it is stored; a row that failed has a reason and no scores."""
+    """A row without its estimates, as it is stored; a row that failed has a reason and no scores."""
 
     format: str
     task: Name
@@ -111,8 +111,8 @@ _TIME_ADAPTER = TypeAdapter(_TimeMetadata)
 class ResultsStore:
     """The rows under a results folder.
 
-    Reading collects files that cannot be used in `corrupt` instead of passing over them, and the formats of rows of an
-    older one in `older_formats`.
+    Reading collects files that cannot be used in `corrupt`, and the formats of rows in older formats in
+    `older_formats`.
     """
 
     def __init__(self, results: Path):
@@ -163,7 +163,7 @@ class ResultsStore:
                     yield row
 
     def versions(self) -> list[tuple[str, int]]:
-        """Return the names and versions of all tasks that there are rows of."""
+        """Return the names and versions of all tasks that have rows."""
         found = [re.fullmatch(r"(.+)@(\d+)", path.name) for path in sorted(self.root.glob("*"))]
         return [(match[1], int(match[2])) for match in found if match]
 
@@ -192,7 +192,7 @@ class ResultsStore:
     def _read(self, path: Path, task: str, version: int) -> Row | None:
         try:
             row = _row(path, *read_archive(path, ROW_FORMAT, _ADAPTER))
-            # A copy under another name is no row of its own.
+            # A copy under another name is not a separate row.
             if path != self.path(task, version, row.estimator, row.source_hash, row.case) or (
                 (row.task, row.version) != (task, version)
             ):
@@ -228,13 +228,13 @@ def clean_results_folder(results: Path) -> None:
             remove_leftovers(folder)
 
 
-def older_rows(formats: Iterable[str], folder: Path, what: str) -> str:
-    """Return what is said of rows of older formats in a folder; what: what becomes of them."""
-    return f"rows of an older format ({', '.join(sorted(formats))}) in {folder} {what}"
+def older_rows(formats: Iterable[str], folder: Path, outcome: str) -> str:
+    """Return the note on rows of older formats in a folder; outcome: what happens to these rows."""
+    return f"rows of an older format ({', '.join(sorted(formats))}) in {folder} {outcome}"
 
 
 def _utf8(text: str) -> str:
-    """Return text without what no file can hold: half of a surrogate pair, which a plug-in's message may have."""
+    """Return text that UTF-8 can encode: a plug-in's message may hold half of a surrogate pair."""
     return text.encode(errors="replace").decode()
 
 

@@ -1,4 +1,4 @@
-"""The conformance check in a worker process, so that a plug-in that hangs or ends its process is found out too."""
+"""The conformance check in a worker process, which also detects a plug-in that hangs or ends its process."""
 
 from collections import deque
 from collections.abc import Callable
@@ -19,14 +19,14 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
     """Check an estimator in a process of its own; returns what was found.
 
     robot: what to check on; None takes the first preset that the estimator serves. timeout: s, for each of loading the
-    estimator, asking it whether it serves a robot, and the check. say: is told first what is checked, and on which
+    estimator, asking it whether it serves a robot, and the check. say: called first with what is checked, and on which
     robot.
 
     Raises InputError if the spec is wrong, or the robot cannot be checked on.
     """
     worker = _Worker(timeout)
     try:
-        worker.call(_ready, limited=False)  # to import this project and what checks need is not the plug-in's time
+        worker.call(_ready, limited=False)  # the time to import this project and what checks need is not the plug-in's
         try:
             name = worker.call(_name, spec)
         except _LostError as lost:
@@ -56,14 +56,14 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
 def load_apart(spec: str, timeout: float, load: Load = load_estimator) -> None:
     """Load a plug-in in a process of its own; raises InputError if it cannot be, hangs or ends its process."""
     worker = _Worker(timeout)
-    what = "estimator" if load is load_estimator else "calibration method"
+    kind = "estimator" if load is load_estimator else "calibration method"
     try:
         worker.call(conformance.candidates, limited=False)
         worker.call(_name, spec, load)
     except _LostError as lost:
-        raise InputError(f"{what} {spec!r} cannot be loaded: {lost.finding.message}") from None
+        raise InputError(f"{kind} {spec!r} cannot be loaded: {lost.finding.message}") from None
     except RuntimeError as error:
-        raise InputError(f"{what} {spec!r} cannot be loaded: {error}") from None
+        raise InputError(f"{kind} {spec!r} cannot be loaded: {error}") from None
     finally:
         worker.close()
 
@@ -88,7 +88,7 @@ class _Worker:
         return self._jobs.popleft() if self._jobs else None
 
     def call(self, function: Callable[..., Any], *arguments: Any, limited: bool = True) -> Any:
-        """Return what the function returns; raises _LostError, InputError where it returns one, RuntimeError."""
+        """Return what the function returns; raises _LostError, RuntimeError, or an InputError that it returns."""
         self._jobs.append(Job(function, arguments, timeout=self._timeout if limited else None))
         match next(self._outcomes)[1]:
             case Done(InputError() as error):
@@ -99,8 +99,8 @@ class _Worker:
                 raise _LostError("answers in time", f"took over {self._timeout:g} s; --timeout gives it more")
             case Died(exit_code):
                 raise _LostError("stays alive", f"ended its process (exit code {exit_code})")
-            case Exceeded(what):
-                raise _LostError("stays within its limits", what)
+            case Exceeded(excess):
+                raise _LostError("stays within its limits", excess)
             case Raised() as raised:
                 raise raised.again("a worker process failed")
 
@@ -121,7 +121,8 @@ def _header(name: str, robot: str, declined: dict[str, list[str]]) -> str:
     return f"checking {name} on preset {robot!r}" + (f" (declined: {reasons})" if reasons else "")
 
 
-# What follows runs in the worker process. A wrong spec is returned: what is raised comes back as text.
+# The functions below run in the worker process. They return the InputError of a wrong spec: what they raise comes
+# back as text.
 
 
 def _ready() -> None:

@@ -47,17 +47,18 @@ def choose(
     cases: int | None,
     timeout: float,
     measured: Path | None,
-    other: OtherRobot | None,
+    user_robot: OtherRobot | None,
 ) -> Choice:
-    """Return what a run does that is asked for by the names of tasks, and specs of estimators and methods.
+    """Return what a run does, from names of tasks and specs of estimators and calibration methods.
 
-    Who names estimators gets the tasks that judge these, who names methods theirs, who names neither all tasks and all
-    built-in ones. other: the robot of the tasks, where it is not their own. Raises InputError where that cannot be.
+    If only estimators are given, the tasks that judge estimators are run; if only methods, theirs; if neither, all
+    tasks with all built-in estimators and methods. user_robot: the robot of the tasks instead of the official one.
+    Raises InputError where that is impossible.
     """
-    known = tasks_with(measured) if other is None else tasks_on(other)
+    known = tasks_with(measured) if user_robot is None else tasks_on(user_robot)
     tasks = judging(select_tasks(known, names), bool(estimators), bool(methods), bool(names))
     runnable = [task for task in tasks if task.missing is None]
-    if other is not None and not runnable:
+    if user_robot is not None and not runnable:
         raise InputError("; ".join(dict.fromkeys(f"{task.missing}" for task in tasks)))
     entries = entries_named(estimators, timeout, load_estimator)
     method_entries = entries_named(methods, timeout, load_calibration)
@@ -72,8 +73,8 @@ def choose(
         else:
             chosen = method_entries
         plan.append(Assignment(task, tuple(task.cases(cases)), chosen))
-    if other is not None and not any(assignment.estimators for assignment in plan):
-        raise InputError(f"no built-in estimator serves robot {other.robot.name!r}; name one with --estimator")
+    if user_robot is not None and not any(assignment.estimators for assignment in plan):
+        raise InputError(f"no built-in estimator serves robot {user_robot.robot.name!r}; name one with --estimator")
     return Choice(tasks, tuple(plan), (*entries, *method_entries), left_out)
 
 
@@ -92,9 +93,9 @@ def tasks_with(measured: Path | None) -> tuple[Task, ...]:
 
 
 def judging(tasks: Sequence[Task], estimators: bool, methods: bool, named: bool) -> tuple[Task, ...]:
-    """Return the tasks that judge what the user names: estimators, calibration methods, or without names all.
+    """Return the tasks that judge what the user names: estimators, calibration methods, or all tasks if neither.
 
-    named: whether the user names the tasks; then raises InputError for one that judges nothing of what is named.
+    named: whether the user names the tasks; then raises InputError for a task that judges nothing that is named.
     """
     if not estimators and not methods:
         return tuple(tasks)
@@ -104,8 +105,8 @@ def judging(tasks: Sequence[Task], estimators: bool, methods: bool, named: bool)
         if methods if of_methods else estimators:
             kept.append(task)
         elif named:
-            what, option = ("calibration methods", "--method") if of_methods else ("estimators", "--estimator")
-            raise InputError(f"task {task.name!r} judges {what}; name them with {option}, or leave the task out")
+            judged, option = ("calibration methods", "--method") if of_methods else ("estimators", "--estimator")
+            raise InputError(f"task {task.name!r} judges {judged}; name them with {option}, or leave the task out")
     return tuple(kept)
 
 
@@ -118,9 +119,9 @@ def entries_named(
     specs: Sequence[str], timeout: float, load: Callable[[str], CalibrationEntry]
 ) -> tuple[CalibrationEntry, ...]: ...
 def entries_named(specs: Sequence[str], timeout: float, load: Load) -> tuple[Competitor, ...]:
-    """Return what specs name, each once; raises InputError for two that share a name.
+    """Return the estimators or methods that specs name, each once; raises InputError for two that share a name.
 
-    Each plug-in is loaded in a process of its own first: one that hangs or ends its process on import is refused.
+    Each plug-in is first loaded in a separate process: a plug-in that hangs or ends its process on import is refused.
     """
     role = ESTIMATOR if load is load_estimator else CALIBRATION
     entries: dict[str, Competitor] = {}
@@ -128,10 +129,10 @@ def entries_named(specs: Sequence[str], timeout: float, load: Load) -> tuple[Com
         if runs_others_code(spec, role):
             load_apart(spec, timeout, load)
         entry = load(spec)
-        other = entries.setdefault(entry.name, entry)
-        if other.source_hash != entry.source_hash:
-            what = "estimators" if isinstance(entry, EstimatorEntry) else "calibration methods"
-            raise InputError(f"two {what} are named {entry.name!r}: {other.spec} and {entry.spec}; rename one class")
+        known = entries.setdefault(entry.name, entry)
+        if known.source_hash != entry.source_hash:
+            kind = "estimators" if isinstance(entry, EstimatorEntry) else "calibration methods"
+            raise InputError(f"two {kind} are named {entry.name!r}: {known.spec} and {entry.spec}; rename one class")
     return tuple(entries.values())
 
 
@@ -143,9 +144,9 @@ def builtin_entries(task: Task) -> tuple[Competitor, ...]:
 
 
 def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dict[str, list[boards.DeclinedEstimator]]:
-    """Return the built-in ones of some estimators that do not serve tasks' robots, by task.
+    """Return the built-in estimators among `entries` that do not serve a task's robot, by task.
 
-    Raises InputError for one that serves none of the tasks.
+    Raises InputError for an estimator that serves none of the tasks.
     """
     left_out: dict[str, list[boards.DeclinedEstimator]] = {}
     for entry in entries:
@@ -159,7 +160,7 @@ def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dic
 
 
 def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[str]:
-    """Return which estimators failed how many of the cases of a plan, by task; to decline is no failure."""
+    """Return which estimators failed how many of the cases of a plan, by task; declining is not a failure."""
     shown = {(task.task, entry.estimator): entry for task in board.boards for entry in task.entries}
     failures = []
     for assignment in plan:
@@ -181,7 +182,7 @@ def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[s
 
 
 def declining_everything(named: Sequence[Competitor], board: boards.Leaderboard) -> list[str]:
-    """Return which named estimators or methods declined whatever they were given."""
+    """Return which named estimators or methods declined every task."""
     scored = {entry.estimator for task in board.boards for entry in task.entries}
     declining = {declined.estimator for task in board.boards for declined in task.declined}
     return [f"{entry.name} declined every task" for entry in named if entry.name in declining - scored]

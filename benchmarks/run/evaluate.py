@@ -23,14 +23,15 @@ from castor_envs.processes import Died, Done, Exceeded, Job, Outcome, Raised, Ti
 from estimators.plugins.registry import CalibrationEntry, EstimatorEntry
 
 MOST_TIMEOUTS = 3
-"""After so many time-outs of an estimator in a task, its other episodes there are not tried."""
+"""After this many time-outs of an estimator in a task, its remaining episodes in that task are not tried."""
 
 Competitor = EstimatorEntry | CalibrationEntry
 
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """Cases of a task that an estimator is to follow in one job. stacked: on stacks of alike runs, else one case.
+    """Cases of a task that an estimator is to follow in one job. stacked: as stacks of runs of one layout; else one
+    case.
 
     A calibration method calibrates one case in a job, and the task's odometry follows its runs.
     """
@@ -47,12 +48,12 @@ class Work:
 
 
 def owner_of(entry: Competitor) -> tuple[str, str] | str:
-    """Return whose code an estimator is: plug-ins do not share a worker process with anyone."""
+    """Return the owner of an estimator's code: a plug-in shares a worker process with no other code."""
     return "built in" if entry.builtin else (entry.spec, entry.source_hash)
 
 
 class Estimating:
-    """Takes work, makes jobs of it, and stores a row for each case, whatever happens."""
+    """Turns work into jobs and stores a row for each case, also where the job fails."""
 
     def __init__(self, works: Iterator[Work], rows: ResultsStore, timeout: float, progress: RunProgress):
         self._works = works
@@ -69,7 +70,7 @@ class Estimating:
                 self._take(job.subject, outcome)
 
     def next_job(self) -> Job | None:
-        """Return the job of the next work that can be tried; rows of what cannot are stored as failed."""
+        """Return the job of the next work that can be tried; rows of work that cannot are stored as failed."""
         while True:
             work = self._again.popleft() if self._again else next(self._works, None)
             if work is None:
@@ -94,7 +95,7 @@ class Estimating:
         return Job(function, (entry.spec, entry.source_hash, seen), work, self._timeout, owner_of(entry))
 
     def _take(self, work: Work, outcome: Outcome) -> None:
-        """Store what came of some work; a stack that failed as a whole is tried again case by case."""
+        """Store the outcome of a job; a stack that failed as a whole is tried again case by case."""
         match outcome:
             case Done(value):
                 answer = value if work.stacked or isinstance(value, Failure) else [value]
@@ -102,8 +103,8 @@ class Estimating:
                 answer = Failure(f"took over {self._timeout:g} s")
             case Died(exit_code):
                 answer = Failure(f"ended its process (exit code {exit_code})")
-            case Exceeded(what):
-                answer = Failure(what)
+            case Exceeded(excess):
+                answer = Failure(excess)
             case Raised() as raised:
                 raise raised.again(f"task {work.task.name}, estimator {work.entry.name}")
         if isinstance(answer, list):

@@ -1,6 +1,6 @@
 """The run: record the episodes that are needed, let estimators follow them, score, store, and time their updates.
 
-It computes what is missing, and nothing else, so a run that was stopped in any way is continued by the next one.
+Only what is missing is computed, so the next run continues a run that was stopped in any way.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import CalibrationEntry
 
 STACK = 50
-"""At most so many cases of a task are stacked for one batched estimator."""
+"""Most cases of a task that are stacked for one batched estimator."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def run(
 ) -> dict[str, str]:
     """Run what is missing of a plan into a results folder; returns why tasks could not be run, by name.
 
-    timeout: s, for an estimator in one episode. A row that failed by a shorter one is tried again.
+    timeout: s, for an estimator in one episode. A row that failed by a shorter time limit is tried again.
 
     Raises InputError if the results folder cannot be one, RuntimeError if a task cannot record an episode.
     """
@@ -95,7 +95,7 @@ class _Run:
         return {**missing, **problems}
 
     def _to_record(self, assignment: Assignment, case: Case) -> bool:
-        """Return whether a case's episode is needed and not there, or there from another version of the world."""
+        """Return whether a case's episode is needed and missing, or was recorded by another version of the world."""
         task = assignment.task
         try:
             stored = self.episodes.digest(task.name, task.version, case)
@@ -108,7 +108,7 @@ class _Run:
         )
 
     def _lacking(self, assignment: Assignment) -> dict[Case, list[Competitor]]:
-        """Return the cases that some estimators have no row of, with these estimators."""
+        """Return the cases for which estimators have no row, with these estimators."""
         task, lacking = assignment.task, {}
         for case in assignment.cases:
             episode = self.episodes.digest(task.name, task.version, case)
@@ -118,7 +118,7 @@ class _Run:
         return lacking
 
     def _lacks(self, task: Task, entry: Competitor, case: Case, episode: str | None) -> bool:
-        """Return whether a row is to be computed; one of another episode than the recorded one is."""
+        """Return whether a row is to be computed: missing, of another episode, or stopped by a shorter time limit."""
         key = (task.name, task.version, entry.name, entry.source_hash, case)
         if key not in self.found:
             row = self.rows.load(*key)
@@ -130,19 +130,19 @@ class _Run:
         return found[1] is not None and found[1] < self.timeout
 
     def _works(self, task: Task, lacking: dict[Case, list[Competitor]]) -> Iterator[Work]:
-        """Yield what is to be done in a task, some cases at a time so that few episodes are held at once."""
+        """Yield the work in a task, a few cases at a time so that few episodes are in memory at once."""
         cases = list(lacking)
         for batch in (cases[k : k + STACK] for k in range(0, len(cases), STACK)):
             episodes = {case: self._load(task, case) for case in batch}
             for entry in dict.fromkeys(entry for case in batch for entry in lacking[case]):
                 batch_episodes = {case: episodes[case] for case in batch if entry in lacking[case]}
-                # A train is one vehicle of several poses, which a stack could not be told from.
+                # A train's poses (N, 3) look like those of a stack of N robots, so trains are not stacked.
                 robots = all(isinstance(episode.robot, RobotDescription) for episode in batch_episodes.values())
                 stacked = entry.batched and robots
                 if stacked and entry.builtin:
                     yield Work(task, entry, batch_episodes, stacked=True)
                 else:
-                    # Robots of different cases stay apart: their mean would be nearer to the truth than any of them.
+                    # Robots of different cases are not stacked: an estimator could average their errors away.
                     for case in batch_episodes:
                         yield Work(task, entry, {case: batch_episodes[case]}, stacked=stacked)
 

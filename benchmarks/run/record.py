@@ -14,7 +14,7 @@ from castor_envs.processes import Done, Job, Raised, run_jobs
 def record_missing(
     results: Path, needed: Iterable[tuple[Task, Case]], processes: int, progress: RunProgress
 ) -> dict[str, str]:
-    """Record and store episodes; returns, by task name, what is wrong with the input of tasks that could not.
+    """Record and store episodes; returns, by name, what is wrong with the input of tasks that could not be recorded.
 
     Raises RuntimeError, with the traceback, if a task fails otherwise.
     """

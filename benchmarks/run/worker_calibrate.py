@@ -30,7 +30,7 @@ _LAYOUT = (
     ("castor", ("steering", "pivot_counts_per_rev")),
     ("wheel", ("counts_per_rev", "grip", "roller_angle")),
 )
-"""What calibration leaves as it is, of the robot, its castors and its wheels."""
+"""Fields that calibration must not change, of the robot, its castors and its wheels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def observed_calibration(episode: Episode) -> ObservedCalibration:
 
 
 def calibrate_and_follow(spec: str, source_hash: str, seen: ObservedCalibration) -> Calibrated | Failure:
-    """Return the robot that a method makes of the recordings, with the estimates, or how the method failed."""
+    """Return the robot that a method calibrates from the recordings, with the estimates, or how the method failed."""
     try:
         robot = _calibrated(spec, source_hash, seen)
     except FailedError as failure:
@@ -77,16 +77,16 @@ def calibrate_and_follow(spec: str, source_hash: str, seen: ObservedCalibration)
 
 
 def _calibrated(spec: str, source_hash: str, seen: ObservedCalibration) -> RobotDescription:
-    entry, where = loaded(load_calibration, spec, source_hash), "when constructed"
+    entry, stage = loaded(load_calibration, spec, source_hash), "when constructed"
     try:
         method = entry.factory()
-        where = "in calibrate"
+        stage = "in calibrate"
         answer = method.calibrate(seen.robot, seen.recordings)
     except BaseException as error:
         end_if_forked()
-        if where == "in calibrate" and (reason := declines(error, seen.robot)) is not None:
+        if stage == "in calibrate" and (reason := declines(error, seen.robot)) is not None:
             raise FailedError(DECLINED + reason) from None
-        raise FailedError(f"{raised(error)} {where}") from None
+        raise FailedError(f"{raised(error)} {stage}") from None
     end_if_forked()
     return _checked(answer, seen.robot)
 
@@ -107,17 +107,17 @@ def _checked(answer: Any, described: RobotDescription) -> RobotDescription:
 
 
 def _other_layout(robot: RobotDescription, described: RobotDescription) -> str | None:
-    """Return the first difference in what calibration leaves as it is, or None."""
+    """Return the first difference in what calibration must not change, or None."""
     found = [len(castor.wheels) for castor in robot.castors]
     expected = [len(castor.wheels) for castor in described.castors]
     if found != expected:
         return f"wheels of its castors {found} instead of {expected}"
     parts = (((robot, described),), zip(robot.castors, described.castors, strict=True))
     wheels = zip(robot.wheels, described.wheels, strict=True)
-    for (what, names), pairs in zip(_LAYOUT, (*parts, wheels), strict=True):
+    for (part, names), pairs in zip(_LAYOUT, (*parts, wheels), strict=True):
         for number, (returned_part, described_part) in enumerate(pairs, start=1):
             for name in names:
                 if getattr(returned_part, name) != getattr(described_part, name):
-                    which = f"{name} of {what} {number}" if what else name
-                    return f"{which} is {getattr(returned_part, name)!r} instead of {getattr(described_part, name)!r}"
+                    label = f"{name} of {part} {number}" if part else name
+                    return f"{label} is {getattr(returned_part, name)!r} instead of {getattr(described_part, name)!r}"
     return None

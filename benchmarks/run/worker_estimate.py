@@ -82,8 +82,8 @@ def estimate_stacked(
 ) -> list[list[Array] | Failure] | Failure:
     """Return the estimated poses of each run of robots' episodes, on stacks of runs alike in layout and length.
 
-    A pose that is not finite fails its own episode; anything else that goes wrong fails the whole, and the parent then
-    tries the episodes one by one.
+    A pose that is not finite fails only its episode; any other error fails the whole stack, and the parent then tries
+    the episodes one by one.
     """
     runs = [(e, r, run) for e, episode in enumerate(episodes) for r, run in enumerate(episode)]
     groups: dict[tuple, list[tuple[int, int, ObservedRun]]] = {}
@@ -111,8 +111,8 @@ def estimate_stacked(
 def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> float | Failure:
     """Return the median CPU time of an update of a single vehicle, microseconds.
 
-    Over the first run, or over more, again and again, where it is short: at least FEWEST_TIMED updates. The first
-    observation of a run, which is of the start itself, does not count.
+    Over the first run, or, where it is short, over several runs and repeatedly: at least FEWEST_TIMED updates. The
+    first observation of a run, that of the start pose, does not count.
     """
     spent: list[int] = []
     try:
@@ -146,7 +146,7 @@ def _robot_of(run: ObservedRun) -> RobotDescription:
 
 @lru_cache(maxsize=8)
 def loaded(load: Callable[[str], Entry], spec: str, source_hash: str) -> Entry:
-    """Return what a spec names; raises FailedError if it cannot be loaded, or is no longer what the parent loaded."""
+    """Return what a spec names; raises FailedError if it cannot be loaded or has changed since the parent loaded it."""
     try:
         entry = load(spec)
     except BaseException as error:
@@ -168,51 +168,50 @@ def _follow(
     """Return the poses (..., K, 3) of a new estimator; append the CPU time of each update, ns, to `spent`.
 
     robot: a single vehicle, or the geometry of a stack of robots. start (..., 3): the leading axes are those of the
-    stack, or a train's axles. What estimators say of relative poses that they cannot use, or of small turns, is not
-    shown.
+    stack, or a train's axles. Warnings of estimators about unusable relative poses or small turns are not shown.
     """
     poses = np.empty((*start.shape[:-1], len(observations), 3))
-    where = "when constructed"
+    stage = "when constructed"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RelativePoseWarning)
             warnings.simplefilter("ignore", SmallTurnWarning)
             estimator = entry.factory()
-            where = "in reset"
+            stage = "in reset"
             estimator.reset(robot, start.copy())
             end_if_forked()
             for k in range(len(observations)):
-                where = f"in update at sample {k}"
+                stage = f"in update at sample {k}"
                 observation = observations.at(k)
                 began = time.process_time_ns()
                 answer = estimator.update(observation)
                 end_if_forked()
                 if spent is not None:
                     spent.append(time.process_time_ns() - began)
-                poses[..., k, :] = _pose(answer, start.shape, where)
+                poses[..., k, :] = _pose(answer, start.shape, stage)
     except FailedError:
         raise
     except BaseException as error:
         end_if_forked()
-        if where == "in reset" and (reason := _declined(error, robot)) is not None:
+        if stage == "in reset" and (reason := _declined(error, robot)) is not None:
             raise FailedError(DECLINED + reason) from None
-        raise FailedError(f"{raised(error)} {where}") from None
+        raise FailedError(f"{raised(error)} {stage}") from None
     return poses
 
 
-def _pose(answer: Any, shape: tuple[int, ...], where: str) -> Array:
+def _pose(answer: Any, shape: tuple[int, ...], stage: str) -> Array:
     try:
         pose = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):
-        raise FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {where}") from None
+        raise FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {stage}") from None
     if pose.shape != shape:
-        raise FailedError(f"returned shape {pose.shape} instead of {shape} {where}")
+        raise FailedError(f"returned shape {pose.shape} instead of {shape} {stage}")
     return pose
 
 
 def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:
-    """Return why an estimator's `reset` declines, as one printable line; None if what it raised says otherwise."""
-    # On a stack only what is stated counts; single runs will tell the rest.
+    """Return why an estimator's `reset` declines, as one printable line; None if the exception means something else."""
+    # On a stack only a stated `Declined` counts; single runs will tell the rest.
     return declines(error, robot) if isinstance(error, Declined) or not isinstance(robot, Geometry) else None
 
 

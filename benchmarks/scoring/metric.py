@@ -1,4 +1,4 @@
-"""What a metric is, and what it is computed from; a new one is an object in the `METRICS` of a module beside this."""
+"""What a metric is, and what it is computed from. A new metric goes into `METRICS` of a module beside this one."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ T = TypeVar("T")
 MM: dict[str, Any] = {"unit": "m", "shown_unit": "mm", "factor": 1e3}
 DEG: dict[str, Any] = {"unit": "rad", "shown_unit": "deg", "factor": 180.0 / np.pi}
 PER_CENT: dict[str, Any] = {"unit": "1", "shown_unit": "%", "factor": 100.0}
-"""Units of many metrics: in SI, for people, and the factor between."""
+"""Units of many metrics: the SI unit, the unit shown to people, and the factor between them."""
 
 
 class Path(NamedTuple):
@@ -118,17 +118,17 @@ class Metric:
         return None if value is None else float(value)
 
     def shown(self, value: float | None) -> str:
-        """Return a value in SI as text in the unit for people; what only rounding leaves is 0."""
+        """Return a value in SI as text in the unit for people; rounding errors are shown as 0."""
         if value is None:
             return "–"
         return f"{value * self.factor if abs(value) > self.rounding else 0.0:#.4g}".rstrip(".")
 
     @property
     def rounding(self) -> float:
-        """What rounding may leave of 0, in SI: 1e-6 of the unit for people, 1e-9 m: poses of 10 m round to 2e-15."""
+        """Values up to this, in SI, are shown as 0: 1e-6 of the unit for people, or 1e-9 m; poses round to 2e-15 m."""
         return 1e-6 / self.factor
 
     @property
     def within(self) -> tuple[float, float]:
-        """Where its mean can lie: errors are not negative, and what is no error is a share, at most 1."""
+        """Range of its mean: errors are not negative; metrics that are no errors are shares, from 0 to 1."""
         return (0.0, math.inf if self.ranks else 1.0)

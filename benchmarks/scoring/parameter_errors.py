@@ -10,9 +10,9 @@ def parameter_errors(found: RobotDescription, true: RobotDescription) -> dict[st
     """Return mean absolute errors of parameters, by the names of the metrics.
 
     offset_error, radius_error, half_track_error: relative, over the castors with an offset, the wheels with an encoder,
-    and of these the ones beside their castor's centre line. pivot_zero_error: rad, over the castors with a pivot
-    encoder, whole turns left out. What a robot has none of is left out. Nothing is taken off: a common scale that no
-    log can show counts in full.
+    and those of these wheels that stand beside their castor's centre line. pivot_zero_error: rad, over the castors with
+    a pivot encoder, whole turns left out. Metrics of parts that a robot lacks are left out. Nothing is subtracted: an
+    error of the common scale, which no log can show, counts in full.
     """
     castors = list(zip(found.castors, true.castors, strict=True))
     wheels = [(found.wheels[k], true.wheels[k]) for k in true.driven_wheels]
@@ -31,7 +31,7 @@ def parameter_errors(found: RobotDescription, true: RobotDescription) -> dict[st
 
 @shared
 def _errors(judged: Judged) -> dict[str, float]:
-    """Return the errors; none where no robot was calibrated, or nobody knows the true one."""
+    """Return the errors; an empty dict where no robot was calibrated, or the true robot is unknown."""
     calibration = judged.episode.calibration
     if judged.calibrated is None or calibration is None or calibration.true_robot is None:
         return {}

@@ -1,4 +1,4 @@
-"""Metrics along a path: its end, all of it, and its pieces.
+"""Metrics along a path: of its end, of the whole path, and of its segments.
 
 Poses are (..., 3) = x, y (m), psi (rad, unwrapped). All compare an estimate with the truth from the same start pose and
 without any alignment: aligning a planar path can hide an error that mirrors it. Heading errors are plain differences of
@@ -21,7 +21,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
 
 STANDING_STILL = "ate_standing_still"
-"""The ATE of an estimator that stays at the start: stored beside the metrics, to tell whom a closed path flatters."""
+"""The ATE of an estimator that stays at the start; stored, since on a closed path such an estimator can score well."""
 
 
 class EndPointError(NamedTuple):

@@ -1,4 +1,4 @@
-"""All metrics, and the scores that they give: those that a module here offers as ``METRICS``."""
+"""All metrics (those that a module of this folder offers as ``METRICS``), and the scores that they give."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from castor_envs.vehicles.robot import RobotDescription
 
 
 def _found() -> list[Metric]:
-    """Return all metrics by their place; raises ValueError for two of one name or key."""
+    """Return all metrics by their place; raises ValueError for two metrics with the same name or key."""
     found = sorted((m for metrics in offers("benchmarks.scoring", "METRICS") for m in metrics), key=lambda m: m.place)
     for names in ([metric.name for metric in found], [metric.key for metric in found]):
         if len(set(names)) < len(names):

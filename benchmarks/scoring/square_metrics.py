@@ -1,4 +1,4 @@
-"""UMBmark's metrics: where odometry says that a robot ends which truly returned to its start.
+"""UMBmark's metrics: where odometry says that a robot ends, though it truly returned to its start.
 
 Sources:
 
@@ -53,10 +53,10 @@ def orientation_error(
     """Return the extended UMBmark's average absolute orientation error (...), rad.
 
     cw, ccw: return orientation errors (..., n), rad, of the runs over bumps. clean_cw, clean_ccw: those of the same
-    robot on the clean floor (..., m); their mean in each direction is the systematic error, which is taken off before
-    the absolute value, so that only what the bumps did is left. Without them nothing is taken off. The two directions'
-    means of |eps_theta| are averaged. Positions are not used: they depend on where the bumps lay, the orientation does
-    not (Borenstein and Feng 1995).
+    robot on the clean floor (..., m); their mean in each direction is the systematic error, which is subtracted before
+    the absolute value, so that only the effect of the bumps is left. Without them nothing is subtracted. The two
+    directions' means of |eps_theta| are averaged. Positions are not used: they depend on where the bumps lay, the
+    orientation does not (Borenstein and Feng 1995).
     """
 
     def mean_absolute(errors: ArrayLike, clean: ArrayLike | None) -> Array:

@@ -12,10 +12,10 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
 
 NEAR = 0.05
-"""m: a train is near where it truly is if its axles are by less on average."""
+"""m: a train counts as near the truth if its axles are off by less than this on average."""
 
 KEPT = 1e-9
-"""m and rad: an axle whose pose an estimator changes by less is one that it kept."""
+"""m and rad: an estimator that changes an axle's pose by less than this has kept it."""
 
 
 def axle_position_errors(true: ArrayLike, estimated: ArrayLike) -> Array:
@@ -77,7 +77,7 @@ def _share_within_5cm(judged: Judged) -> np.floating | None:
 
 
 def _sound_axle_chosen(judged: Judged) -> np.floating | None:
-    """Return how often a sound axle is kept in snapshots; None where never exactly one axle is."""
+    """Return how often the kept axle is a sound one in snapshots; None where never exactly one axle is kept."""
     sound = [
         axle in run.sound
         for run, _, estimate in judged.scored
@@ -87,7 +87,7 @@ def _sound_axle_chosen(judged: Judged) -> np.floating | None:
 
 
 def _contradiction(judged: Judged) -> np.floating | None:
-    """Return the mean contradiction of the runs that have readings; None where none has."""
+    """Return the mean contradiction over the runs that have readings; None where no run has any."""
     errors = [
         contradictions(estimate, run.log.rps[run.samples])
         for run, _, estimate in judged.scored

@@ -1,4 +1,4 @@
-"""The official tasks: those that a module here offers as ``tasks(measured)``. A new task is a new module."""
+"""The official tasks: those that a module of this folder offers as ``tasks(measured)``. A new task is a new module."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +12,14 @@ from castor_envs.errors import InputError, did_you_mean
 def official_tasks(measured: Path | None = None) -> tuple[Task, ...]:
     """Return all tasks, module by module in alphabetical order.
 
-    measured: the folder with measured data, or None; tasks on measured data say in `missing` what they lack.
+    measured: the folder with measured data, or None; tasks on measured data name in `missing` the data that they lack.
     """
     return tuple(task for tasks in offers(__name__, "tasks") for task in tasks(measured))
 
 
-def tasks_on(other: OtherRobot) -> tuple[Task, ...]:
-    """Return the tasks on a robot that is not the official ones': what modules here offer as ``on_robot(other)``."""
-    return tuple(task for on_robot in offers(__name__, "on_robot") for task in on_robot(other))
+def tasks_on(user_robot: OtherRobot) -> tuple[Task, ...]:
+    """Return the tasks on a user's robot: what modules of this folder offer as ``on_robot(user_robot)``."""
+    return tuple(task for on_robot in offers(__name__, "on_robot") for task in on_robot(user_robot))
 
 
 def select_tasks(tasks: Sequence[Task], names: Sequence[str]) -> tuple[Task, ...]:

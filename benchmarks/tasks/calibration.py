@@ -5,11 +5,11 @@ runs with the robot that the method returns.
 
 What is drawn for case k comes from ``default_rng([k, part])``: part 0 the parameters' errors, 1 the encoders' phases in
 the test runs, 2 those (and the slip) in the recordings, 3 the test path of `SquaresCalibration`. Seeds from 0 on are
-official; a method that is tuned on them is tuned on the test.
+official: tuning a method on them would be tuning on the test set.
 
-Of bases on castors the file is the preset and the errors are in the robot that drives: the rounding of a steady pivot
-angle hangs on the true parameters alone, and would be the same in all cases if the preset drove. Of differential robots
-the preset drives and the file is wrong, as in the other tasks.
+For bases on castors the file is the preset and the errors are in the robot that drives: the rounding of a steady pivot
+angle depends on the true parameters alone, and would be the same in all cases if the preset drove. For differential
+robots the preset drives and the file has the errors, as in the other tasks.
 """
 
 import dataclasses
@@ -45,7 +45,8 @@ WHEEL_BASE, DIAMETER = 0.02, 0.01
 """Half-widths of the uniform relative errors of a differential robot's wheel base, and of each wheel's diameter."""
 
 SLIP = 0.3e-3
-"""m per square root of m: standard deviation of what a wheel's encoder misses by slip while the wheel rolls 1 m.
+"""m per square root of m: standard deviation of the distance that a wheel's encoder misses by slip while the wheel
+rolls 1 m.
 
 Single squares of a robot as small as OptiOdom's (0.75 m sides, wheel base 0.2 m) then end 2 mm apart, one standard
 deviation in x, as its measured ones do (1.6 to 2.1 mm)."""
@@ -142,11 +143,11 @@ class SquaresCalibration:
     """A differential robot drives UMBmark squares both ways; rolling, with a little slip; true poses at both ends.
 
     Robot files: the wheel base is off by up to 2 %, each diameter by up to 1 % (uniform). Recordings: squares of 2 m,
-    five each way, with the true pose in the first and the last row only. Every sample each wheel's encoder misses what
-    `SLIP` says: without it one square would tell as much as five. Test runs, without slip, so that what they show is
-    the parameters' error alone: squares of 1.5 m, two each way, a figure eight, and a random path of 30 s that does not
-    close (and so shows a common scale, which squares do not). Dead reckoning follows them. robot: the one that drives,
-    described without errors.
+    five each way, with the true pose in the first and the last row only. In every sample each wheel's encoder misses a
+    random distance (`SLIP`): without it, one square would tell as much as five. Test runs, without slip, so that they
+    show the parameters' errors alone: squares of 1.5 m, two each way, a figure eight, and a random path of 30 s that
+    does not close (and so shows a common scale, which squares do not). Dead reckoning follows them. robot: the one that
+    drives, described without errors.
     """
 
     name: str = "calibration-umbmark"
@@ -213,14 +214,14 @@ def built(robot: RobotDescription, case: Case) -> RobotDescription:
 
 
 def rolled_turn(robot: RobotDescription, held: int, direction: Direction) -> Rolled:
-    """Return what a robot's joints do while it turns about castor `held`."""
+    """Return the motion of a robot's joints while it turns about castor `held`."""
     trajectory = pivoting(robot.castors[held - 1].pivot, direction, angle=2.5 * np.pi)
     return roll(robot, trajectory, np.zeros(len(robot.castors)))
 
 
 @cache
 def rolled_differential(robot: RobotDescription, path: Literal["cw", "ccw", "eight"], side: float = 0.0) -> Rolled:
-    """Return what a differential robot's wheels do on a square (side in m) or a figure eight."""
+    """Return the motion of a differential robot's wheels on a square (side in m) or a figure eight."""
     trajectory: Trajectory = figure_eight() if path == "eight" else umbmark(path, side=side)
     return roll(robot, trajectory)
 
@@ -228,14 +229,14 @@ def rolled_differential(robot: RobotDescription, path: Literal["cw", "ccw", "eig
 def _encoded(
     robot: RobotDescription, rolled: Rolled, random: np.random.Generator, reference: Array | None = None
 ) -> Log:
-    """Return the log of honest encoders with random phases."""
+    """Return the log of encoders that carry their remainders, with random phases."""
     geometry = Geometry.of(robot)
     encoders = Encoders(geometry, Encoders.random_phase(geometry, random))
     return Log(rolled.t, encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle), reference=reference)
 
 
 def _slipped(robot: RobotDescription, wheel_angle: Array, random: np.random.Generator) -> Array:
-    """Return wheel angles (N, w) with what slip adds sample by sample: normal, its variance growing with distance."""
+    """Return wheel angles (N, w) with slip added sample by sample: normal, its variance in proportion to distance."""
     radius = np.array([wheel.radius for wheel in robot.wheels])
     rolled = np.abs(np.diff(wheel_angle, axis=0, prepend=wheel_angle[:1])) * radius
     return wheel_angle + np.cumsum(SLIP * np.sqrt(rolled) * random.normal(size=rolled.shape), axis=0) / radius
@@ -257,13 +258,13 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
     return (TurnsCalibration(), SquaresCalibration(), PhysicsCalibration(), MeasuredCalibration(measured))
 
 
-def on_robot(other: OtherRobot) -> tuple[Task, ...]:
+def on_robot(user_robot: OtherRobot) -> tuple[Task, ...]:
     """Return the calibration tasks on another robot, without those of physics, whose voltage suits their robot alone.
 
-    Turns are of bases on two free castors or more, with two driven wheels and a pivot encoder each; squares of
-    differential robots.
+    The tasks of turns take bases on two free castors or more, with two driven wheels and a pivot encoder each; those of
+    squares take differential robots.
     """
-    robot, slips = other.robot, cannot_roll_as_described(other.robot)
+    robot, slips = user_robot.robot, cannot_roll_as_described(user_robot.robot)
     no_turns = None
     if len(robot.castors) < 2 or not all(_split(castor) for castor in robot.castors):
         no_turns = f"robot {robot.name!r} is no base on free castors with two driven wheels and a pivot encoder each"
@@ -274,8 +275,8 @@ def on_robot(other: OtherRobot) -> tuple[Task, ...]:
         no_squares = str(error)
     squares = SquaresCalibration()
     return (
-        other.of(TurnsCalibration(), missing=slips or no_turns),
-        other.of(squares, missing=slips or no_squares, followed_by=f"dead-reckoning-{axle + 1}"),
+        user_robot.of(TurnsCalibration(), missing=slips or no_turns),
+        user_robot.of(squares, missing=slips or no_squares, followed_by=f"dead-reckoning-{axle + 1}"),
     )
 
 

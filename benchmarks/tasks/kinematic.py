@@ -1,10 +1,10 @@
 """UMBmark without physics: perfect rolling and honest encoders, but a robot file with wrong numbers (Doebbler IV.B).
 
-Doebbler's Table II: a 1.5 m square driven five times each way at 20 Hz by a robot of the prototype's
-dimensions, its parameters known with random errors, all encoders quantised; the score is E_max, averaged
-over the sets. The paper leaves open, and we take: 0.25 m/s and 0.5 m/s2 along the sides; turns of 90 deg on
-the spot at the corners, at 45 deg/s and 90 deg/s2; a random phase of every wheel encoder in every run;
-uniform errors ("up to 4 %" fits no normal distribution), drawn for every castor and wheel alone.
+Doebbler's Table II: a 1.5 m square driven five times each way at 20 Hz by a robot of the prototype's dimensions, its
+parameters known with random errors, all encoders quantised; the score is E_max, averaged over the sets. The paper does
+not specify, and we assume: 0.25 m/s and 0.5 m/s2 along the sides; turns of 90 deg on the spot at the corners, at 45
+deg/s and 90 deg/s2; a random phase of every wheel encoder in every run; uniform errors ("up to 4 %" fits no normal
+distribution), drawn separately for every castor and wheel.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ NORMAL = 0.5 * np.sqrt(np.pi / 2)
 
 @dataclass(frozen=True)
 class ParameterErrors:
-    """How wrong a robot file may be: half-widths of uniform errors, relative but for beta (rad)."""
+    """How wrong a robot file may be: half-widths of uniform errors, relative except that of beta (rad)."""
 
     offset: float
     radius: float
@@ -113,7 +113,7 @@ class KinematicUMBmark:
         return self.errors.applied(self.robot, np.random.default_rng([int(case), 0]))
 
     def record(self, case: Case) -> Episode:
-        """Return five runs each way, told apart by their encoders' phases alone."""
+        """Return five runs each way, which differ in their encoders' phases alone."""
         random, geometry = phase_source(int(case)), Geometry.of(self.robot)
         runs = []
         for direction in ("cw", "ccw"):
@@ -127,13 +127,13 @@ class KinematicUMBmark:
 
 
 def phase_source(case: int) -> np.random.Generator:
-    """Return what draws the wheel encoders' phases of a case, run by run, the clockwise ones first."""
+    """Return the generator of a case's wheel encoder phases, drawn run by run, clockwise runs first."""
     return np.random.default_rng([case, 1])
 
 
 @cache
 def rolled_square(robot: RobotDescription, direction: Direction, corners: Corners) -> Rolled:
-    """Return what a robot's joints do on the square, once for all cases."""
+    """Return the motion of a robot's joints on the square, computed once for all cases."""
     return roll(robot, umbmark(direction, corners))
 
 
@@ -155,6 +155,6 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
     )
 
 
-def on_robot(other: OtherRobot) -> tuple[Task, ...]:
+def on_robot(user_robot: OtherRobot) -> tuple[Task, ...]:
     """Return the kinematic tasks on another robot."""
-    return tuple(other.of(task, missing=cannot_roll_as_described(other.robot)) for task in tasks(None))
+    return tuple(user_robot.of(task, missing=cannot_roll_as_described(user_robot.robot)) for task in tasks(None))

@@ -57,7 +57,7 @@ class MeasuredUMBmark:
 
 @dataclass(frozen=True)
 class MeasuredCalibration:
-    """OptiOdom's measured squares: of each direction's runs the odd ones calibrate, the even ones test.
+    """OptiOdom's measured squares: in each direction, the odd runs are for calibration, the even ones for the test.
 
     A case is a session with three runs each way: first and third are recordings, with motion-capture poses in every
     row; the second is a test run. The nominal robot is the robot file; nobody knows the true parameters. Dead reckoning
@@ -91,7 +91,7 @@ class MeasuredCalibration:
         return published_sessions()[:n]
 
     def record(self, case: Case) -> Episode:
-        """Return a session's runs, shared out."""
+        """Return a session's runs, divided into recordings and test runs."""
         if self.data is None:
             raise ValueError(self.missing)
         session = read_session(find_sessions(self.data)[str(case)])
@@ -111,7 +111,7 @@ def _missing(data: Path | None) -> str | None:
 
 
 def tasks(measured: Path | None) -> tuple[Task, ...]:
-    """Return the measured tasks of estimators (`calibration` offers the other); they say where data are missing."""
+    """Return the measured tasks of estimators (`calibration` has that of methods); they say where data are missing."""
     return (
         MeasuredUMBmark(
             name="umbmark-measured-nominal",

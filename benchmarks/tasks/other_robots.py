@@ -1,4 +1,4 @@
-"""Tasks on a robot of the user's: the official ones' squares, on boards of their own that never mix with these."""
+"""Tasks on a user's robot: the squares of the official tasks, on boards that never mix with the official ones."""
 
 import re
 from dataclasses import dataclass, replace
@@ -18,9 +18,9 @@ T = TypeVar("T", bound=Any)
 
 @dataclass(frozen=True)
 class OtherRobot:
-    """A robot that is not a task's own. label: what its boards are called by: its file's or its preset's name.
+    """A user's robot, for tasks in place of their official robot. label: its name on boards.
 
-    The hash beside the label changes with every parameter, so that an edited file has boards of its own.
+    The hash beside the label changes with every parameter, so that an edited file gets new boards.
     """
 
     label: str
@@ -35,11 +35,11 @@ class OtherRobot:
 
     @property
     def key(self) -> str:
-        """What tells its boards from others': label and hash, safe in a path."""
+        """Label and hash, which tell its boards from those of other robots; safe in a path."""
         return f"{self.label}@{self.robot.hash()}"
 
     def of(self, task: T, **changes: Any) -> T:
-        """Return an official task's twin on this robot; `changes`: what else differs, such as ``missing``."""
+        """Return an official task on this robot; `changes`: further fields that differ, such as ``missing``."""
         return replace(
             task,
             name=f"{task.name}[{self.key}]",

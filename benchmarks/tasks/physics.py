@@ -83,7 +83,7 @@ def slippery_patch(robot: RobotDescription, direction: Direction, random: np.ran
 class PhysicsUMBmark:
     """The square, driven in `castor/UMBmark-v0`; every case is one robot file and one floor.
 
-    robot: the one that drives; effects in its file disturb it, and estimators do not hear of them.
+    robot: the one that drives; effects in its file disturb it, and estimators do not know of them.
     """
 
     name: str
@@ -156,6 +156,6 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
     )
 
 
-def on_robot(other: OtherRobot) -> tuple[Task, ...]:
+def on_robot(user_robot: OtherRobot) -> tuple[Task, ...]:
     """Return the physics tasks on another robot."""
-    return tuple(other.of(task, missing=cannot_roll_square(other.robot.as_built())) for task in tasks(None))
+    return tuple(user_robot.of(task, missing=cannot_roll_square(user_robot.robot.as_built())) for task in tasks(None))

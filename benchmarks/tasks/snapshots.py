@@ -2,8 +2,9 @@
 
 Vogt and Minor's static tests (section IV), and random ones around them. A snapshot is a log of two rows: nothing moves,
 the relative posture sensors say the same in both. Estimators start at the belief, see the first row, may correct at the
-second, 10 s later (longer than any of them waits), and are scored there. Numbers that the paper does not give are
-assumptions: how far odometry and sensors are off (it says 1 to 3 cm for the sensors), how far a deviant axle is.
+second, 10 s later (longer than any of their correction intervals), and are scored there. Numbers that the paper does
+not give are assumptions: how far odometry and sensors are off (it says 1 to 3 cm for the sensors), how far a deviant
+axle is.
 """
 
 from collections.abc import Sequence
@@ -79,9 +80,9 @@ class StaticTests:
 class DeviantAxles:
     """Bent at random, with some axles that odometry has far off; every case is RUNS such snapshots.
 
-    The train stands anywhere; each frame is bent evenly by up to 60 deg. Odometry has every axle off by noise, and the
-    deviant ones, drawn anew for every run, farther: in any direction by a distance and a turn, both uniform. distance:
-    from, to, m. turn: up to, rad, either way.
+    The train stands anywhere; each frame is bent evenly by up to 60 deg. Odometry has noise on every axle, and on the
+    deviant axles, drawn anew for every run, larger errors: a distance in any direction and a turn, both uniform.
+    distance: from, to, m. turn: up to, rad, either way.
     """
 
     name: str

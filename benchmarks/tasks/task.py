@@ -1,4 +1,4 @@
-"""What a task is: a robot or a train drives, and a log of what its sensors said is what the estimators get."""
+"""What a task is: a robot or a train drives, and estimators get a log of its sensor readings."""
 
 import hashlib
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from estimators.plugins.registry import load_estimator
 Case = int | str
 
 EVALUATION_PERIOD = 0.5
-"""Trajectories are stored and scored every so many seconds, and at the last pose."""
+"""s: trajectories are stored and scored at this interval, and at the last pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Run:
 
     log: with the truth as its reference, which has a pose at least in its first row; the runner hands estimators the
     observations alone. direction: round a UMBmark square, None for other paths. baseline: the drive only gives the
-    systematic error that the extended UMBmark takes off (the same square on the clean floor); it is not scored itself.
+    systematic error that the extended UMBmark subtracts (the same square on the clean floor); it is not scored itself.
 
     belief: of a snapshot, the axles' poses (N, 3) that a train's estimator starts from instead of the true ones; the
     run is then scored at its last sample alone. sound: the axles, from 1 at the front, whose belief is right, where the
@@ -95,11 +95,11 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What an episode holds for calibration methods; its runs then only test the robot that they return.
+    """What an episode holds for calibration methods; its runs then only test the robot that a method returns.
 
-    recordings: what they get. odometry: the estimator, by its spec, that follows the runs with the calibrated robot;
-    odometry_source: its source hash when the episode was recorded. true_robot: with the parameters that are sought;
-    None where nobody knows them.
+    recordings: what methods get. odometry: the estimator, by its spec, that follows the runs with the calibrated robot;
+    odometry_source: its source hash when the episode was recorded. true_robot: with the true parameters; None where
+    nobody knows them.
     """
 
     recordings: tuple[Recording, ...]
@@ -134,7 +134,7 @@ class Episode:
 
     @cached_property
     def digest(self) -> str:
-        """A hash of all that estimates and scores depend on, to know an episode again."""
+        """A hash of all that estimates and scores depend on, by which an episode is recognised."""
         seen = hashlib.sha256(self.robot.hash().encode())
         for run in self.runs:
             seen.update(f"{run.direction} {run.baseline}".encode())
@@ -166,12 +166,12 @@ def _bytes(array: NDArray | None) -> bytes:
 
 @runtime_checkable
 class Task(Protocol):
-    """A test with a fixed meaning; change what it records, and its version goes up.
+    """A test with a fixed meaning: whenever what it records changes, its version goes up.
 
-    One that judges calibration methods instead of estimators has an attribute more, `followed_by`: the spec of the
+    A task that judges calibration methods instead of estimators has a further attribute, `followed_by`: the spec of the
     estimator that follows the test runs; its episodes have a `Calibration`.
 
-    Tasks are sent to other processes, so they pickle: a frozen dataclass at the top of a module does.
+    Tasks are sent to other processes, so they must pickle, as a frozen dataclass at the top level of a module does.
     """
 
     @property

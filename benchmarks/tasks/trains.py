@@ -27,7 +27,7 @@ from castor_envs.vehicles.train import TrainDescription
 
 CASES = 20
 WIDE = 0.22  # m, half track of the axles that are disturbed; the others have 0.16
-LANE = 0.19  # m: what lies on the floor begins so far beside the path
+LANE = 0.19  # m: distance from the path at which things on the floor begin
 STRETCH = (0.5, 1.7)  # m along the path: where it lies
 
 FloorOf = Callable[[TrainPath, np.random.Generator], Floor]
@@ -117,13 +117,13 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
     return tuple(
         DrivenTrain(
             name=f"train-{axles}-{kind}",
-            title=f"A train of {axles} axles on random paths, {disturbed} of them {where}",
-            description=f"{disturbed} of {axles} axles, drawn anew for every case, {where} for 1.2 m of a path of "
-            "5 to 6 m; train files as calibrated, relative posture sensors with their noise and offsets.",
+            title=f"A train of {axles} axles on random paths, {disturbed} of them {disturbance}",
+            description=f"{disturbed} of {axles} axles, drawn anew for every case, {disturbance} for 1.2 m of a path "
+            "of 5 to 6 m; train files as calibrated, relative posture sensors with their noise and offsets.",
             axles=axles,
             disturbed=disturbed,
             floor=floor,
         )
         for axles, disturbed in ((2, 1), (3, 1), (5, 2))
-        for kind, floor, where in (("patch", slippery, "on slippery strips"), ("cables", cables, "over cables"))
+        for kind, floor, disturbance in (("patch", slippery, "on slippery strips"), ("cables", cables, "over cables"))
     )
