@@ -1,9 +1,9 @@
-"""Estimators of a robot's pose from its encoders, of a train's from relative poses too, and how others are plugged in.
+"""Estimators of a robot's pose from its encoders, and of a train's poses from relative poses too; plug-ins of both.
 
 Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more. Of trains: `TrainOdometry`
 alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and
 `InlierLeastSquares` on any number. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says
-what a plug-in needs, which raises `Declined` for robots and trains that it does not serve.
+what a plug-in needs. Estimators raise `Declined` for robots and trains that they do not serve.
 """
 
 from castor_envs.errors import Declined

@@ -43,13 +43,13 @@ class Estimator(Protocol):
 
         With a robot (`RobotDescription` or `Geometry`) at `pose` (..., 3) = x, y (m) and psi (rad) of the body in N;
         with a train (`TrainDescription`) at `pose` (N, 3), those of its axles, front first. Raises `Declined`
-        (`castor_envs.errors`) where the estimator does not serve this robot or train; anything else is a fault.
+        (`castor_envs.errors`) where the estimator does not serve this robot or train; any other exception is a fault.
         """
         ...
 
     def update(self, observation: Observation, /) -> Array:
         """Take one sample, return the pose (..., 3) or (N, 3) at its time: x, y (m), psi (rad, unwrapped), float64.
 
-        The first sample after `reset` is that of the start itself, with wheel increments 0.
+        The first sample after `reset` is taken at the start pose, with wheel increments 0.
         """
         ...

@@ -1,1 +1,1 @@
-"""Finding and checking estimators and calibration methods that others wrote."""
+"""Finding and checking plug-ins: estimators and calibration methods of other authors."""

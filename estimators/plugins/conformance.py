@@ -29,13 +29,13 @@ from estimators.plugins.registry import EstimatorEntry, declines, reset_at_origi
 from estimators.protocol import Estimator
 
 TOLERANCE = 1e-9
-"""m and rad: what a change of frame or of batch size may change."""
+"""m and rad: largest difference allowed after a change of frame or of batch size."""
 
 BATCH = 7
-"""Robots in the batch that is compared with singles: a number that no other axis has, so that mixed-up axes show."""
+"""Robots in the batch that is compared with single robots: no other axis is as long, so that mixed-up axes show."""
 
 LOST = slice(40, 100)
-"""Samples without any relative pose, in the check that a train's estimator survives them."""
+"""Samples without relative poses, in the check that a train's estimator survives them."""
 
 STARTS = np.array([[0.0, 0.0, 0.0], [3.0, -2.0, 0.7], [-1.5, 4.0, -2.5]])
 
@@ -57,8 +57,7 @@ def check(entry: EstimatorEntry, vehicle: Vehicle | None = None) -> list[Finding
     """Return what was checked of an estimator, in the order of the checks.
 
     vehicle: robot or train to check on; None takes the first preset, in the order of `candidates`, that the estimator
-    serves. What the estimator raises becomes a finding. While it does not return poses at all, nothing further is
-    checked.
+    serves. What the estimator raises becomes a finding. If it does not return poses at all, nothing further is checked.
     """
     findings = [_finding(entry, "is constructed without arguments", entry.factory)]
     if findings[-1].passed:
@@ -75,14 +74,14 @@ def check(entry: EstimatorEntry, vehicle: Vehicle | None = None) -> list[Finding
 
 
 def candidates() -> list[str]:
-    """Return the presets in the order in which one is looked for that an estimator serves."""
+    """Return the presets in the order in which they are tried until an estimator serves one."""
     return list(dict.fromkeys(["asoc-prototype", "differential", *preset_names(), "cfmmr-3", *train_names()]))
 
 
 def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
     """Return why the estimator's `reset` declines a robot or a train; None if it does not.
 
-    Whatever else goes wrong is for `check` to find.
+    Other failures are left for `check` to find.
     """
     try:
         estimator = entry.factory()
@@ -120,7 +119,7 @@ class _Subject:
 
     @cached_property
     def wound(self) -> Array:
-        """The poses of an estimator of its own on the winding drive from STARTS[1]."""
+        """The poses of a new estimator on the winding drive from STARTS[1]."""
         return self.estimate(self.winding)
 
     def estimate(
@@ -133,7 +132,7 @@ class _Subject:
     ) -> Array:
         """Return the poses of an estimator (None: a new one) on a drive moved to `start` (3,).
 
-        observations: what it sees instead of the drive's own.
+        observations: given to it instead of the drive's observations.
         """
         estimator = estimator or self.entry.factory()
         first = se2.compose(start, drive.pose[0])
@@ -205,7 +204,7 @@ def _keeps_psi_unwrapped(subject: _Subject) -> None:
 def _drives_round(subject: _Subject) -> None:
     for drive, way in ((subject.turning, "round a circle of 1.6 m"), (subject.winding, "through bends to both sides")):
         difference = subject.estimate(drive, np.zeros(3)) - drive.pose
-        difference[..., 2] = wrap(difference[..., 2])  # whole turns are for another check
+        difference[..., 2] = wrap(difference[..., 2])  # whole turns are checked separately
         error = np.abs(difference).max(axis=(0, 2))
         axle = int(np.argmax(error))
         if error[axle] > 0.1:
@@ -340,7 +339,7 @@ _OF_TRAINS: dict[str, Callable[[_Subject], None]] = {
 
 
 def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice: str = "") -> Finding:
-    """Run one check; whatever it raises is the finding."""
+    """Run one check; an exception becomes the finding."""
     try:
         run()
     except _Wrong as wrong:
@@ -354,8 +353,8 @@ def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice
 def _place(entry: EstimatorEntry, error: BaseException) -> str:
     """Return where something was raised: the last line of the estimator's own file on the way, if there is one."""
     frames = traceback.extract_tb(error.__traceback__)
-    own_frames = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
-    return f"({own_frames[-1].name}, line {own_frames[-1].lineno} of {own_frames[-1].filename})"
+    inside = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
+    return f"({inside[-1].name}, line {inside[-1].lineno} of {inside[-1].filename})"
 
 
 def _kind(vehicle: Vehicle) -> str:
@@ -376,9 +375,9 @@ def _pose(value: object, k: int, shape: tuple[int, ...]) -> Array:
     except ValueError:
         pose = np.array(None)
     if pose.shape != shape:
-        what = f"shape {pose.shape}" if pose.dtype.kind in "fiu" else type(value).__name__
-        each = "" if shape == (3,) else f" for each of {shape[0]} axles, shape {shape}"
-        raise _Wrong(f"update {k} returns {what}: return an array of three numbers x, y, psi{each}")
+        given = f"shape {pose.shape}" if pose.dtype.kind in "fiu" else type(value).__name__
+        of_axles = "" if shape == (3,) else f" for each of {shape[0]} axles, shape {shape}"
+        raise _Wrong(f"update {k} returns {given}: return an array of three numbers x, y, psi{of_axles}")
     if pose.dtype != np.float64:
         raise _Wrong(f"update {k} returns numbers of type {pose.dtype}: return float64, as np.array(..., dtype=float)")
     if not np.isfinite(pose).all():

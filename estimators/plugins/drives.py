@@ -1,4 +1,4 @@
-"""Drives to check estimators on: smooth, noise-free, any robot; what the encoders say of perfect rolling."""
+"""Drives to check estimators on: smooth, noise-free, for any robot; encoder readings of perfect rolling."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,16 +66,16 @@ def _drive(robot: RobotDescription, twist: Callable[[float], Array], seconds: fl
         raise InputError(f"robot {robot.name!r} cannot drive ahead; check the estimator on another")
 
     def rates(t: float, state: Array) -> Array:
-        now, soon = allowed @ twist(t), allowed @ twist(t + 1e-6)
-        turning = castor_rates(geometry, state[3 : 3 + n], now)
+        current, soon = allowed @ twist(t), allowed @ twist(t + 1e-6)
+        turning = castor_rates(geometry, state[3 : 3 + n], current)
         steered = np.isnan(turning)
         if steered.any():  # without an offset: follows the direction in which its pivot moves
-            u, later = pivot_velocity(geometry, now), pivot_velocity(geometry, soon)
+            u, later = pivot_velocity(geometry, current), pivot_velocity(geometry, soon)
             cross = u[:, 0] * later[:, 1] - u[:, 1] * later[:, 0]
             turning = np.where(steered, cross / np.sum(u**2, axis=-1) / 1e-6, turning)
         cos, sin = np.cos(state[2]), np.sin(state[2])
-        velocity = [cos * now[0] - sin * now[1], sin * now[0] + cos * now[1], now[2]]
-        return np.concatenate([velocity, turning, inverse(geometry, state[3 : 3 + n], turning, now).rate])
+        velocity = [cos * current[0] - sin * current[1], sin * current[0] + cos * current[1], current[2]]
+        return np.concatenate([velocity, turning, inverse(geometry, state[3 : 3 + n], turning, current).rate])
 
     theta = trailing_angles(geometry, allowed @ twist(0.0))
     state = np.concatenate([np.zeros(3), theta, np.zeros(len(robot.wheels))])
@@ -92,7 +92,7 @@ def _drive(robot: RobotDescription, twist: Callable[[float], Array], seconds: fl
 
 
 def _allowed_twists(geometry: Geometry, turns: bool) -> Array:
-    """Return the projection (3, 3) of twists onto those that fixed castors allow, without turning if so wanted."""
+    """Return the projection (3, 3) of twists onto those that fixed castors allow; turns False: without turning."""
     matrix, _ = constraint_matrix(geometry, geometry.angle)
     held = np.concatenate([np.zeros_like(geometry.standard), geometry.standard & geometry.fixed[geometry.wheel_castor]])
     rows = np.concatenate([matrix[held], np.array([[0.0, 0.0, 1.0]])[: 0 if turns else 1]])

@@ -24,10 +24,10 @@ _FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbou
 
 @dataclass(frozen=True)
 class PlugInKind:
-    """What is plugged in: what people call it, the group of entry points, the methods that its class has.
+    """A kind of plug-in: what people call it, its group of entry points, the methods that its class needs.
 
-    packages: those of this project whose modules offer built-in classes by name, as the constant `constant`.
-    numbered: whether ``NAME-N`` constructs the class called NAME with the number N.
+    packages: those of this project whose modules offer built-in classes by name, as the constant `constant`. numbered:
+    whether ``NAME-N`` constructs the class called NAME with the number N.
     """
 
     what: str
@@ -47,11 +47,11 @@ class PlugInKind:
         return dict(sorted((name, kind) for names in found for name, kind in names.items()))
 
     def names(self) -> list[str]:
-        """Return the names of what is built in and of what other installed packages declare, sorted."""
+        """Return the names of built-in classes and of those that other installed packages declare, sorted."""
         return self.names_with(importlib.metadata.entry_points(group=self.group))
 
     def names_with(self, declared: importlib.metadata.EntryPoints) -> list[str]:
-        """Return the names of what is built in and of what is declared, sorted."""
+        """Return the names of built-in and of declared classes, sorted."""
         return sorted({*self.built_in, *declared.names})
 
 
@@ -75,7 +75,7 @@ def find(spec: str, role: PlugInKind) -> PlugIn:
 
 
 def runs_others_code(spec: str, role: PlugInKind) -> bool:
-    """Return whether `find` imports code that is not this project's: all but what is built in, or names nothing."""
+    """Return whether `find` imports code of others: any spec but that of a built-in class, or of nothing known."""
     if ":" in spec or spec.endswith(".py"):
         return True
     declared = importlib.metadata.entry_points(group=role.group).names
@@ -151,7 +151,7 @@ def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> Plug
     return _plug_in(f"{path.stem}:{kind.__name__}", spec, kind, role)
 
 
-def _imported(run: Callable[[], ModuleType], what: str, file: str | None) -> ModuleType:
+def _imported(run: Callable[[], ModuleType], origin: str, file: str | None) -> ModuleType:
     """Return what `run` imports; turns whatever the user's code raises into one line, with the line in `file`."""
     try:
         return run()
@@ -159,27 +159,27 @@ def _imported(run: Callable[[], ModuleType], what: str, file: str | None) -> Mod
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
             lines.append(error.lineno)
-        where = f", line {lines[-1]}" if lines else ""
+        place = f", line {lines[-1]}" if lines else ""
         text = f"{type(error).__name__}: {error.msg}" if isinstance(error, SyntaxError) else one_line(error)
-        raise InputError(f"{what}: cannot be imported{where} ({text})") from None
+        raise InputError(f"{origin}: cannot be imported{place} ({text})") from None
 
 
-def _class_in(module: ModuleType, name: str, where: str) -> type:
+def _class_in(module: ModuleType, name: str, source: str) -> type:
     kind = getattr(module, name, None)
     if isinstance(kind, type):
         return kind
     if kind is not None:
-        raise InputError(f"{where}: {name!r} is not a class")
+        raise InputError(f"{source}: {name!r} is not a class")
     classes = _own_classes(module)
-    raise InputError(f"{where}: there is no class {name!r}{did_you_mean(name, classes) if classes else ''}")
+    raise InputError(f"{source}: there is no class {name!r}{did_you_mean(name, classes) if classes else ''}")
 
 
 def _only_class(module: ModuleType, path: Path, role: PlugInKind) -> type:
     """Return the one class of a file that can play a role."""
     classes = _own_classes(module)
     lacking = {name: _missing(kind, role) for name, kind in classes.items()}
-    whole = [name for name in classes if not lacking[name]]
-    candidates = whole or [name for name in classes if len(lacking[name]) < len(role.methods)] or list(classes)
+    complete = [name for name in classes if not lacking[name]]
+    candidates = complete or [name for name in classes if len(lacking[name]) < len(role.methods)] or list(classes)
     if not candidates:
         methods = " and ".join(role.methods)
         raise InputError(f"{path}: there is no class in it; {_with_article(role.what)} is a class with {methods}")

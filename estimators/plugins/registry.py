@@ -70,8 +70,8 @@ class EstimatorEntry:
     def applicable(self, vehicle: Vehicle) -> str | None:
         """Return None if the estimator serves this robot or train, else the reason why not.
 
-        Asks built-in estimators alone: a plug-in's code is never run here, lest it hangs. Its `reset` says so later,
-        by raising `Declined`.
+        Asks built-in estimators alone: a plug-in's code, which may hang, is never run here. Its `reset` raises
+        `Declined` later.
         """
         return _unserved(self.factory, vehicle) if self.builtin else None
 
@@ -99,7 +99,7 @@ class CalibrationEntry:
         return self.kind()
 
     def applicable(self, vehicle: Vehicle) -> str | None:
-        """Return None: what a method serves hangs on the recordings, and it says so when it gets them."""
+        """Return None: what a method serves depends on the recordings, and it declines when it gets them."""
         return None
 
     def __reduce__(self) -> tuple[Callable[[str], "CalibrationEntry"], tuple[str]]:
@@ -119,9 +119,9 @@ def load_calibration(spec: str) -> CalibrationEntry:
 
 
 def reset_at_origin(estimator: Estimator, vehicle: Vehicle) -> None:
-    """Reset an estimator on a robot or a train, all poses 0: raises what its `reset` does where it declines.
+    """Reset an estimator on a robot or a train, all poses 0; raises what its `reset` raises, such as `Declined`.
 
-    What it says of small turns is not shown: it only answers whether it serves.
+    Its warnings of small turns are not shown: only whether it serves the vehicle matters here.
     """
     shape = (vehicle.n_axles, 3) if isinstance(vehicle, TrainDescription) else (3,)
     with warnings.catch_warnings():
@@ -130,18 +130,18 @@ def reset_at_origin(estimator: Estimator, vehicle: Vehicle) -> None:
 
 
 def declines(error: BaseException, vehicle: Any) -> str | None:
-    """Return the reason if what a `reset` raised says that it does not serve a vehicle, else None.
+    """Return the reason if the exception of a `reset` means that it does not serve a vehicle, else None.
 
-    `Declined` does; so does asking a train for what only robots have, and the reverse: the estimator was written for
-    the other kind. Any other exception is a fault.
+    `Declined` means that; so does an AttributeError for what only robots have on a train, or the reverse: the estimator
+    was written for the other kind. Any other exception is a fault.
     """
     if isinstance(error, Declined):
         return message_of(error) or "it gives no reason"
     if isinstance(error, AttributeError) and error.obj is vehicle:
         is_train = isinstance(vehicle, TrainDescription)
-        other = RobotDescription if is_train else TrainDescription
+        other_kind = RobotDescription if is_train else TrainDescription
         name = error.name or ""
-        if hasattr(other, name) or name in {field.name for field in fields(other)}:
+        if hasattr(other_kind, name) or name in {field.name for field in fields(other_kind)}:
             return f"is written for {'robots' if is_train else 'trains'}: it asks for {name!r}"
     return None
 
@@ -149,7 +149,7 @@ def declines(error: BaseException, vehicle: Any) -> str | None:
 def builtin_names(vehicle: Vehicle) -> list[str]:
     """Return the specs of this package's estimators that serve a robot or a train, in alphabetical order.
 
-    Where a class can be made with several numbers, those that it names itself in `variants`, in its order.
+    A class that can be made with several numbers has those that its `variants` names, in that order.
     """
     package = TRAINS if isinstance(vehicle, TrainDescription) else ROBOTS
     variants = [

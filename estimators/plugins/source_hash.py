@@ -1,7 +1,7 @@
-"""Which code an estimator is: a hash over its class's file and the files it builds on.
+"""Identifies an estimator's code: a hash over the file of its class and the files that it imports.
 
-So results of an edited estimator are never taken for those of the old one. Followed are imports of this package's
-files, and of files that belong to the plug-in: those of its own package, or next to its file. Other packages are not
+So results of an edited estimator are never taken for those of the old one. Imports are followed into this package's
+files and into files that belong to the plug-in: those of its package, or next to its file. Other packages are not
 followed; their versions are recorded with the results.
 """
 
@@ -52,9 +52,9 @@ def _imports(file: Path, name: str) -> list[tuple[Path, str]]:
     return [(path, imported) for path, imported in located if path is not None]
 
 
-@lru_cache(maxsize=256)  # every built-in estimator follows much the same files
+@lru_cache(maxsize=256)  # built-in estimators import much the same files
 def _imported(source: bytes, package: str) -> frozenset[str]:
-    """Return the full names of all that a module of a package may import, going by its source."""
+    """Return the full names of everything that a module of a package may import, according to its source."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):  # not Python source: an extension module

@@ -1,7 +1,8 @@
 """Drives to check estimators of trains on: smooth, noise-free; all axles on one path, the frames bent along it.
 
-The axles follow each other along the path, each a frame's length behind: all at one speed v, axle i turning at
-v k(s_i), the path's curvature where it is. So wheels roll without slip, and a frame is an arc where k is constant.
+The axles follow each other along the path, each a frame's length behind: all at one speed v, axle i turning at v
+k(s_i), with k(s_i) the path's curvature where axle i is. So wheels roll without slip, and a frame is an arc where k is
+constant.
 """
 
 from collections.abc import Callable

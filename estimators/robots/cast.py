@@ -13,11 +13,11 @@ from estimators.protocol import Observation
 from estimators.robots.castor_odometry import CastorOdometry, Step, displaced, several_castors, start
 
 LARGEST_DRIFT = 4e-4
-"""Of the path: what calibration leaves of the wheel radii, and so of every path (Doebbler's Table I: 0.04 %)."""
+"""Of the path: the relative error of wheel radii after calibration, and so of any path (Doebbler's Table I: 0.04 %)."""
 
 
 class SmallTurnWarning(UserWarning):
-    """CAST's small turns cost more than calibrated wheels would; `CASTArc` does without them."""
+    """CAST's small-turn assumption costs more than the errors of calibrated wheels; `CASTArc` does not need it."""
 
 
 class CAST:
@@ -25,17 +25,16 @@ class CAST:
 
     left_out: number of the castor not used, as in CAST-i; 0 uses all. step: see `CastorOdometry`.
 
-    Eq. 13 is linear in the turn of a sample, delta. A pivot at p moves by t + (Rot(delta) - 1) p; of this the least
-    squares find sin(delta) for the turn, and for the origin t - (1 - cos delta) c, c being the centroid of the pivots
-    used. So, with sample period T and turning rate omega,
+    Eq. 13 is linear in the turn of a sample, delta. A pivot at p moves by t + (Rot(delta) - 1) p; from this, least
+    squares give sin(delta) for the turn, and t - (1 - cos delta) c for the displacement of the origin, with c the
+    centroid of the pivots used. So, with sample period T and turning rate omega,
 
     - about any origin the heading falls short by delta^2 / 6 of every turn: 0.03 % at 45 deg/s and 20 Hz
     - about an origin off that centroid the position drifts by delta^2 / 2 |c| a sample, omega^2 T |c| / 2 m/s, towards
-      the side of the body on which c is not; turning the other way does not take it back, going round a whole circle
-      does
+      the side of the body opposite to c; turning the other way does not undo it, a whole circle does
 
     `CASTArc` has neither error. `reset` warns (`SmallTurnWarning`) where the second may exceed `LARGEST_DRIFT`; a
-    `Geometry`, which has neither a sample period nor speeds, is taken without a word.
+    `Geometry`, which has neither a sample period nor speeds, gives no warning.
     """
 
     batched = True
@@ -82,7 +81,7 @@ class CAST:
 
 
 def small_turn_drift(robot: RobotDescription, left_out: int = 0) -> float:
-    """Return how far CAST drifts by taking turns as small, of the path, driven as fast as the wheels allow.
+    """Return CAST's drift by its small-turn assumption, as a part of the path, driven as fast as the wheels allow.
 
     That is omega^2 T |c| / 2 (see `CAST`) over v, where half of the wheels' top speed V drives the body and half turns
     it: v = V / 2, omega = V / (2 R), with R the distance of the farthest pivot from the origin; so V T |c| / (4 R^2).

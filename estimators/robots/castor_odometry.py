@@ -1,4 +1,4 @@
-"""From encoder counts to the movement of each castor's pivot: what the algorithms of this package start from.
+"""From encoder counts to the movement of each castor's pivot, with which the algorithms of this package start.
 
 Doebbler III.B: "standard odometry equations as given by Borenstein are adapted to compensate for the offset of
 the pivot from the wheel axis". A castor with two driven wheels is a differential-drive robot: the foot of its axle
@@ -36,7 +36,7 @@ class CastorSteps(NamedTuple):
 class CastorOdometry:
     """Reads encoder counts of some castors of a robot, sample by sample. Arithmetic broadcasts.
 
-    castors: their indices from 0. step: how a step's displacement follows from rolled distance and turn:
+    castors: their indices from 0. step: how the displacement in a sample follows from rolled distance and turn:
 
     - "arc": the wheels turn evenly between samples, so the foot runs on a circle; no further approximation
     - "midpoint": straight along the heading half way
@@ -95,7 +95,8 @@ class CastorOdometry:
         bearing = before + self._direction * turn
         cos, sin = np.cos(bearing), np.sin(bearing)
         swing_cos, swing_sin = cos, sin
-        if self._exact_swing and not self._exact_roll:  # the axle goes one way, the swing looks half way
+        if self._exact_swing and not self._exact_roll:
+            # The axle moves along `bearing`, the swing is taken at the middle heading.
             swing_cos, swing_sin = np.cos(before + 0.5 * turn), np.sin(before + 0.5 * turn)
         return CastorSteps(cos * along - swing_sin * across, sin * along + swing_cos * across, turn, after - before)
 
@@ -124,7 +125,7 @@ def several_castors(geometry: Geometry, left_out: int) -> tuple[tuple[int, ...],
 
 
 def start(robot: RobotDescription | Geometry, pose: ArrayLike) -> tuple[Geometry, Array]:
-    """Return the robot's geometry and an own copy of the start pose (..., 3), m and rad."""
+    """Return the robot's geometry and a copy of the start pose (..., 3), m and rad."""
     return Geometry.of(robot), np.array(pose, dtype=float)
 
 

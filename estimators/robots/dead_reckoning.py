@@ -1,4 +1,4 @@
-"""Dead reckoning by one castor: what a robot knows without a second castor to check the first."""
+"""Dead reckoning by one castor, without a second castor to correct the first."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +13,9 @@ from estimators.robots.castor_odometry import CastorOdometry, Step, displaced, o
 
 
 class DeadReckoning:
-    """Heading and position from a single castor (Doebbler III.B: what IPEC and CAST improve on).
+    """Heading and position from a single castor (Doebbler III.B), on which IPEC and CAST improve.
 
-    The body turns as the castor does by its two wheels, less what the castor swivels against the body. On a fixed
+    The body turns as much as the castor does by its two wheels, minus the castor's swivel against the body. On a fixed
     castor this is the odometry of a differential drive, with exact arcs. castor: its number, from 1. step: see
     `CastorOdometry`.
     """

@@ -20,7 +20,7 @@ from estimators.robots.castor_odometry import (
 
 
 class IPEC:
-    """Heading from where two castors went, not from how they turned (Doebbler III.B, eq. 10).
+    """Heading from the displacements of two castors, not from how they turned (Doebbler III.B, eq. 10).
 
     left_out: number of the castor not used, as in IPEC-i; 0 on a robot with two castors. step: see
     `CastorOdometry`.

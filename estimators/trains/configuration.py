@@ -1,4 +1,4 @@
-"""The configuration of a train as odometry has it, and when relative poses may correct it: for all its estimators."""
+"""A train's configuration by odometry, and when relative poses may correct it: shared by all estimators of trains."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +18,13 @@ __all__ = ["MAX_AGE", "Configuration", "RelativePoseWarning", "checked_interval"
 DEFAULT_INTERVAL = 100
 """Sample periods between corrections, 5 s at 20 Hz.
 
-What a correction takes over of the relative poses' errors stays in the poses, so rarely is better than often: of 1, 20,
-50, 100 and 200 this was best or near it for all estimators here, on cases 1000 to 1007 of the tasks of driven trains,
-which no leaderboard uses.
+A correction carries errors of the relative poses into the poses, where they stay, so rare corrections are better than
+frequent ones: of 1, 20, 50, 100 and 200 this was best or nearly so for all estimators here, on cases 1000 to 1007 of
+the tasks of driven trains, which no leaderboard uses.
 """
 
 MOST_INTERVAL = 1_000_000
-"""Sample periods, most of a day: whoever means more means no correction at all."""
+"""Sample periods, most of a day: a longer interval would mean no correction at all."""
 
 _SLACK = 1e-9  # s, by which a sample may come early
 
@@ -67,8 +67,8 @@ class Configuration:
     def advance(self, observation: Observation) -> Array | None:
         """Take one sample; return the relative poses (F, 3) if a correction is due and they are usable, else None.
 
-        The first sample after construction starts the clock and is never corrected. What is due stays so until
-        `correct`. Raises InputError where the sample lacks something or has another size.
+        The first sample after construction starts the clock and is never corrected. A correction that is due stays due
+        until `correct`. Raises InputError where the sample lacks something or has another size.
         """
         n = len(self._axles)
         wheel = entry(observation, "wheel", 2 * n, f"left and right of {n} axles").reshape(n, 2)

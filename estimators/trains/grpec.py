@@ -21,8 +21,8 @@ from estimators.trains.configuration import DEFAULT_INTERVAL, Configuration, che
 Metric = Literal["xy", "phi", "dev"]
 
 TIE = 1e-12
-"""m and rad: errors closer than this are equal, and lengths and errors up to this are none: rounding must not decide.
-theta_phi of two axles is always equal for even N."""
+"""m and rad: errors closer than this count as equal, and lengths and errors up to this as 0, so that rounding never
+decides. theta_phi of two axles is always equal for even N."""
 
 
 class Errors(NamedTuple):
@@ -61,9 +61,9 @@ def attached(od: ArrayLike, relative: ArrayLike) -> Array:
 def errors(od: ArrayLike, relative: ArrayLike) -> Errors:
     """Return the errors (..., N) of every attachment, for OD poses (..., N, 3) and relative poses (..., N - 1, 3).
 
-    Of each attachment j, OD pose i less attached pose i is formed from what both have in common: turned by the OD
-    heading of j less its heading in the chain, the chain leads from j to i. So neither far places nor whole turns of a
-    heading cost digits, and errors that tie do so exactly. Raises InputError for other shapes.
+    For each attachment j, OD pose i minus attached pose i is computed from vectors relative to axle j: the chain from j
+    to i, turned by the OD heading of j minus its heading in the chain. So neither distant positions nor whole turns of
+    a heading cost digits, and errors that tie do so exactly. Raises InputError for other shapes.
     """
     od, relative = _checked(od, relative)
     shape = chain(relative)
@@ -80,14 +80,14 @@ def errors(od: ArrayLike, relative: ArrayLike) -> Errors:
     between = arms(od)
     distance = np.hypot(between[..., 0] - x, between[..., 1] - y)  # eq. 3
     turn = np.abs(wrap(turned[..., None, :] - turned[..., :, None]))  # eq. 4
-    whole = attached_arm((shape[..., 0, :2] - shape[..., -1, :2])[..., None, None, :])
+    whole_arm = attached_arm((shape[..., 0, :2] - shape[..., -1, :2])[..., None, None, :])
     dev_od = (od[..., 0, :2] - od[..., -1, :2])[..., None, :]
-    deviation = _angle_between(dev_od, np.stack(whole, axis=-1)[..., 0, :])  # eqs. 6, 7
+    deviation = _angle_between(dev_od, np.stack(whole_arm, axis=-1)[..., 0, :])  # eqs. 6, 7
     return Errors(distance.sum(axis=-1), turn.sum(axis=-1), deviation)  # eq. 5
 
 
 def select(errors: ArrayLike, theta_xy: ArrayLike) -> NDArray[np.intp]:
-    """Return the most trustworthy axle, (...) from 0: that of the smallest of `errors` (..., N).
+    """Return the most trustworthy axle (...), from 0: the one with the smallest of `errors` (..., N).
 
     Ties within `TIE` go to the lower `theta_xy` (..., N); if that ties too, to the lower number. Raises InputError
     where the shapes differ or an error is not a number.
@@ -105,8 +105,9 @@ def select(errors: ArrayLike, theta_xy: ArrayLike) -> NDArray[np.intp]:
 def confidence(errors: ArrayLike) -> tuple[Array, Array]:
     """Return CON1 (eq. 8) and CON2 (eq. 9), each (...), of errors (..., N), N at least 2.
 
-    CON2 compares the smallest with the second smallest error ("the next most trustworthy axle"), which for N = 3 is
-    the median that eq. 9 prints. Where what the smallest is compared with is 0 (at most `TIE`), so is the confidence.
+    CON2 compares the smallest with the second smallest error ("the next most trustworthy axle"), which for N = 3 is the
+    median that eq. 9 prints. Where the error that the smallest is compared with is 0 (at most `TIE`), so is the
+    confidence.
     """
     ordered = np.sort(np.asarray(errors, dtype=float), axis=-1)
     if ordered.ndim == 0 or ordered.shape[-1] < 2:
@@ -116,7 +117,7 @@ def confidence(errors: ArrayLike) -> tuple[Array, Array]:
 
 
 class GRPEC:
-    """Every so often replaces the OD poses by the attachment to the most trustworthy axle; odometry goes on from it.
+    """At intervals replaces the OD poses by the attachment to the most trustworthy axle; odometry goes on from it.
 
     metric: the error that is smallest. interval: sample periods between corrections.
 
@@ -196,13 +197,13 @@ def _angle_between(a: Array, b: Array) -> Array:
     """
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     dot = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
-    none = (np.hypot(a[..., 0], a[..., 1]) <= TIE) | (np.hypot(b[..., 0], b[..., 1]) <= TIE)
-    return np.where(none, 0.0, np.arctan2(np.abs(cross), dot))
+    degenerate = (np.hypot(a[..., 0], a[..., 1]) <= TIE) | (np.hypot(b[..., 0], b[..., 1]) <= TIE)
+    return np.where(degenerate, 0.0, np.arctan2(np.abs(cross), dot))
 
 
-def _shortfall(least: Array, other: Array) -> Array:
-    """Return (other - least) / other, 0 for 0 / 0: errors that are equal to 0 as ties are."""
-    return np.where(other <= TIE, 0.0, (other - least) / np.maximum(other, TIE))
+def _shortfall(least: Array, compared: Array) -> Array:
+    """Return (compared - least) / compared, and 0 where `compared` is 0 (at most `TIE`)."""
+    return np.where(compared <= TIE, 0.0, (compared - least) / np.maximum(compared, TIE))
 
 
 ESTIMATORS = {"grpec-phi": GRPECPhi, "grpec-dev": GRPECDev, "grpec-xy": GRPECXY}

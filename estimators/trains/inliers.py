@@ -1,8 +1,9 @@
-"""Truncated least squares over inlier sets: which axles' odometry to believe, all axles weighed together.
+"""Truncated least squares over inlier sets: which axles' odometry to believe, considering all axles together.
 
-This project's own alternative to GRPEC; no paper. Relative poses always count. An axle's OD pose counts by its squared
-residuals, as in Method 2 (`train_least_squares`), or, if the axle is an outlier, as the constant `OUTLIER_COST`. Of
-all 2^N - 1 sets of inliers that of the smallest cost wins: a fit that ignores axles that slipped.
+An alternative to GRPEC of this project, from no paper. Relative poses always count. An axle's OD pose counts by its
+squared residuals, as in Method 2 (`train_least_squares`), or, if the axle is an outlier, as the constant
+`OUTLIER_COST`. Of all 2^N - 1 sets of inliers the one with the smallest cost wins, so that the fit ignores axles that
+slipped.
 
 Each set is tried by a filter that runs down the train from its first inlier, one small step an axle, all sets at
 once; the best ones are then solved exactly.
@@ -22,14 +23,14 @@ from estimators.trains.least_squares import Solution, gauss_newton
 from estimators.trains.pose_noise import ODOMETRY_SIGMA, RELATIVE_SIGMA
 
 OUTLIER_COST = 16.27
-"""What leaving out an axle costs: a sound axle's three squared residuals are larger in 0.1 % of all cases."""
+"""Cost of leaving out an axle: a sound axle's three squared residuals add up to more in 0.1 % of all cases."""
 
 NEAR_TIE = 1.0
-"""Costs this close do not decide: the odds of two Gaussian explanations are then less than e^(1/2), 1.6 to 1. Single
-inliers tie exactly: each fits its own OD pose and all relative poses."""
+"""Costs that differ by less do not decide: the odds of two Gaussian explanations are then below e^(1/2), 1.6 to 1.
+Single inliers tie exactly: each fits its own OD pose and all relative poses."""
 
 WIDE = 12.0
-"""Sets whose cost by the filter is this close to the smallest are solved exactly."""
+"""Sets whose cost by the filter differs from the smallest by at most this are solved exactly."""
 
 MOST_SOLVED = 12
 """Sets that are solved exactly, at most."""
@@ -39,12 +40,12 @@ def inlier_costs(od: ArrayLike, relative: ArrayLike) -> tuple[NDArray[np.bool_],
     """Return all sets of inliers (S, N), S = 2^N - 1, and the cost (S,) of each.
 
     od: (N, 3), relative: (N - 1, 3). The filter is linearised once at each axle: costs near the smallest are right to
-    some per cent, large ones only large.
+    some per cent, large costs only roughly.
     """
     od, relative = np.asarray(od, dtype=float), np.asarray(relative, dtype=float)
     n = len(od)
     prior, noise = np.diag(ODOMETRY_SIGMA**2), np.diag(RELATIVE_SIGMA**2)
-    # Sets of the axles so far that have an inlier: what they say of the present axle.
+    # For the inlier sets of the axles so far: the estimate of the present axle.
     sets, mean, covariance, cost = np.zeros((0, n), dtype=bool), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
     for i in range(n):
         if i > 0:
@@ -69,7 +70,7 @@ def inlier_costs(od: ArrayLike, relative: ArrayLike) -> tuple[NDArray[np.bool_],
 def best_fit(od: ArrayLike, relative: ArrayLike) -> tuple[Solution, NDArray[np.bool_]]:
     """Return the poses (N, 3) of the best fit, and which axles (N,) are its inliers.
 
-    Among sets whose costs are within `NEAR_TIE` of the smallest, that fit wins whose positions are nearest to all OD
+    Among sets whose costs are within `NEAR_TIE` of the smallest, the fit wins whose positions are nearest to all OD
     positions (the sum of eqs. 3 and 5 of Vogt and Minor, theta_xy: of a single inlier it is that of its attachment).
     """
     od = np.asarray(od, dtype=float)
@@ -84,7 +85,7 @@ def best_fit(od: ArrayLike, relative: ArrayLike) -> tuple[Solution, NDArray[np.b
 
 
 class InlierLeastSquares:
-    """Every so often replaces the OD poses by the best fit of all inlier sets; odometry goes on from it.
+    """At intervals replaces the OD poses by the best fit of all inlier sets; odometry goes on from it.
 
     interval: sample periods between corrections. inliers: the axles (from 1) whose odometry the last correction
     believed, None before. status: why relative poses cannot be used now, or None.

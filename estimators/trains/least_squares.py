@@ -1,10 +1,10 @@
 """Method 2 of Vogt and Minor: least squares over the whole train, "all axles to have a relative degree of trust".
 
-The paper prints no equation of it, and reports that it does not converge (Fig. 4). Here it is a Gauss-Newton
-iteration on the poses of all axles. Its residuals, each divided by its standard deviation:
+The paper gives no equation for it, and reports that it does not converge (Fig. 4). Here it is a Gauss-Newton iteration
+on the poses of all axles. Its residuals, each divided by its standard deviation:
 
-- prior of axle i: its pose less its OD pose
-- frame f: the pose of the front axle in the rear axle's frame, less the relative pose measured
+- prior of axle i: its pose minus its OD pose
+- frame f: the pose of the front axle in the rear axle's frame, minus the measured relative pose
 
 With priors it converges. Without them the residuals do not change when the whole train is moved or turned: the normal
 matrix has rank 3 (N - 1) of 3 N, no step is determined, and nothing can converge. That may be what Fig. 4 shows.
@@ -31,8 +31,9 @@ CONVERGED = 1e-9
 class Solution(NamedTuple):
     """What `gauss_newton` found, over leading axes (...).
 
-    poses: (..., N, 3), psi next to the OD headings. cost: (...), sum of squared residuals there. iterations: of the
-    one that took most. converged: whether all did. rank: (...), of the normal matrix, whose size is 3 N.
+    poses: (..., N, 3), psi next to the OD headings. cost: (...), sum of squared residuals there. iterations: the
+    largest number over (...). converged: whether all of them converged. rank: (...), of the normal matrix, whose size
+    is 3 N.
     """
 
     poses: Array
@@ -82,7 +83,7 @@ def gauss_newton(
     """Return the poses (..., N, 3) that fit OD poses (..., N, 3) and relative poses (..., N - 1, 3) best.
 
     priors: whether OD poses count, for all axles or each (..., N). start: where to begin, (..., N, 3); None: at the OD
-    poses. Without any prior the start comes back, not converged, with the rank that says why.
+    poses. Without any prior the start is returned, not converged, with the rank that shows why.
     """
     od, relative = np.asarray(od, dtype=float), np.asarray(relative, dtype=float)
     first = od if start is None else np.asarray(start, dtype=float)
@@ -91,7 +92,7 @@ def gauss_newton(
     used = np.broadcast_to(np.asarray(priors), (*axes, n))
     poses = next_to(od[..., 2], np.broadcast_to(first, (*axes, n, 3)))
     anchored = used.any(axis=-1)
-    # Priors of any one axle hold the train in place: then all of the 3 N are determined.
+    # The prior of a single axle holds the train in place: then all 3 N unknowns are determined.
     h = jacobian(poses, used)
     rank = np.linalg.matrix_rank(h) if not anchored.all() else np.full(axes, 3 * n)
     iterations, step = 0, np.full_like(poses, np.inf)
@@ -108,7 +109,7 @@ def gauss_newton(
 
 
 class TrainLeastSquares:
-    """Every so often replaces the OD poses by the least-squares fit of all data; odometry goes on from it.
+    """At intervals replaces the OD poses by the least-squares fit of all data; odometry goes on from it.
 
     interval: sample periods between corrections. solution: the last correction's, None before. status: why relative
     poses cannot be used now, or None.

@@ -1,4 +1,4 @@
-"""Odometry of a train: every axle by its own two wheels, as if no frame joined them."""
+"""Odometry of a train: each axle by its two wheels alone, as if no frame joined the axles."""
 
 from numpy.typing import ArrayLike
 

@@ -1,8 +1,8 @@
-"""How far odometry-derived and relative poses of a train are trusted: assumptions of all estimators that weigh them.
+"""Standard deviations of odometry-derived and relative poses of a train: assumptions of all estimators that weigh them.
 
 The paper of Vogt and Minor gives one number: relative poses are right to 1 to 3 cm. Headings are taken to be known as
 well as positions are: 1 deg with 1 cm. Odometry between two corrections is taken to be twice as good, unless an axle
-slips; those that slip are what the estimators look for.
+slips; finding axles that slip is the estimators' task.
 """
 
 import numpy as np

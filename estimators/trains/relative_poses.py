@@ -1,4 +1,4 @@
-"""Reading a train's relative posture sensors (RPS): which readings can be used, and what is said of the others."""
+"""Reading a train's relative posture sensors (RPS): which readings can be used, and warnings about the others."""
 
 import warnings
 
@@ -14,7 +14,7 @@ MAX_AGE = 0.5
 
 
 FARTHEST = 10.0
-"""Frame lengths: a reading that puts the front axle farther away is none; no frame reaches so far."""
+"""Frame lengths: a reading that puts the front axle farther away than this is impossible, and not used."""
 
 
 class RelativePoseWarning(UserWarning):
@@ -36,7 +36,7 @@ class RelativePoses:
     def read(self, observation: Observation) -> Array | None:
         """Return the relative poses (F, 3), front axle in the rear axle's frame; None if any cannot be used.
 
-        A reading is usable if it is finite, possible (`FARTHEST`) and at most `MAX_AGE` old. Warns once of every frame
+        A reading is usable if it is finite, possible (`FARTHEST`) and at most `MAX_AGE` old. Warns once for each frame
         and cause. Raises InputError where `rps` or `rps_age` is missing or of the wrong size, or an age is below 0.
         """
         n = len(self._names)
@@ -61,11 +61,11 @@ class RelativePoses:
         return relative if self.status is None else None
 
 
-def entry(observation: Observation, key: str, size: int, what: str) -> Array:
+def entry(observation: Observation, key: str, size: int, layout: str) -> Array:
     """Return an array of the observation; raises InputError where it is missing or not of this size."""
     if key not in observation:
-        raise InputError(f"the observation has no {key!r}, which an estimator of this train needs: {size} ({what})")
+        raise InputError(f"the observation has no {key!r}, which an estimator of this train needs: {size} ({layout})")
     values = np.asarray(observation[key], dtype=float)
     if values.shape != (size,):
-        raise InputError(f"the observation's {key!r} has shape {values.shape}; this train needs ({size},), {what}")
+        raise InputError(f"the observation's {key!r} has shape {values.shape}; this train needs ({size},), {layout}")
     return values

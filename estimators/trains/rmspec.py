@@ -1,4 +1,4 @@
-"""Method 1 of Vogt and Minor: RMSPEC, which knows two axles, applied to a train pair by pair.
+"""Method 1 of Vogt and Minor: RMSPEC, a method for two axles, applied to a train pair by pair.
 
 The paper says of Method 1 that it "selects the most trustworthy frame followed by selecting the most trustworthy axle
 of that frame corresponding to RMSPEC deviation metrics", and prints no equation. RMSPEC itself (Minor and Merrell, Int.
@@ -6,17 +6,17 @@ J. Robotics Research 26, 2007) keeps an extended Kalman filter for each axle and
 (CI). The reading here:
 
 1. Every axle has a covariance of its own, which grows as it rolls (`ROLLING_SIGMA`, `TURNING_SIGMA`).
-2. Every frame is a train of two axles. The deviation angle of an attachment (eqs. 6, 7) measures the trust in its
-   axle: the smaller is the axle's, and the frame's.
-3. Frame by frame, the most trustworthy first, the OD pose of the trusted axle predicts the other one's pose through
-   the relative pose, and the other axle is fused with it: by CI, whose weight makes the determinant of the covariance
-   smallest. The discrepancy of the two is held against the distrusted axle: its square adds to that axle's
+2. Every frame is a train of two axles. The deviation angle of an attachment (eqs. 6, 7) measures the trust in its axle:
+   the smaller angle marks the trusted axle, and is that of the frame.
+3. Frame by frame, the most trustworthy first, the OD pose of the trusted axle predicts the other one's pose through the
+   relative pose, and the other axle is fused with it: by CI, whose weight makes the determinant of the covariance
+   smallest. The discrepancy of the two counts against the distrusted axle: its square is added to that axle's
    covariance. Without this CI would keep the OD pose as it is, since a prediction is never surer than what it is
    predicted from.
 
-Every frame knows its own two axles and their odometry alone; an axle inside the train belongs to two frames, may be
-trusted by one and moved by the other. So the belief contradicts the relative poses after the update, which is why the
-paper gives this method up (Fig. 2).
+Every frame uses its two axles and their odometry alone; an axle inside the train belongs to two frames, and may be
+trusted by one frame and moved by the other. So the belief contradicts the relative poses after the update, for which
+the paper rejects this method (Fig. 2).
 """
 
 from typing import NamedTuple
@@ -33,10 +33,10 @@ from estimators.trains.grpec import Errors, attached, errors, select
 from estimators.trains.pose_noise import ODOMETRY_SIGMA, RELATIVE_SIGMA
 
 ROLLING_SIGMA = np.array([0.01, 0.005, np.radians(1.0)])
-"""Error (along m, across m, heading rad) of odometry after 1 m: an assumption. Grows with the root of the distance."""
+"""Error (along m, across m, heading rad) of odometry after 1 m, assumed; in proportion to the root of the distance."""
 
 TURNING_SIGMA = np.radians(1.0)
-"""Error of heading after turning by 1 rad, rad: an assumption. Grows with the root of the angle."""
+"""Error of heading after turning by 1 rad, rad: an assumption. Grows with the square root of the angle."""
 
 
 class Belief(NamedTuple):
@@ -52,21 +52,21 @@ def deviations(od: ArrayLike, relative: ArrayLike) -> Array:
 
 
 def updated(belief: Belief, relative: ArrayLike) -> Belief:
-    """Return the belief after all frames had their update, for relative poses (N - 1, 3)."""
+    """Return the belief after the updates of all frames, for relative poses (N - 1, 3)."""
     relative = np.asarray(relative, dtype=float)
     poses, covariances = belief.poses.copy(), belief.covariances.copy()
     found = _of_frames(poses, relative)
     trusted_axle = select(found.theta_dev, found.theta_xy)
     for frame in np.argsort(found.theta_dev.min(axis=-1), kind="stable"):
-        trusted, other = (frame, frame + 1) if trusted_axle[frame] == 0 else (frame + 1, frame)
+        trusted, doubted = (frame, frame + 1) if trusted_axle[frame] == 0 else (frame + 1, frame)
         pair = slice(frame, frame + 2)
-        prediction = attached(belief.poses[pair], relative[frame : frame + 1])[trusted - frame, other - frame]
+        prediction = attached(belief.poses[pair], relative[frame : frame + 1])[trusted - frame, doubted - frame]
         sure = _predicted(belief.poses[trusted], belief.covariances[trusted], prediction, front=trusted == frame)
-        discrepancy = prediction - poses[other]
+        discrepancy = prediction - poses[doubted]
         discrepancy[2] = wrap(discrepancy[2])
-        doubted = covariances[other] + np.outer(discrepancy, discrepancy)
-        gain, covariances[other] = intersection(doubted, sure)
-        poses[other] = poses[other] + gain @ discrepancy
+        doubted_covariance = covariances[doubted] + np.outer(discrepancy, discrepancy)
+        gain, covariances[doubted] = intersection(doubted_covariance, sure)
+        poses[doubted] = poses[doubted] + gain @ discrepancy
     return Belief(poses, covariances)
 
 
@@ -84,14 +84,14 @@ def intersection(first: Array, second: Array) -> tuple[Array, Array]:
         return -float(np.linalg.slogdet(w * a + (1 - w) * b)[1])
 
     best = minimize_scalar(information, bounds=(0.0, 1.0), method="bounded").x
-    # A bounded search never reaches the ends, where one estimate is right in all directions.
+    # A bounded search never reaches the ends, which are best where one estimate is surer in all directions.
     w = min((0.0, float(best), 1.0), key=information)
     covariance = np.linalg.inv(w * a + (1 - w) * b).astype(float)
     return (1 - w) * covariance @ b, covariance
 
 
 class RMSPEC:
-    """Every so often corrects the OD poses frame by frame; odometry goes on from them.
+    """At intervals corrects the OD poses frame by frame; odometry goes on from them.
 
     interval: sample periods between corrections. status: why relative poses cannot be used now, or None.
     """
@@ -144,7 +144,7 @@ def _of_frames(od: ArrayLike, relative: ArrayLike) -> Errors:
 
 
 def _predicted(pose: Array, covariance: Array, prediction: Array, front: bool) -> Array:
-    """Return the covariance (3, 3) of a pose predicted through a relative pose from an axle, its front one or not."""
+    """Return the covariance (3, 3) of a pose predicted through a relative pose from an axle: the front one, or not."""
     step = prediction - pose
     by_pose = _moved_by_heading(step)
     # From the front axle the relative pose is taken backwards: its error of heading swings the rear axle about it.

@@ -1,18 +1,18 @@
-"""IPEC for two trucks, as Borenstein invented it: the line between the trucks is the compass of both.
+"""IPEC for two trucks, as Borenstein invented it: the line between the trucks serves both as a compass.
 
 Borenstein, "Internal correction of dead-reckoning errors with a dual-drive compliant linkage mobile robot", Journal of
 Robotic Systems 12(4), 1995, pp. 257-273, and "Experimental results from internal odometry error correction with the
 OmniMate mobile robot", IEEE Trans. Robotics and Automation 14(6), 1998. A bump turns a truck at once (its orientation
 error grows fast), but moves it sideways only as it drives on (its lateral error grows slowly). So the bearing of the
-line between two trucks, from their momentary positions, is right where their headings are not, and every truck
-measures the same bearing from itself by the encoders of the linkage. Here the relative pose gives what those encoders
-do. `estimators.robots.ipec` is the same idea on two castors of one body.
+line between two trucks, from their momentary positions, is right where their headings are not, and every truck measures
+the same bearing from itself by the encoders of the linkage. Here the relative pose replaces these encoders.
+`estimators.robots.ipec` is the same idea on two castors of one body.
 
 Steps at a correction, axle 1 in front:
 
 1. odometry of both trucks gives the bearing of the line from the rear one to the front one;
 2. the linkage gives the same bearing in each truck's own frame;
-3. the difference is each truck's heading, right but for the slow lateral error;
+3. the difference is each truck's heading, free of error but for the slow lateral one;
 4. the rear truck's position is made consistent with the front one's: on that line, at the linkage's length
    (as Doebbler et al. describe IPEC, III.B).
 """
@@ -45,7 +45,7 @@ def corrected(od: ArrayLike, relative: ArrayLike) -> Array:
 
 
 class TwoTruckIPEC:
-    """Corrects both headings by the line between two axles, and the rear axle's distance, at every sample.
+    """Corrects both headings by the line between the two axles, and the distance of the rear axle, at every sample.
 
     interval: sample periods between corrections; 1, as Borenstein has it: errors are corrected as they occur.
     status: why relative poses cannot be used now, or None.
