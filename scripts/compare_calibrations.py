@@ -36,7 +36,7 @@ def errors(found: RobotDescription, true: RobotDescription) -> list[float]:
     return [100 * offset, 100 * radius, 100 * lateral, np.degrees(zero)]
 
 
-def one_set(k: int) -> list[list[float]]:
+def errors_of_set(k: int) -> list[list[float]]:
     """Return the errors of every column for robot k."""
     random, described = np.random.default_rng([k, 4]), preset("asoc-prototype")
     true = UNCALIBRATED_BETA.applied(described, random)
@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=20)
     sets = parser.parse_args().sets
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        found = np.array(list(pool.map(one_set, range(sets), chunksize=4)))
+        found = np.array(list(pool.map(errors_of_set, range(sets), chunksize=4)))
     mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / np.sqrt(sets)
     print(f"{sets} robots; mean absolute error left of r_c (%), r_w (%), d (%), beta (deg)")
     for name, row, off in zip(COLUMNS, mean, error, strict=True):
