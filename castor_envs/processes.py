@@ -4,7 +4,7 @@ A plug-in may hang, crash or end its process (with exit code 0 too), start proce
 end; only its own job is lost. Workers are spawned, so they start without the parent's memory, and with a safe path, so
 that nothing in the current folder shadows a package.
 
-Where there are sessions (not on Windows) each worker leads one of its own: it ends together with all processes that the
+Where there are sessions (not on Windows) each worker leads a new session: it ends together with all processes that the
 plug-in started, also when the parent is killed. What a plug-in prints to stdout is dropped, to stderr it is shown.
 """
 
@@ -35,9 +35,9 @@ except ImportError:  # Windows
 
 MOST_MEMORY = 4 * 2**30 + 64 * 2**20 * (os.cpu_count() or 1)
 """Bytes that a worker, and every process that it starts, may take (the kernel's count of data): over ten times what
-built-in jobs take (0.15 GB of packages and up to 0.2 GB of their own), and little enough that one plug-in does not
-drive a common machine out of memory. Linear algebra reserves stack and buffers for each core. Where the system does
-not count (macOS, Windows) there is no limit."""
+built-in jobs take (0.15 GB of packages and up to 0.2 GB of data), and little enough that one plug-in does not drive a
+common machine out of memory. Linear algebra reserves stack and buffers for each core. Where the system does not count
+(macOS, Windows) there is no limit."""
 
 MOST_CHILDREN = 64
 """Processes that a plug-in may have at a time, those that ended unawaited included: enough for one a core and a helper
@@ -232,7 +232,7 @@ class _Worker:
         if self.printed > MOST_PRINTED:
             self.kill()
             return Exceeded(f"printed over {MOST_PRINTED // 1000} kB to stderr")
-        if processes - 2 > MOST_CHILDREN:  # the worker and its watcher are none of the plug-in's
+        if processes - 2 > MOST_CHILDREN:  # without the worker and its watcher, which the plug-in did not start
             self.kill()
             return Exceeded(f"started over {MOST_CHILDREN} processes")
         if self.job is not None and time.monotonic() > self.deadline:
@@ -312,7 +312,7 @@ def _safe_path() -> Iterator[None]:
 def _sigint_deferred() -> Iterator[None]:
     """Let processes started within never see Ctrl-C, not even while they start: the parent ends them.
 
-    Here it acts afterwards, lest a process is left half started.
+    In the parent it acts afterwards, so that no process is left half started.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -375,7 +375,7 @@ def _answer(connection: Connection) -> Outcome:
 
 
 def _end_with_parent() -> None:
-    """See to it that this process, and all that it starts, ends when the parent is gone, whatever a plug-in does."""
+    """Make this process, and all that it starts, end when the parent is gone, whatever a plug-in does."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return
@@ -384,7 +384,7 @@ def _end_with_parent() -> None:
         return
     os.setsid()
     if os.fork() == 0:
-        # A process of its own, since a plug-in may keep all threads of this one waiting.
+        # In a separate process, since a plug-in may keep all threads of this one waiting.
         try:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGHUP})
             os.closerange(0, parent.sentinel)

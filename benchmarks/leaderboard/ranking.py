@@ -67,9 +67,9 @@ def interval(scores: ArrayLike, within: tuple[float, float] = (-math.inf, math.i
 def ranks(scores: Mapping[str, ArrayLike], rounding: float = 0.0) -> dict[str, int]:
     """Return a rank for each name, best first; scores are errors on the same cases, in the same order.
 
-    From the smallest mean on: whoever does not differ significantly from the best of the current group (see
-    `different`) belongs to the group and shares its rank; the next one opens a group, whose rank counts all before it
-    (1, 1, 3). rounding: differences up to this size, in the scores' unit, count as none.
+    From the smallest mean on: an estimator that does not differ significantly from the best of the current group (see
+    `different`) belongs to the group and shares its rank; the next estimator opens a new group, whose rank counts all
+    before it (1, 1, 3). rounding: differences up to this size, in the scores' unit, count as none.
     """
     given = {name: np.asarray(values, dtype=float) for name, values in scores.items()}
     if not given:
@@ -94,9 +94,10 @@ def different(scores: ArrayLike, rounding: float = 0.0) -> NDArray[np.bool_]:
     t, t^2 = (n - 1) u^2 / (1 - u^2), and without any scatter it is 1. If two estimators are equally good, the sign of d
     is a coin's in each case, so u is compared with what flipped signs give, the same flips for all pairs.
 
-    A pair differs if at most 5 % of the flips bring the largest u of all pairs that are not more significant up to its
-    own (Westfall and Young's step-down maximum, 1993). The probability that any two equally good ones are told apart
-    is then at most 5 %, however many there are and with few cases too, if differences are distributed symmetrically.
+    A pair differs if at most 5 % of the flips bring the largest u of all pairs that are not more significant up to the
+    pair's u (Westfall and Young's step-down maximum, 1993). The probability that any two equally good ones are told
+    apart is then at most 5 %, however many there are and with few cases too, if differences are distributed
+    symmetrically.
     """
     table = np.asarray(scores, dtype=float)
     estimators, cases = table.shape

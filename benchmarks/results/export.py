@@ -25,7 +25,7 @@ def export_form(name: str) -> Form:
 
 
 def export_cases(task: Task, cases: Sequence[Case], out: Path, form: Form, results: Path | None = None) -> None:
-    """Record cases and write each into a folder of its own below `out`, which appears whole or not at all.
+    """Record cases and write each into a separate folder below `out`, which appears whole or not at all.
 
     results: a results folder; the estimates of its rows of these episodes are written too, as TUM or KITTI text. Raises
     InputError where `out` exists already or cannot be written, or for estimates as CSV.

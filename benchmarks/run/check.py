@@ -16,7 +16,7 @@ Load = Callable[[str], EstimatorEntry] | Callable[[str], CalibrationEntry]
 
 
 def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[[str], None]) -> list[Finding]:
-    """Check an estimator in a process of its own; returns what was found.
+    """Check an estimator in a separate process; returns what was found.
 
     robot: what to check on; None takes the first preset that the estimator serves. timeout: s, for each of loading the
     estimator, asking it whether it serves a robot, and the check. say: called first with what is checked, and on which
@@ -54,7 +54,7 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
 
 
 def load_apart(spec: str, timeout: float, load: Load = load_estimator) -> None:
-    """Load a plug-in in a process of its own; raises InputError if it cannot be, hangs or ends its process."""
+    """Load a plug-in in a separate process; raises InputError if it cannot be, hangs or ends its process."""
     worker = _Worker(timeout)
     kind = "estimator" if load is load_estimator else "calibration method"
     try:

@@ -77,7 +77,7 @@ def relative_pose_error(true: ArrayLike, estimated: ArrayLike, distance: float =
 
 @shared
 def _ends(judged: Judged) -> list[EndPointError] | None:
-    """Return how far the ends of a robot's paths are off; None of trains, whose axles have metrics of their own."""
+    """Return how far the ends of a robot's paths are off; None of trains, whose axles have separate metrics."""
     return None if judged.of_train else [end_point_error(true, estimate) for _, true, estimate in judged.scored]
 
 

@@ -57,7 +57,7 @@ def single_robot(vehicle: Vehicle, source: str) -> RobotDescription:
 
 
 class TaskName(NamedTuple):
-    """A task's name in its parts. robot: label and hash of a robot that is not the task's own, else None."""
+    """A task's name in its parts. robot: label and hash of a user's robot, or None on the official robot."""
 
     official: str
     robot: str | None

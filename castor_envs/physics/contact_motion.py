@@ -7,7 +7,7 @@ A rolling contact slips at a speed in proportion to its force (`castor_envs.phys
 With A the rows of `castor_envs.motion.kinematics.constraint_matrix`, any deviation delta of the robot's speeds changes
 slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are true: those that dissipate the least
 power. How far wheels disagree does not change with delta, so it is known from what they roll, however well the body's
-motion is. Wheels without motor carry no force along; castors that a motor turns have no speed of their own.
+motion is. Wheels without motor carry no force along; castors turned by a motor add no free speed to delta.
 
 Where a contact's force would be beyond the friction circle it yields as much more as brings it back there. Left out are
 bristles that have yet to build up their force (a relaxation length of rolling, as after reversals).

@@ -22,7 +22,7 @@ class Renderer:
     it. size: width and height, pixels. arena: the part of N that is shown at least, x_min, x_max, y_min, y_max, m. The
     same calls make the same pixels.
 
-    Raises InputError for a mode, size or arena that is none, and gymnasium.error.DependencyNotInstalled without pygame.
+    Raises InputError for an invalid mode, size or arena, and gymnasium.error.DependencyNotInstalled without pygame.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ class Scene:
 
     name: of the vehicle. friction: what holds outside the floor's patches. The rest is as in `Renderer`.
 
-    Raises InputError for a mode, size or arena that is none, and gymnasium.error.DependencyNotInstalled without pygame.
+    Raises InputError for an invalid mode, size or arena, and gymnasium.error.DependencyNotInstalled without pygame.
     """
 
     def __init__(

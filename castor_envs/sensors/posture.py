@@ -57,8 +57,8 @@ def curvature_at_gauges(frame: Frame, joint_angles: ArrayLike) -> Array:
 def sensed(frame: Frame, curvature: ArrayLike, errors: ArrayLike, time: ArrayLike) -> Array:
     """Return the pose (..., 3), as of `posture`, that a frame's sensor computes from true curvature (..., gauges), 1/m.
 
-    frame: as it is built; its gauges' gains, drift and deaths count, and what its program leaves out. errors
-    (..., gauges): offsets and noise, 1/m. time (...): s.
+    frame: as it is built; its gauges' gains, drift and deaths count, and the share of foreshortening that its program
+    leaves out. errors (..., gauges): offsets and noise, 1/m. time (...): s.
     """
     gains = np.array(frame.gauge_gains or (1.0,))
     drift = frame.gauge_drift * np.asarray(time, dtype=float)[..., None]

@@ -1,7 +1,7 @@
 """Tells the author of an estimator what is wrong with it before a benchmark does.
 
 Runs the estimator on short noise-free drives of one robot or train, in this process and without a time limit: an
-estimator that hangs hangs the check. ``castor-bench check`` runs it in a process of its own, with a limit.
+estimator that hangs hangs the check. ``castor-bench check`` runs it in a separate process, with a time limit.
 """
 
 import traceback
@@ -368,7 +368,7 @@ def _robot(subject: _Subject) -> RobotDescription:
 
 
 def _pose(value: object, k: int, shape: tuple[int, ...]) -> Array:
-    """Return what update number k returned as an array of this shape; raises _Wrong where it is none."""
+    """Return what update number k returned as an array of this shape; raises _Wrong for anything else."""
     end_if_forked()
     try:
         pose = np.asarray(value)

@@ -32,8 +32,8 @@ _SLACK = 1e-9  # s, by which a sample may come early
 class Configuration:
     """The odometry-derived (OD) poses of a train's axles, moved by every sample.
 
-    Each axle is a differential robot of its own: a fixed castor with two driven wheels, integrated by exact arcs.
-    interval: sample periods between two corrections; None: there are none, and relative poses are not read.
+    Each axle is a separate differential robot: a fixed castor with two driven wheels, integrated by exact arcs.
+    interval: sample periods between two corrections; None: no corrections, and relative poses are not read.
 
     poses: (N, 3) = x, y (m), psi (rad, unwrapped) in N. Raises Declined for anything but a train, InputError for
     poses of another shape.
@@ -106,7 +106,7 @@ def next_to(headings: ArrayLike, poses: ArrayLike) -> Array:
 
 
 def checked_interval(interval: int) -> int:
-    """Return the interval between corrections, in sample periods; raises InputError if it is none."""
+    """Return the interval between corrections, in sample periods; raises InputError if it is invalid."""
     if not isinstance(interval, int | np.integer) or not 1 <= interval <= MOST_INTERVAL:
         raise InputError(
             f"the interval between corrections is a number of samples, 1 to {MOST_INTERVAL}; got {interval!r}"

@@ -5,7 +5,7 @@ of that frame corresponding to RMSPEC deviation metrics", and prints no equation
 J. Robotics Research 26, 2007) keeps an extended Kalman filter for each axle and fuses them by covariance intersection
 (CI). The reading here:
 
-1. Every axle has a covariance of its own, which grows as it rolls (`ROLLING_SIGMA`, `TURNING_SIGMA`).
+1. Every axle has a covariance, which grows as it rolls (`ROLLING_SIGMA`, `TURNING_SIGMA`).
 2. Every frame is a train of two axles. The deviation angle of an attachment (eqs. 6, 7) measures the trust in its axle:
    the smaller angle marks the trusted axle, and is that of the frame.
 3. Frame by frame, the most trustworthy first, the OD pose of the trusted axle predicts the other one's pose through the

@@ -117,7 +117,7 @@ class Canvas:
     ) -> float:
         """Write one line with its left end, middle or right end `at`; return its width in pixels."""
         pygame = self._pygame
-        # Font objects do not outlive a pygame.quit() by whoever else uses pygame, so none is kept.
+        # Font objects do not outlive a pygame.quit(), which other users of pygame may call, so none is kept.
         pygame.font.init()
         path = Path(str(pygame.__file__)).parent / pygame.font.get_default_font()
         drawn = pygame.font.Font(path, max(4, round(height * OVERSAMPLING))).render(words, True, color)
