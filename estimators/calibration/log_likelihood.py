@@ -141,7 +141,7 @@ class More(NamedTuple):
     rates: Array | None = None
 
     @property
-    def count(self) -> int:
+    def parameters(self) -> int:
         """How many parameters there are."""
         return sum(part.shape[-1] for part in self.slips)
 
@@ -341,7 +341,7 @@ class LogLikelihood:
 
         weights = self._weights(geometry, state, noise)
         kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, more)
-        size, p = state.shape[1], len(change) + (more.count if more else 0) + len(mount)
+        size, p = state.shape[1], len(change) + (more.parameters if more else 0) + len(mount)
         n = p + len(clock)
         random = np.random.default_rng(self._number)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
@@ -456,7 +456,7 @@ class LogLikelihood:
     ) -> dict[str, _Rows]:
         """Return all equations around a state, by the kinds of `_values`."""
         every, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
-        others = more.count if more else 0
+        others = more.parameters if more else 0
         count = first + others + len(mount) + len(clock)
         values = self._values(geometry, state, clock, mount, weights)
 
