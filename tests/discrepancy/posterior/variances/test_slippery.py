@@ -38,6 +38,12 @@ def seen(effect, seed):
 
 
 @cache
+def found():
+    """The patch that a log of it tells."""
+    return slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
+
+
+@cache
 def rolled():
     """A minute of perfect rolling at random."""
     run = roll(ROBOT, wander(np.random.default_rng([5, 1]), duration=60.0), [0.3, 2.0, -1.5])
@@ -68,12 +74,12 @@ def test_the_rectangle_in_which_wheels_slip_is_found():
 
 
 def test_a_patch_is_sure_where_it_lies_and_other_logs_that_come_there_bear_it_out():
-    found = slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
-    assert found is not None
-    assert overlap(found.effect, PATCH) > 0.3
-    assert abs(found.effect.value - PATCH.value) < 2 * found.error
-    assert confirmed_by(ROBOT, [driven(PATCH, 8)], seen(PATCH, 8), found) > math.log(19)
-    assert confirmed_by(ROBOT, [driven(None, 3)], seen(None, 3), found) < 0
+    patch = found()
+    assert patch is not None
+    assert overlap(patch.effect, PATCH) > 0.3
+    assert abs(patch.effect.value - PATCH.value) < 2 * patch.error
+    assert confirmed_by(ROBOT, [driven(PATCH, 8)], seen(PATCH, 8), patch) > math.log(19)
+    assert confirmed_by(ROBOT, [driven(None, 3)], seen(None, 3), patch) < 0
 
 
 def test_an_even_floor_has_none_nor_have_logs_without_reference():
@@ -83,10 +89,10 @@ def test_an_even_floor_has_none_nor_have_logs_without_reference():
 
 
 def test_steps_of_wheels_on_a_patch_and_of_their_castors_are_released():
-    found = slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
-    assert found is not None
-    (steps,) = Events(patch=found).released(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7))
-    (there,) = inside(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), found)
+    patch = found()
+    assert patch is not None
+    (steps,) = Events(patch=patch).released(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7))
+    (there,) = inside(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), patch)
     np.testing.assert_array_equal(steps, there)
     wheels = len(ROBOT.wheels)
     np.testing.assert_array_equal(steps[:, wheels], steps[:, :2].any(axis=1))
