@@ -27,7 +27,7 @@ TRUE = LearnedTerm(
 @cache
 def driven(seed, hidden):
     robot = ROBOT.with_effects(TRUE) if hidden else ROBOT
-    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=40.0), seed, duration=40.0)
+    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=25.0), seed, duration=25.0)
 
 
 @cache
