@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -67,6 +68,7 @@ def drive(robot, trajectory, seed=0, noise=0.0):
     )
 
 
+@cache
 def asoc(seed=5, *effects, **given):
     return drive(ASOC.with_effects(*effects), wander(np.random.default_rng(seed), duration=20.0), **given)
 
@@ -89,33 +91,44 @@ def clean():
     return asoc(noise=1e-3)
 
 
-def test_a_clean_log_leaves_what_the_reference_and_the_rounding_of_counts_leave(clean):
+@pytest.fixture(scope="module")
+def replayed(clean):
+    """The replay of the clean log by the robot that made it."""
+    return replay(ASOC, clean, WINDOW)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """Gaps of the log without noise, by the robot that made it."""
+    return sizes(replay(ASOC, asoc(), WINDOW))
+
+
+def test_a_clean_log_leaves_what_the_reference_and_the_rounding_of_counts_leave(replayed):
     """Expected from the noise put in; the rounding of two counts is 1 / sqrt(6) of a count."""
-    found = replay(ASOC, clean, WINDOW)
-    expected = found.expected(1e-3, 1e-3)
+    expected = replayed.expected(1e-3, 1e-3)
     expected = {key: value or 0.0 for key, value in expected.items()}
     geometry = Geometry.of(ASOC)
     count = 2e3 * np.pi * np.mean(geometry.radius / geometry.counts_per_rev)
     pivot = 2e3 * np.pi / geometry.pivot_counts_per_rev[0]
-    position, heading, wheels, pivots = sizes(found)
+    position, heading, wheels, pivots = sizes(replayed)
     assert 0.5 * expected["position_rms_mm"] < position < 1.5 * expected["position_rms_mm"]
     assert 0.5 * expected["heading_rms_mrad"] < heading < 1.5 * expected["heading_rms_mrad"]
     assert wheels < 1.5 * count / np.sqrt(6)
     assert pivots < 2 * pivot / np.sqrt(6)
 
 
-def test_without_noise_a_clean_log_replays_to_fractions_of_a_millimetre():
+def test_without_noise_a_clean_log_replays_to_fractions_of_a_millimetre(plain):
     """What is left is where pivots stood within a count, and what nobody can know of motors and contacts."""
-    position, heading, _, _ = sizes(replay(ASOC, asoc(), WINDOW))
+    position, heading, _, _ = plain
     assert position < 0.3
     assert heading < 0.5
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_the_right_robot_comes_down_to_the_floor_of_a_clean_log(name, clean):
+def test_the_right_robot_comes_down_to_the_floor_of_a_clean_log(name, replayed):
     """The nominal robot is clearly above it in position, heading or what encoders count."""
     log = asoc(5, HIDDEN[name], noise=1e-3)
-    floor, nominal = sizes(replay(ASOC, clean, WINDOW)), sizes(replay(ASOC, log, WINDOW))
+    floor, nominal = sizes(replayed), sizes(replay(ASOC, log, WINDOW))
     right = sizes(replay(ASOC.with_effects(HIDDEN[name]), log, WINDOW))
     rounding = np.array([0.0, 0.0, 0.05, 0.2])  # a fifth of a count, as what is rounded falls by chance
     assert np.all(right <= 1.2 * floor + rounding)
@@ -166,7 +179,7 @@ def test_steering_motors_follow_commands_or_counts(name):
 @pytest.mark.parametrize("effect", [EncodersSwapped(castor=1), EncoderReversed(castor=2, wheel=1)])
 def test_wrong_wiring_is_undone(effect):
     """The commands of such a robot are as bad as its readings are, but with the right wiring they replay."""
-    log = asoc(5)
+    log = asoc()
     wrong = log.wheel.copy()
     if isinstance(effect, EncodersSwapped):
         wrong[:, [0, 1]] = wrong[:, [1, 0]]
@@ -178,12 +191,12 @@ def test_wrong_wiring_is_undone(effect):
     assert sizes(replay(ASOC, log, WINDOW))[2] > 50
 
 
-def test_by_counts_needs_no_commands_and_finds_the_same_clean_floor(clean):
+def test_by_counts_needs_no_commands_and_finds_the_same_clean_floor(clean, replayed):
     blind = dataclasses.replace(clean, command=None)
-    found, by_commands = replay(ASOC, blind, WINDOW), replay(ASOC, clean, WINDOW)
+    found = replay(ASOC, blind, WINDOW)
     assert found.drive == "counts"
     assert "no commands" in found.notes[0]
-    assert np.all(sizes(found)[:2] < 1.2 * sizes(by_commands)[:2])
+    assert np.all(sizes(found)[:2] < 1.2 * sizes(replayed)[:2])
     with pytest.raises(InputError, match="no commands"):
         replay(ASOC, blind, WINDOW, "commands")
 
@@ -206,10 +219,9 @@ def test_without_a_reference_only_encoders_are_compared(clean):
     assert found.summary()["windows_with_reference"] == 0
 
 
-def test_the_tracked_point_and_its_clock_are_taken_as_given():
+def test_the_tracked_point_and_its_clock_are_taken_as_given(plain):
     """The reference shows another point of the body, 33 ms early: known, it leaves as much as before."""
-    mount, log = np.array([0.1, -0.05, 0.3]), asoc(5)
-    plain = sizes(replay(ASOC, log, WINDOW))
+    mount, log = np.array([0.1, -0.05, 0.3]), asoc()
     moved = seen_from(log, np.zeros(3), mount)
     assert sizes(replay(ASOC, moved, WINDOW, mount=mount)) == pytest.approx(plain, rel=1e-6)
     assert sizes(replay(ASOC, moved, WINDOW))[0] > 20
@@ -222,7 +234,7 @@ def test_the_tracked_point_and_its_clock_are_taken_as_given():
 
 
 def test_where_the_log_begins_on_the_clock_and_in_the_plane_does_not_matter():
-    log = asoc(5)
+    log = asoc()
     elsewhere = dataclasses.replace(seen_from(log, np.array([3.0, -2.0, 1.0]), np.zeros(3)), t=log.t + 1e3)
     one, other = replay(ASOC, log, WINDOW), replay(ASOC, elsewhere, WINDOW)
     assert other.body == pytest.approx(one.body, abs=1e-6)
@@ -230,7 +242,7 @@ def test_where_the_log_begins_on_the_clock_and_in_the_plane_does_not_matter():
 
 
 def test_no_window_goes_over_a_gap_and_rows_missing_here_and_there_are_bridged():
-    log = asoc(5)
+    log = asoc()
     rows = np.arange(len(log))
 
     def kept(which):
@@ -243,15 +255,14 @@ def test_no_window_goes_over_a_gap_and_rows_missing_here_and_there_are_bridged()
     assert np.all(sizes(replay(ASOC, kept(rows % 37 != 5), 2.0))[:2] < 5)
 
 
-def test_several_logs_make_one_replay(clean):
-    one = replay(ASOC, clean, WINDOW)
-    both = joined([one, one])
-    assert len(both.start) == 2 * len(one.start)
-    assert sizes(both) == pytest.approx(sizes(one))
+def test_several_logs_make_one_replay(replayed):
+    both = joined([replayed, replayed])
+    assert len(both.start) == 2 * len(replayed.start)
+    assert sizes(both) == pytest.approx(sizes(replayed))
 
 
-def test_a_summary_is_json_with_channels_by_name(clean):
-    summary = replay(ASOC, clean, WINDOW).summary()
+def test_a_summary_is_json_with_channels_by_name(replayed):
+    summary = replayed.summary()
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     names = [channel["name"] for channel in summary["channels"]]
     assert names == [f"wheel_{i}{side}" for i in (1, 2, 3) for side in "lr"] + [f"pivot_{i}" for i in (1, 2, 3)]
@@ -260,7 +271,7 @@ def test_a_summary_is_json_with_channels_by_name(clean):
 def test_a_castor_without_an_encoder_is_refused():
     robot = preset("asoc-prototype")
     castors = (dataclasses.replace(robot.castors[0], pivot_counts_per_rev=None), *robot.castors[1:])
-    log = asoc(5)
+    log = asoc()
     log = dataclasses.replace(log, pivot=log.pivot[:, 1:])
     with pytest.raises(InputError, match="castor 1 turns but has no pivot encoder"):
         replay(dataclasses.replace(robot, castors=castors), log)
