@@ -129,13 +129,13 @@ def test_scores_count_what_was_said_against_what_was_hidden():
 
 
 def test_the_command_makes_judges_and_scores_trains(capsys):
-    asked = ["trial", "--robot", "cfmmr-2", "--cases", "2", "--seed", "1", "--duration", "10", "--jobs", "1", "--json"]
+    asked = ["trial", "--robot", "cfmmr-2", "--cases", "1", "--seed", "1", "--duration", "10", "--jobs", "1", "--json"]
     with pytest.raises(SystemExit) as ended:
         command_line.run(cli.app, asked)
     assert ended.value.code == 0
     scored = json.loads(capsys.readouterr().out)
-    assert (scored["format"], scored["judged"]) == ("castor-train-trial/3", 2)
-    assert scored["plan"] == {"cases": 2, "seed": 1, "train": "cfmmr-2", "duration": 10.0}
+    assert (scored["format"], scored["judged"]) == ("castor-train-trial/3", 1)
+    assert scored["plan"] == {"cases": 1, "seed": 1, "train": "cfmmr-2", "duration": 10.0}
 
 
 @pytest.mark.parametrize("name", sorted(KINDS))

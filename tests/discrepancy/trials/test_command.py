@@ -19,18 +19,18 @@ def trial(capsys, *options):
 
 
 def test_the_command_makes_judges_and_scores(capsys, tmp_path):
-    asked = ("--cases", "2", "--out", str(tmp_path / "kept"))
+    asked = ("--cases", "1", "--out", str(tmp_path / "kept"))
     code, printed = trial(capsys, *asked, "--json")
     assert code == 0
     scored = json.loads(printed.out)
-    assert (scored["format"], scored["finder"], scored["judged"]) == ("castor-trial/3", "posterior", 2)
+    assert (scored["format"], scored["finder"], scored["judged"]) == ("castor-trial/3", "posterior", 1)
     assert (scored["plan"]["generator"], scored["plan"]["robots"]) == ("pymunk", ["differential"])
     (broken,) = [one for one in scored["all"]["rates"] if one["what"] == "the finder broke down"]
-    assert (broken["count"], broken["total"]) == (0, 2)
+    assert (broken["count"], broken["total"]) == (0, 1)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("case-*")}
     code, printed = trial(capsys, *asked)
     assert code == 0
-    assert "2 of 2 cases, generator pymunk" in printed.out
+    assert "1 of 1 cases, generator pymunk" in printed.out
     assert kept == {path: path.stat().st_mtime_ns for path in kept}
 
 
