@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+from contextlib import redirect_stdout
+from io import StringIO
 
 import pytest
 
@@ -139,27 +141,33 @@ def _written(driven, tmp_path_factory):
     return folder
 
 
-def told(folder, capsys, *options):
+def told(folder, *options):
     """What castor-diagnose prints of the logs of a folder."""
-    with pytest.raises(SystemExit) as end:
+    with redirect_stdout(StringIO()) as printed, pytest.raises(SystemExit) as end:
         command_line.run(cli.app, [str(folder / "log.csv"), "--holdout", str(folder / "held.csv"), *options])
     assert not end.value.code
-    return capsys.readouterr().out
+    return printed.getvalue()
 
 
-def test_json_and_words_say_the_same(written, capsys):
-    data = json.loads(told(written, capsys, "--json"))
+@pytest.fixture(scope="module", name="words")
+def _words(written):
+    """What it prints where it writes the folder `out`."""
+    return told(written, "--out", str(written / "out"))
+
+
+def test_json_and_words_say_the_same(written, words):
+    data = json.loads(told(written, "--json"))
     assert (data["format"], data["verdict"]) == ("castor-diagnosis/2", "named")
     (answer,) = data["answers"]
     assert (answer["effect"]["name"], answer["effect"]["axle"]) == ("track", 1)
-    lines = told(written, capsys).splitlines()
-    assert lines == sentences.as_lines(data)
+    lines = words.splitlines()
+    assert lines == [*sentences.as_lines(data), f"written: {written / 'out'}"]
     assert any("track (distance between the wheels), axle 1" in line for line in lines)
     assert any("with train.json" in line for line in lines)
 
 
-def test_the_folder_written_holds_the_page_the_data_and_the_train(written, capsys):
-    told(written, capsys, "--out", str(written / "out"))
+@pytest.mark.usefixtures("words")
+def test_the_folder_written_holds_the_page_the_data_and_the_train(written):
     assert sorted(path.name for path in (written / "out").iterdir()) == ["diagnosis.json", "report.html", "train.json"]
     data = json.loads((written / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert data["robot_file"] == str(written / "out" / "train.json")
@@ -169,7 +177,7 @@ def test_the_folder_written_holds_the_page_the_data_and_the_train(written, capsy
     found, described = (TrainDescription.load(folder / "train.json") for folder in (written / "out", written))
     assert found.as_described() == described
     assert [effect.name for effect in found.modules[0].effects] == ["track"]
-    again = json.loads(told(written, capsys, "--robot", str(written / "out" / "train.json"), "--json"))
+    again = json.loads(told(written, "--robot", str(written / "out" / "train.json"), "--json"))
     assert (again["verdict"], again["answers"]) == ("no discrepancy", [])
     for key in ("gap", "held_out_gap"):
         assert again[key][0] == pytest.approx(data[key][1], rel=1e-3)
