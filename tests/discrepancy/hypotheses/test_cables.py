@@ -30,10 +30,10 @@ CABLE = Bump(x=-0.3, y=-0.4, direction=0.7, value=0.004)
 
 
 @cache
-def driven(effect, seed):
-    """A log of a minute of the base with an effect, driven at random in physics."""
+def driven(effect, seed, duration=30.0):
+    """A log of the base with an effect, driven at random in physics."""
     robot = ROBOT if effect is None else ROBOT.with_effects(effect)
-    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=60.0), seed, duration=60.0)
+    return drive(robot, wander(np.random.default_rng([seed, 1]), duration=duration), seed, duration=duration)
 
 
 @cache
@@ -107,7 +107,7 @@ def test_steps_that_are_not_known_do_not_count():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_logs_of_an_even_floor_speak_for_no_line(seed):
-    assert not [one for one in linearise(ROBOT, [driven(None, seed)]).candidates if one.at_a_place]
+    assert not [one for one in linearise(ROBOT, [driven(None, seed, 60.0)]).candidates if one.at_a_place]
 
 
 def test_logs_without_reference_poses_tell_no_place():
