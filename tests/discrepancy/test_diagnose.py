@@ -59,10 +59,10 @@ def test_an_effect_is_found_behind_wrong_wiring_that_clean_logs_do_not_have():
 
 
 def test_how_a_tracker_is_mounted_is_no_effect_of_the_robot():
-    log = rolled(ROBOT, 1)
+    log = rolled(ROBOT, 1, duration=12.0)
     assert log.reference is not None
     turned = dataclasses.replace(log, reference=log.reference + np.array([0.0, 0.0, 0.02]))
-    found = diagnose(ROBOT, [turned], clean=[rolled(ROBOT, 3)])
+    found = diagnose(ROBOT, [turned], clean=[rolled(ROBOT, 3, duration=12.0)])
     assert not found.found.effects
     assert found.verdict in ("no discrepancy", "negligible")
     assert found.before.state.mount[2] == pytest.approx(0.02, abs=1e-3)
@@ -70,7 +70,7 @@ def test_how_a_tracker_is_mounted_is_no_effect_of_the_robot():
 
 @pytest.mark.slow
 def test_without_a_reference_encoders_alone_tell():
-    examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(LATE), 1, reference=False)}, {}, {})
+    examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(LATE), 1, duration=12.0, reference=False)}, {}, {})
     assert examined.found is not None
     assert examined.found.effects[0].name == "encoder_latency"
     assert examined.data["gap"] is None
