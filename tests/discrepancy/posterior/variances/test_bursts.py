@@ -14,8 +14,11 @@ from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.priors import order_of
 from discrepancy.posterior.variances.at_times import answer_of, at_times
 from discrepancy.posterior.variances.bursts import bursts_of
+from discrepancy.posterior.variances.events import Events
+from discrepancy.posterior.verdicts import MATERIAL, judged
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("asoc-prototype")
@@ -126,5 +129,16 @@ def test_a_wheel_that_loses_counts_in_physics_is_named_and_held_out_logs_bear_it
     assert (answer.effect.castor, answer.effect.wheel) == (2, 1)
     assert answer.effect.value == pytest.approx(0.2, rel=0.05)
     assert answer.effect.period == pytest.approx(4.0, abs=0.05)
-    without = diagnose(preset("swerve"), [driven(3, effect)], [driven(4)])
-    assert without.verdict == "unconfirmed", [answer.reason for answer in without.answers]
+
+
+def test_held_out_logs_in_which_nothing_is_lost_do_not_bear_it_out():
+    robot, effect = preset("swerve"), TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
+    seen, good = (linearise(robot, [log], among=()) for log in (driven(3, effect), driven(4)))
+    events = Events(faulty=tuple(at_times(seen, None, [], 100)))
+    _, confirmed = events.there(robot, [driven(4)], good)
+    answers = events.answers(robot, [driven(3, effect)], seen, confirmed)
+    (answer,) = judged(answers, [], (good, good), order_of(good, None), MATERIAL)
+    assert isinstance(answer.effect, TickLossBursts)
+    assert answer.verdict == "unconfirmed", answer.reason
+    (sure,) = judged(events.answers(robot, [driven(3, effect)], seen, [5.0]), [], None, None, MATERIAL)
+    assert sure.verdict == "named", sure.reason
