@@ -45,7 +45,7 @@ def found(robot, *effects):
 
 @pytest.mark.parametrize("robot", ["asoc-prototype", "swerve", "differential"])
 def test_a_robot_in_good_order_raises_no_alarm(robot):
-    assert diagnose(preset(robot), [driven(robot, 3)]).verdict in ("no discrepancy", "negligible")
+    assert diagnose(preset(robot), [driven(robot, 3, duration=10.0)]).verdict in ("no discrepancy", "negligible")
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_an_effect_is_named_within_its_interval_and_the_gap_shrinks(effect):
 
 @pytest.mark.parametrize("robot", ["swerve", "powered-caster", "tricycle"])
 def test_a_wheel_of_any_robot_is_named_not_a_latency_that_looks_like_it(robot):
-    diagnosis = diagnose(preset(robot), [driven(robot, 1, RADIUS)])
+    diagnosis = diagnose(preset(robot), [driven(robot, 1, RADIUS, duration=10.0)])
     (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
     assert (answer.verdict, answer.credible) == ("named", ("wheel_radius 1 1",))
     assert abs(answer.size - RADIUS.value) < 2 * answer.error
