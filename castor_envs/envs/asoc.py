@@ -10,6 +10,7 @@ from castor_envs.envs.actions import finite
 from castor_envs.envs.base import RobotEnv, check_control
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
+from castor_envs.logs.trajectory_files import read_drive
 from castor_envs.motion.controllers import Commands
 from castor_envs.motion.trajectories import Trajectory, figure_eight, umbmark
 from castor_envs.sensors.observation import Observation
@@ -60,7 +61,7 @@ class ASOCEnv(RobotEnv):
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`
-    - `trajectory`: "figure-eight", "square", or a `Trajectory`
+    - `trajectory`: "figure-eight", "square", the path of a drive file (.csv), or a `Trajectory`
     - `control`: "speed" or "voltage"
     - `held`: the number (from 1) of a castor whose wheels are blocked, whatever they are commanded, as for
       calibration by pivoting about it (`castor_envs.motion.trajectories.pivoting`)
@@ -82,7 +83,9 @@ class ASOCEnv(RobotEnv):
         floor: Floor | str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if isinstance(trajectory, str):
+        if isinstance(trajectory, str) and trajectory.lower().endswith(".csv"):
+            chosen = read_drive(trajectory)
+        elif isinstance(trajectory, str):
             if trajectory not in TRAJECTORIES:
                 raise InputError(f"unknown trajectory {trajectory!r}{did_you_mean(trajectory, TRAJECTORIES)}")
             chosen = TRAJECTORIES[trajectory]()

@@ -6,6 +6,7 @@ at rest and follows a trapezoidal speed profile over its whole length.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -233,6 +234,11 @@ def pivoting(
     sense = 1.0 if direction == "ccw" else -1.0
     motion = (sense * pivot[1], -sense * pivot[0], sense)
     return Trajectory(f"pivoting, {direction}", (Run((Leg(motion, angle),), speed, acceleration),))
+
+
+def chained(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
+    """Return the runs of trajectories one after the other, each from where the last one ends."""
+    return Trajectory(name, tuple(run for trajectory in trajectories for run in trajectory.runs))
 
 
 def figure_eight(*, radius: float = 0.5, speed: float = 0.25, acceleration: float = 0.5) -> Trajectory:
