@@ -16,11 +16,12 @@ from castor_envs import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
+from castor_envs.logs.trajectory_files import write_drive
 from castor_envs.vehicles.load import Vehicle, file_name, load_vehicle
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.diagnose import examine
+from discrepancy.diagnose import Examined, examine
 from discrepancy.inspect import inspect_logs
 from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
@@ -130,6 +131,10 @@ def find(
             "folder."
         ),
     ] = None,
+    separate: Annotated[
+        Path | None,
+        typer.Option(help="Write the drive that would tell the names of an ambiguous answer apart to this CSV file."),
+    ] = None,
     material: Annotated[float, typer.Option(help="mm after 10 m, and mrad after a turn, that matter.", min=0)] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/2).")] = False,
 ) -> None:
@@ -141,8 +146,12 @@ def find(
     """
     if out is not None and out.exists():
         raise InputError(f"--out {out}: is there already; name a new folder")
+    if separate is not None and separate.exists():
+        raise InputError(f"--separate {separate}: is there already; name a new file")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
     description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
+    if separate is not None and isinstance(description, TrainDescription):
+        raise InputError(f"--separate {separate}: {description.name} is a train; drives are for single robots")
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
     matters = Material(1e-3 * material, 1e-3 * material)
     named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
@@ -151,10 +160,20 @@ def find(
     else:
         examined = examine(description, named, held_out, before, matters)
     file = str(out / file_name(description)) if out and examined.found else None
-    data = examined.data | {"robot_file": file}
+    drives = examined.drives if isinstance(examined, Examined) else ()
+    best = max(drives, key=lambda drive: drive.expected, default=None)
+    written = str(separate) if separate is not None and best is not None else None
+    data = examined.data | {"robot_file": file, "separating_drive_file": written}
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
-    _tell(data, sentences.as_lines(data), out, as_json)
+    lines = sentences.as_lines(data)
+    if separate is not None:
+        if best is None:
+            lines.append(f"not written: {separate}: {sentences.why_no_drive(data)}")
+        else:
+            write_drive(separate, best.trajectory, description.sample_period)
+            lines.append(f"written: {separate}: {best.what}")
+    _tell(data, lines, out, as_json)
 
 
 def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: bool) -> None:

@@ -20,7 +20,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.discriminating_drive import drive_for
+from discrepancy.discriminating_drive import SeparatingDrive, separating_drives
 from discrepancy.hypotheses.candidates import without
 from discrepancy.posterior.finder import Diagnosis, diagnose
 from discrepancy.posterior.linearise import Linearised, linearise
@@ -51,7 +51,7 @@ class Examined:
 
     seen: logs, and held-out ones if there are any, each with what is left of them without and with what is named.
     nominal, explained: the robot without and with it, as logs with their wiring undone show it, but for effects on
-    time. replays: of the logs, without and with it.
+    time. replays: of the logs, without and with it. drives: those that would separate ambiguous answers.
     """
 
     data: Data
@@ -60,6 +60,7 @@ class Examined:
     nominal: RobotDescription
     explained: RobotDescription
     replays: tuple[Replay, Replay | None] | None
+    drives: tuple[SeparatingDrive, ...] = ()
 
     def page(self) -> str:
         """Return the report as one HTML page."""
@@ -129,17 +130,16 @@ def examine(
         "replay": _replay_data(noise, replays, next(iter(held), None)),
         "where": None,
     }
-    posed = any(log.reference is not None and np.isfinite(log.reference).any() for log in prepared.logs.values())
-    for answer, plain in zip(diagnosis.answers, data["answers"], strict=True):
-        if answer.verdict == "ambiguous":
-            among = diagnosis.before.candidates
-            plain["separating_drive"] = drive_for(diagnosis.robot, answer, among, "all" if posed else "none")
+    drives = separating_drives(diagnosis.robot, diagnosis.answers, diagnosis.after)
+    for plain, drive in zip(data["answers"], drives, strict=True):
+        plain["separating_drive"] = None if drive is None else told.drive_data(drive)
     if sentences.unexplained(data):
         log_set, before, after = seen["these logs"]
         last = (nominal, before) if after is None else (explained_now, after)
         with suppress(InputError):  # where a castor without an encoder points is not measured
             data["where"] = _where(last[0], log_set, last[1].state)
-    return Examined(_finite(data), found, seen, nominal, explained_now, replays)
+    proposed = tuple(drive for drive in drives if drive is not None)
+    return Examined(_finite(data), found, seen, nominal, explained_now, replays, proposed)
 
 
 def _finite(data: Any) -> Any:

@@ -1,54 +1,147 @@
-"""The drive that would distinguish effects which logs do not: that of the largest expected log Bayes factor."""
+"""The drive that would distinguish effects which logs do not: that of the largest expected log Bayes factor.
 
-from collections.abc import Sequence
+Let I be what logs say together, those that there are and that of the drive, beyond what robots in good order show. If
+effect A of size a is there, and b is the size of effect B that is most like it, then ln p(logs | A) - ln p(logs | B) is
+expected to be (a - b)' I (a - b) / 2. Of a drive the least over all pairs (A, B) of a credible set counts.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import relative_pose
+from castor_envs.motion.trajectories import Trajectory, chained, wander
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.answers import Answer, Place
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import PARTS, order_of, sizes_of
-from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of
+from discrepancy.posterior.priors import PARTS, direction_of, order_of, sizes_of
+from discrepancy.posterior.random_effects import Statistics
+from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of, moves_sideways
+
+SEEDS = (1, 2, 3)
+"""Of random paths beside that of `DRIVES`: where one was driven, and it is not enough, another one may be."""
+
+SAME = 0.05
+"""Part of its way by which a robot may be off a drive and still have driven it."""
 
 
-def drive_for(robot: RobotDescription, answer: Answer, among: Sequence[Candidate], poses: Poses) -> str | None:
-    """Return the drive that best tells the effects in an answer's credible set from each other.
+@dataclass(frozen=True, eq=False)
+class SeparatingDrive:
+    """A drive, where poses are to be taken, and the log Bayes factor that is expected with it, at least."""
 
-    among: candidates, of which those with a name in the set count. poses: where reference poses can be had. None where
-    the set has no two names of effects, or no drive makes the odds between them as large as a credible set asks for.
+    trajectory: Trajectory
+    poses: Poses
+    expected: float
+
+    @property
+    def what(self) -> str:
+        """In words."""
+        return f"{self.trajectory.name} {REFERENCE[self.poses]}"
+
+
+def separating_drives(
+    robot: RobotDescription, answers: Sequence[Answer], seen: Linearised
+) -> list[SeparatingDrive | None]:
+    """Return of each answer the drive that best tells the effects in its credible set from each other, and is new.
+
+    seen: what logs say of all candidates. None for answers that are not ambiguous, whose set has no two effects, or
+    where no drive makes the odds between any two of them as large as a credible set asks for.
     """
-    own = [one for one in among if one == answer.candidate and one.kinds]
-    others = {one.family: one for one in among if one.kinds and one.family in answer.credible}
-    likely = [*own, *(one for family, one in others.items() if family != answer.candidate.family)]
-    if not own or len(likely) < 2:
-        return None
-    best, most = None, LOG_ODDS
-    for drive, make in DRIVES.items():
+    best: list[SeparatingDrive | None] = [None] * len(answers)
+    asked = {k: likely for k, answer in enumerate(answers) if len(likely := _likely(answer, seen)) > 1}
+    poses: Poses = "none" if seen.gap is None else "all"
+    effects = [candidate for candidate in seen.candidates if candidate.kinds]
+    for drive in _new_drives(robot, seen) if asked else ():
         try:
-            logs = [log_of(robot, trajectory, poses) for trajectory in make(robot)]
-            found = _expected(linearise(robot, logs, among=likely), answer)
+            new = linearise(robot, [log_of(robot, drive, poses)], among=effects).at_noise(seen.noise)
         except (InputError, np.linalg.LinAlgError):  # the robot cannot drive it, or it shows nothing
             continue
-        if found > most:
-            best, most = f"{drive} {REFERENCE[poses]}", found
+        for k, likely in asked.items():
+            expected, before = _expected(new, seen, answers[k], likely), best[k]
+            if expected > (LOG_ODDS if before is None else before.expected):
+                best[k] = SeparatingDrive(drive, poses, expected)
     return best
 
 
-def _expected(seen: Linearised, answer: Answer) -> float:
-    """Return the expected log Bayes factor of an answer's effect, as it was found, against the nearest other one of any
-    size, hidden by wheels in any part, in logs of a robot that is in good order beside it."""
-    if answer.candidate not in seen.candidates:
+def _likely(answer: Answer, seen: Linearised) -> list[int]:
+    """Return the numbers of the effects in an ambiguous answer's credible set, one of each family, its own first."""
+    if answer.verdict != "ambiguous" or answer.candidate not in seen.candidates:
+        return []
+    likely = {answer.candidate.family: seen.candidates.index(answer.candidate)}
+    for k, candidate in enumerate(seen.candidates):
+        if candidate.kinds and candidate.family in answer.credible:
+            likely.setdefault(candidate.family, k)
+    return list(likely.values())
+
+
+def _expected(new: Linearised, seen: Linearised, answer: Answer, likely: Sequence[int]) -> float:
+    """Return the least log Bayes factor to be expected between the effects of an answer; 0 if the drive hides one.
+
+    The answer's effect, the first, is as large as it was found; each other one as large as it looks most like that in
+    the logs there are. What they are told from may be of any size, and hidden by wheels in any part.
+    """
+    if any(seen.candidates[k] not in new.candidates for k in likely):
         return 0.0
-    own = [one == answer.candidate for one in seen.candidates]
-    size = sizes_of([own.index(True)], [answer.amplitudes], [answer.hidden], seen)
-    told = order_of(seen, None).beyond(seen.logs).information
-    explained, every = [0.0], np.eye(len(size))
-    for columns, mine in zip(seen.columns, own, strict=True):
-        for part in () if mine else PARTS:
-            way = every[:, columns] + part * every[:, columns + len(seen.usual)]
-            score, strength = way.T @ told @ size, way.T @ told @ way
-            explained.append(float(score @ np.linalg.pinv(strength, hermitian=True) @ score))
-    return (float(size @ told @ size) - max(explained)) / 2
+    order = order_of(seen, None)
+    known, told = order.beyond(seen.logs).information, order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
+    directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
+    found = sizes_of(likely[:1], [answer.amplitudes], [answer.hidden], seen)
+    sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
+    pairs = itertools.permutations(range(len(likely)), 2)
+    left = (sizes[a] - _nearest(sizes[a], directions[b], told) for a, b in pairs)
+    return min(float(size @ told @ size) / 2 for size in left)
+
+
+def _nearest(size: Array, directions: Sequence[Array], information: Array) -> Array:
+    """Return the size (m,) along any of some directions (m, c) that looks most like `size` (m,)."""
+    nearest = []
+    for direction in directions:
+        strength = direction.T @ information @ direction
+        amplitudes = np.linalg.pinv(strength, rcond=1e-9, hermitian=True) @ (direction.T @ information @ size)
+        nearest.append(direction @ amplitudes)
+    return min(nearest, key=lambda other: float((size - other) @ information @ (size - other)))
+
+
+def _in_columns_of(seen: Linearised, new: Linearised) -> Statistics:
+    """Return what a new log is expected to say, in the columns of what is seen; nothing of what it does not show."""
+    columns = np.concatenate([seen.columns[seen.candidates.index(candidate)] for candidate in new.candidates])
+    at = np.concatenate([columns, columns + len(seen.usual)])
+    of = np.concatenate([*new.columns, *(columns + len(new.usual) for columns in new.columns)])
+    information = np.zeros_like(seen.logs[0].information)
+    information[np.ix_(at, at)] = new.logs[0].information[np.ix_(of, of)]
+    return Statistics(information, np.zeros(len(information)))
+
+
+def _new_drives(robot: RobotDescription, seen: Linearised) -> Iterator[Trajectory]:
+    """Yield all drives that may be asked for, each in one go, but those that the logs have driven."""
+    reach = max(np.hypot(*castor.pivot) + abs(wheel.lateral) for castor in robot.castors for wheel in castor.wheels)
+    drives = [chained(name, make(robot)) for name, make in DRIVES.items()]
+    for seed in SEEDS:
+        path = wander(np.random.default_rng(seed), holonomic=moves_sideways(robot))
+        drives.append(chained(f"a random path of 60 s (no. {seed + 1})", [path]))
+    for drive in drives:
+        asked = drive.at(np.arange(0.0, drive.duration, robot.sample_period))[0]
+        if not any(_has_driven(state[:, :3], asked, float(reach)) for state in seen.state.states):
+            yield drive
+
+
+def _has_driven(pose: Array, drive: Array, reach: float) -> bool:
+    """Whether a robot at poses (K, 3) has done the same as a drive (J, 3) from its start, at whatever speed."""
+    covered, asked = _way_of(pose, reach), _way_of(drive, reach)
+    if covered[-1] < (1 - SAME) * asked[-1]:
+        return False
+    moved = relative_pose(pose[0], pose)
+    there = np.column_stack([np.interp(asked, covered, column) for column in moved.T])
+    off = there - relative_pose(drive[0], drive)
+    return bool(np.max(np.hypot(off[:, 0], off[:, 1]) + reach * np.abs(off[:, 2])) < SAME * asked[-1])
+
+
+def _way_of(pose: Array, reach: float) -> Array:
+    """Return how far (K,), m, a robot has gone or, `reach` m from its middle, turned since the start."""
+    step = np.diff(pose, axis=0)
+    return np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]) + reach * np.abs(step[:, 2]))])

@@ -82,8 +82,10 @@ class Linearised:
         """
         found = quieter(self.designs, effects, self.shared, self.noise)
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
-        if noise == self.noise:
-            return self
+        return self if noise == self.noise else self.at_noise(noise)
+
+    def at_noise(self, noise: Noise) -> "Linearised":
+        """Return the same at some sizes of noise."""
         logs, log_evidence = _said(self.designs, self.disagreements, self.shared, noise, self.candidates, self.columns)
         return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
 

@@ -132,21 +132,26 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
 def hypothesis_of(seen: Seen, place: Place, name: str, share: float) -> Hypothesis:
     """Return the hypothesis that a candidate is there, hidden by wheels in a part."""
     candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
+    least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
+    scale = FAULT * float(np.mean(tolerances(seen)[columns]))
+    return Hypothesis(name, direction_of(seen, place), scale, share, least, most)
+
+
+def direction_of(seen: Seen, place: Place) -> Array:
+    """Return what the c amplitudes of a candidate, hidden by wheels in a part, change in all sizes (m, c)."""
+    columns = seen.columns[place.candidate]
     direction = np.zeros((len(seen.logs[0].score), len(columns)))
     direction[columns, np.arange(len(columns))] = 1.0
     if place.hidden:
         direction[columns + len(seen.usual), np.arange(len(columns))] = place.hidden
-    least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
-    return Hypothesis(name, direction, FAULT * float(np.mean(tolerances(seen)[columns])), share, least, most)
+    return direction
 
 
 def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Seen) -> Array:
     """Return b (m,) of candidates of these sizes, hidden in these parts."""
     total = np.zeros(len(seen.logs[0].score))
     for k, size, part in zip(candidates, sizes, hidden, strict=True):
-        total[seen.columns[k]] += size
-        if part:
-            total[seen.columns[k] + len(seen.usual)] += part * size
+        total += direction_of(seen, Place(k, part)) @ size
     return total
 
 

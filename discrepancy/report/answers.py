@@ -76,7 +76,7 @@ def _card(data: Data, answer: Data) -> str:
         "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
         "not named, because": reason,
-        "a drive that would tell": answer.get("separating_drive"),
+        "a drive that would tell": sentences.drive_of(answer),
         "to check": answer.get("check"),
     }
     entries = "".join(f"<dt>{label}</dt><dd>{text(said)}</dd>" for label, said in rows.items() if said)

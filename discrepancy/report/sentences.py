@@ -62,7 +62,7 @@ def as_lines(data: Data) -> list[str]:
             lines.append(f"  {reason_of(data, answer)}")
         if rivals := others_of(data, answer):
             lines.append(f"  or: {listed(rivals)}")
-        if drive := answer.get("separating_drive"):
+        if drive := drive_of(answer):
             lines.append(f"  to distinguish them, drive {drive}")
         lines.append(f"  costs {cost_of(answer) or 'nothing on these drives'}")
         if answer["check"]:
@@ -139,6 +139,21 @@ def reason_of(data: Data, answer: Data) -> str:
     if answer.get("verdict") == "ambiguous" and told:
         return f"these motions cannot distinguish: {'; '.join(str(names.get(name, name)) for name in told)}"
     return str(answer.get("reason") or "").partition("; it looks like")[0]
+
+
+def drive_of(answer: Data) -> str:
+    """Return the drive that would separate an answer's names, and what is expected of it; nothing where none would."""
+    drive = mapping(answer.get("separating_drive"))
+    if not drive:
+        return ""
+    lasts, expected = drive.get("duration_s"), drive.get("expected_log_bayes_factor")
+    return f"{drive.get('drive')} ({_figures(lasts or 0.0)} s; expected log Bayes factor {_figures(expected or 0.0)})"
+
+
+def why_no_drive(data: Data) -> str:
+    """Return why no drive is proposed."""
+    ambiguous = any(answer.get("verdict") == "ambiguous" for answer in mappings(data.get("answers")))
+    return "no drive that is known would tell the names apart" if ambiguous else "nothing is ambiguous"
 
 
 def listed(rivals: Sequence[tuple[str, float]]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
 from castor_envs.vehicles.effect import Effect
+from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Seen
 from discrepancy.posterior.finder import Diagnosis
@@ -68,6 +69,15 @@ def answer_data(answer: Answer) -> Data:
         "cost": np.abs(answer.size * answer.cost).tolist(),
         "check": "" if effect is None else effect.check,
         "separating_drive": None,
+    }
+
+
+def drive_data(drive: SeparatingDrive) -> Data:
+    """Return a drive as plain data."""
+    return {
+        "drive": drive.what,
+        "expected_log_bayes_factor": drive.expected,
+        "duration_s": drive.trajectory.duration,
     }
 
 

@@ -176,10 +176,14 @@ def test_every_verdict_is_a_sentence_and_lines_and_a_page_without_empty_parts(da
 
 
 def test_an_ambiguous_answer_tells_the_drive_that_would_separate_it():
-    data = answered(AMBIGUOUS | {"separating_drive": "squares of 1.5 m, both ways, with reference poses throughout"})
-    assert "a drive that would tell squares of 1.5 m" in said(data)
-    assert "  to distinguish them, drive squares of 1.5 m" in "\n".join(sentences.as_lines(data))
+    proposed = {"drive": "squares with reference poses", "expected_log_bayes_factor": 12.34, "duration_s": 65.4}
+    data = answered(AMBIGUOUS | {"separating_drive": proposed})
+    told = "squares with reference poses (65.4 s; expected log Bayes factor 12.3)"
+    assert f"a drive that would tell {told}" in said(data)
+    assert f"  to distinguish them, drive {told}" in "\n".join(sentences.as_lines(data))
     assert "a drive that would tell" not in said(answered(AMBIGUOUS))
+    assert "no drive" in sentences.why_no_drive(answered(AMBIGUOUS))
+    assert sentences.why_no_drive(answered(ANSWER)) == "nothing is ambiguous"
 
 
 def test_of_many_answers_the_sentence_tells_the_costliest():
