@@ -28,7 +28,8 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
 SWEPT = np.pi
-"""rad that a castor must sweep for what repeats with its angle to be told from a bias and a gain of its encoder."""
+"""rad that a castor must sweep for what repeats with its angle to be told from a bias and a gain of its encoder. What
+is in the model stays a candidate: with it, the castor may seem to sweep a little less."""
 
 BLOCKS = 4
 """Parts of equal length that a log is cut into for rivals that come and go."""
@@ -245,8 +246,8 @@ def signatures_of(
     swept = np.ptp(motion.castor_angle, axis=0)
     none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in [*candidates_of(robot), *places] if among is None else among:
-        kind = candidate.kinds[0]
-        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT:
+        kind, there = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
+        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not there:
             continue
         if rate_of(candidate.kinds):
             clocks.append((candidate, none, (still,)))
