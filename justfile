@@ -12,7 +12,7 @@ setup:
 
 # All tests.
 test:
-    {{python}} -m pytest -q -n 2
+    {{python}} -m pytest -q -n 2 --dist=loadfile
 
 # The tests of what changed since REVISION, without slow ones.
 fast revision="HEAD":

@@ -41,6 +41,9 @@ APART, TURNED = 0.1, 0.1
 BUMP_GAIN, PASSES, LARGEST = 20.0, 6, 2
 """Deviance that a line must take away from the slips without its `LARGEST` passes, and how many it must have."""
 
+NEAR = 0.05
+"""m: a line has no more passes than there are this near to it in the scan."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -64,7 +67,7 @@ def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence
     where they are not known.
     """
     lines = lines_of(steps_of(robot, motions, slips))
-    return [candidate_of(line) for line in lines if line.lasting >= BUMP_GAIN and line.passes >= PASSES][:MOST]
+    return [candidate_of(line) for line in lines if line.passes >= PASSES]
 
 
 def with_cables(
@@ -98,13 +101,13 @@ def candidate_of(line: Line) -> Candidate:
 
 
 def lines_of(steps: Steps) -> list[Line]:
-    """Return up to `MOST` lines, the best one first; each is looked for in what those before it leave."""
+    """Return up to `MOST` lines that stand out, the best first; each is looked for in what those before it leave."""
     found: list[Line] = []
     while len(steps.slip) and len(found) < MOST:
-        refined = [_refined(steps, *peak) for peak in _scan(steps)]
-        if not refined:
+        refined = [_refined(steps, *peak) for peak in _scan(steps) if _passes_near(steps, *peak) >= PASSES]
+        best = max(refined, key=lambda line: line.lasting, default=None)
+        if best is None or best.lasting < BUMP_GAIN:
             break
-        best = max(refined, key=lambda line: line.lasting)
         found.append(best)
         shape = _rolls_more(steps, best.x, best.y, best.direction, best.diameter)
         power = float(np.sum(steps.weight * shape**2))
@@ -187,6 +190,13 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
     x, y, direction, diameter = told(best.x)
     lasting, passes = _lasting(near_steps, _rolls_more(near_steps, x, y, direction, diameter))
     return Line(x, y, direction % math.pi, diameter, lasting, passes)
+
+
+def _passes_near(steps: Steps, direction: float, offset: float) -> int:
+    """Return how often wheels pass within `NEAR` of a line of the scan."""
+    middle = (steps.start + steps.end) / 2
+    across = middle[:, 1] * math.cos(direction) - middle[:, 0] * math.sin(direction)
+    return int(steps.passes(np.abs(across - offset) < NEAR).max(initial=-1)) + 1
 
 
 def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
