@@ -1,1 +1,1 @@
-"""The finder: one posterior of everything that a description may be missing."""
+"""The finder: one posterior over every effect that a description may be missing."""

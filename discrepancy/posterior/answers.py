@@ -1,4 +1,5 @@
-"""What a posterior answers: for each effect in the sum names with probabilities, sizes, and what they cost."""
+"""The answers that a posterior gives: for each single effect the probabilities of names, the size, and its cost in
+use."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,43 +16,45 @@ from discrepancy.posterior.single_effects import Posterior, SingleEffects
 
 
 class Cause(Protocol):
-    """What may be missing in the description of a robot (`hypotheses.candidates`) or a train (`trains.candidates`)."""
+    """A candidate cause of a discrepancy: what the description of a robot (`hypotheses.candidates`) or of a train
+    (`trains.candidates`) may be missing."""
 
     @property
     def what(self) -> str:
-        """In words."""
+        """The cause in words."""
         ...
 
     @property
     def family(self) -> str:
-        """The same for all that are one answer."""
+        """Name of the answer: candidates of one family are one answer."""
         ...
 
     @property
     def kinds(self) -> tuple[Effect, ...]:
-        """Of the catalogue; none: it has no name."""
+        """Effects of the catalogue; empty for an unnamed alternative."""
         ...
 
     @property
     def columns(self) -> int:
-        """How many amplitudes it takes."""
+        """The number of amplitudes."""
         ...
 
     def effect(self, amplitudes: Array, /) -> Effect:
-        """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
+        """Return the effect with these amplitudes (columns,); raises ValueError for amplitudes that it cannot have."""
         ...
 
     def added(self, vehicle: Any, amplitudes: Array, /) -> Any:
-        """Return the robot, or train, with this effect beside its own; raises ValueError for one that cannot be."""
+        """Return the robot, or train, with this effect added; raises ValueError for amplitudes that it cannot have."""
         ...
 
 
 class Seen(Protocol):
-    """What logs say of candidates, whoever made them: see `linearise.Linearised` and `trains.linearise.Linearised`."""
+    """The statistics of candidates in logs of a robot or a train: see `linearise.Linearised` and
+    `trains.linearise.Linearised`."""
 
     @property
     def candidates(self) -> tuple[Cause, ...]:
-        """What may be missing."""
+        """The causes that were considered."""
         ...
 
     @property
@@ -61,36 +64,38 @@ class Seen(Protocol):
 
     @property
     def logs(self) -> tuple[Statistics, ...]:
-        """Information and score of each log: of C sizes beyond the vehicle's effects, and what may hide of each."""
+        """Information and score of each log, of C sizes beyond the vehicle's effects, and of the masked amount of each
+        where wheel creep may mask effects (2C sizes)."""
         ...
 
     @property
     def usual(self) -> Array:
-        """Size (C,) of what has no name in logs of a vehicle in good order; NaN of effects."""
+        """Size (C,) that unnamed alternatives have in logs of a vehicle in good order; NaN for effects of the
+        catalogue."""
         ...
 
     @property
     def cost(self) -> Array:
-        """What a unit of each (2, C) costs in use: m after 10 m, rad after a turn."""
+        """The odometry error that a unit of each size causes in use (2, C): m after 10 m, rad after a turn."""
         ...
 
     @property
     def log_evidence(self) -> float:
-        """How likely the logs are (natural logarithm), sizes 0 and all else integrated out."""
+        """Log-likelihood of the logs (natural logarithm) with all sizes 0 and the nuisances integrated out."""
         ...
 
     @property
     def gap(self) -> tuple[float, float] | None:
-        """What is left of the logs, m and rad; None where it cannot be told."""
+        """Gap between odometry and reference, m and rad; None for logs without a reference."""
         ...
 
     def quieter(self, effects: Sequence[Any], /) -> Self:
-        """Return the same at the noise that is left beside effects, each as large as logs want."""
+        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes."""
         ...
 
 
 class Place(NamedTuple):
-    """What a hypothesis is about: the candidate, by its number, and the part of it that wheels hide."""
+    """The candidate that a hypothesis is about, by its number, and the part of it that wheel creep masks."""
 
     candidate: int
     hidden: float
@@ -99,19 +104,19 @@ class Place(NamedTuple):
 Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
 
 SHOWN = 1e-3
-"""Probability from which on a name is told."""
+"""Least probability of a name that is reported."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """One single effect.
+    """The answer on one single effect.
 
-    probabilities: of names, the likeliest first, and of "nothing". credible: names that hold it with 95 %. unnamed:
-    whether one of these is an alternative without a name. candidate: the likeliest, with its amplitudes (c,), their
-    covariance (c, c), and the part of it that wheels hide. explained: the deviance that it takes away. cost (2,): what
-    a unit of its amplitudes costs, m after 10 m and rad after a turn. confirmed: by how much (natural logarithm) it
-    makes held-out logs more likely, where that is known otherwise than by their columns. verdict, reason: see
-    `verdicts`.
+    probabilities: of names, the likeliest first, and of "nothing". credible: the 95 % credible set of names. unnamed:
+    whether this set contains an unnamed alternative. candidate: the likeliest candidate, with its amplitudes (c,),
+    their covariance (c, c), and the part of it that wheel creep masks (`hidden`). explained: the deviance (twice the
+    log-likelihood ratio) that the effect explains. cost (2,): odometry error that a unit of its amplitudes causes, m
+    after 10 m and rad after a turn. confirmed: log-likelihood ratio of held-out logs with and without the effect, where
+    it is not computed from their linear columns. verdict, reason: see `verdicts`.
     """
 
     probabilities: dict[str, float]
@@ -129,7 +134,7 @@ class Answer:
 
     @property
     def effect(self) -> Effect | None:
-        """The effect; None if it has no name, or cannot be as large."""
+        """The effect; None for an unnamed alternative, or for amplitudes that the effect cannot have."""
         if not self.candidate.kinds:
             return None
         try:
@@ -139,30 +144,30 @@ class Answer:
 
     @property
     def learned(self) -> bool:
-        """Whether it has no name, but what it depends on was learned."""
+        """Whether the answer is an unnamed alternative whose dependence on a known quantity was learned as a curve."""
         return self.unnamed and len(self.credible) == 1 and self.effect is not None
 
     @property
     def probability(self) -> float:
-        """Of the likeliest name."""
+        """Probability of the likeliest name."""
         return self.probabilities[self.credible[0]]
 
     @property
     def size(self) -> float:
-        """How large it is, in the unit of its amplitude."""
+        """The size of the effect, in the unit of its amplitude."""
         return float(self.amplitudes[0]) if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
 
     @property
     def error(self) -> float:
-        """The standard deviation of its size."""
+        """The standard deviation of the size."""
         return float(np.sqrt(np.max(np.diag(self.covariance))))
 
 
 def answers_of(
     seen: Seen, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
 ) -> list[Answer]:
-    """Return an answer for every component of a posterior that is not likely to be nothing; for all of one candidate,
-    which wheels hide in several parts, one."""
+    """Return an answer for every component of a posterior unless its likeliest value is "nothing"; components of one
+    candidate are added into one answer."""
     answers: dict[Cause, Answer] = {}
     for j, component in enumerate(posterior.components):
         credible = posterior.credible_set(component)
@@ -171,29 +176,29 @@ def answers_of(
         probability = component.probability
         members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
         best = max(members, key=lambda k: (_is_called(seen, places[k], credible[0]), probability[k]))
-        same = [k for k in members if places[k].candidate == places[best].candidate]
-        weight = probability[same] / probability[same].sum()
-        mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same])
-        told = {name: part for name, part in posterior.probabilities(component).items() if part > SHOWN}
+        same_candidate = [k for k in members if places[k].candidate == places[best].candidate]
+        weight = probability[same_candidate] / probability[same_candidate].sum()
+        mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same_candidate])
+        shown = {name: part for name, part in posterior.probabilities(component).items() if part > SHOWN}
         columns = seen.columns[places[best].candidate]
         answer = Answer(
-            probabilities=told | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
+            probabilities=shown | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
             credible=credible,
             unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
             candidate=seen.candidates[places[best].candidate],
             amplitudes=mean,
             covariance=covariance,
-            hidden=float(weight @ [places[k].hidden for k in same]),
+            hidden=float(weight @ [places[k].hidden for k in same_candidate]),
             explained=component.square,
             cost=np.max(seen.cost[:, columns], axis=1),
         )
-        before = answers.get(answer.candidate)
-        answers[answer.candidate] = answer if before is None else _added(before, answer)
+        earlier = answers.get(answer.candidate)
+        answers[answer.candidate] = answer if earlier is None else _added(earlier, answer)
     return list(answers.values())
 
 
 def _is_called(seen: Seen, place: Place, name: str) -> bool:
-    """Whether a hypothesis is about the candidate that a name stands for, of those that are one and the same."""
+    """Whether a hypothesis is about the very candidate that gave a name to a class of indistinguishable effects."""
     return seen.candidates[place.candidate].family == name
 
 
@@ -210,5 +215,8 @@ def _mixed(weight: Array, sizes: Sequence[tuple[Array, Array]]) -> tuple[Array, 
     """Return mean and covariance of a mixture of distributions with these means and covariances."""
     means = np.array([mean for mean, _ in sizes])
     mean = weight @ means
-    spread = sum(part * (own + np.outer(at - mean, at - mean)) for part, (at, own) in zip(weight, sizes, strict=True))
+    spread = sum(
+        part * (within + np.outer(center - mean, center - mean))
+        for part, (center, within) in zip(weight, sizes, strict=True)
+    )
     return mean, np.asarray(spread)

@@ -1,7 +1,8 @@
-"""How far wheels disagree: what encoders say that no motion of the body explains.
+"""How far wheels disagree: the part of the encoders' readings that no motion of the body explains.
 
-Wheels that disagree creep until they come to terms, so that no slip is left to wonder at: but in good order they hardly
-do, for what drives them is told by the same description. How far they do is a size of noise.
+Wheels whose speeds disagree creep until they agree, so the contact model alone finds nothing improbable in the slip.
+But a robot in good order hardly disagrees, as the controller that drives its wheels uses the same description. The
+usual disagreement is therefore estimated as a noise level, and what exceeds it is evidence.
 """
 
 from collections.abc import Sequence
@@ -16,32 +17,33 @@ from discrepancy.hypotheses.candidates import stacked
 from discrepancy.measurement.design_matrix import Columns
 
 WINDOW = 1.0
-"""s: over which disagreement is summed. Rounding, and castors that turn between two commands, sum up to nothing."""
+"""s: window over which disagreement is summed. Errors of rounding, and of castors that turn between two commands,
+average out."""
 
 LEAST = 4e-4
-"""Of the way: no robot's wheels are taken to agree better within a window. Rounding alone leaves as much."""
+"""Least size of disagreement in a window, as a part of the way. Rounding alone leaves as much."""
 
 FARTHEST = 2.0
-"""Sizes beyond which disagreement is not what it usually is (Huber's function)."""
+"""Disagreement, in its usual sizes, beyond which Huber's loss is linear and no more quadratic."""
 
 LEAST_KEPT = 1e-3
-"""Part of a row's slip that the others must contradict to tell how large it is."""
+"""Least part of a row's slip that must show as disagreement with the other rows, so that the slip can be estimated."""
 
 MEDIAN = 0.6745
-"""Of the absolute value of a standard normal number."""
+"""Median of the absolute value of a standard normal number."""
 
 Sizes = tuple[float, float]
-"""Of disagreement, as a part of the way, standard deviations: along, and to the side."""
+"""Standard deviations of disagreement as a part of the way: along the wheel's rolling, and to its side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Disagreement:
-    """One log's disagreement, summed over W windows, as a part of the way rolled in each.
+    """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
-    seen (W, rows): beyond what wheels hide of the robot's effects. by_size (W, rows, C): what a unit of each size adds.
-    hidden (W, rows, e): what the robot's effects add where wheels hide them. told_by (W,): windows that count. along
-    (rows,): rolling, not side slip.
-    t (W,): when windows begin, s. way (K - 1,): of every step, the mean of its window. steps (W,): of each window.
+    seen (W, rows): disagreement beyond what creep masks of the robot's effects. by_size (W, rows, C): its change per
+    unit of each candidate's size. hidden (W, rows, e): its change where creep masks the robot's effects. told_by (W,):
+    windows that count. along (rows,): true for rolling constraints, false for side slip. t (W,): when windows begin, s.
+    way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps in each window.
     """
 
     seen: Array
@@ -55,9 +57,10 @@ class Disagreement:
 
     @classmethod
     def of(cls, design: Columns, log: Log, hiding: Array, parts: Array, released: NDArray[np.bool_]) -> "Disagreement":
-        """Return that of a log. hiding (K - 1, rows, e): slips by which wheels hide the robot's effects, in `parts`.
+        """Return the disagreement of a log. hiding (K - 1, rows, e): slips by which creep masks the robot's effects, in
+        the proportions `parts` (e,).
 
-        released (K - 1, rows): steps of which windows do not count, as a contact may slip there as it likes.
+        released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
         model = design.model
         seen, by_size = model.disagreement(*design.alone())
@@ -76,12 +79,12 @@ class Disagreement:
         return cls(of_way, by_size, hidden, told_by, along, log.t[starts], way, steps)
 
     def sizes(self) -> Sizes:
-        """Return how far wheels disagree most of the time, whatever there is at others."""
+        """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
         seen = self.seen[self.told_by]
         return _size(seen[:, self.along]), _size(seen[:, ~self.along])
 
     def beside(self, columns: Sequence[int]) -> Array:
-        """Return by how many sizes wheels disagree (W, rows) beside the sizes of columns that suit best; by none in
+        """Return the disagreement (W, rows) in units of its usual size, after least squares of these columns; 0 in
         windows that do not count."""
         scale = np.where(self.along, *self.sizes())
         left = (self.told_by[:, None] * self.seen / scale).reshape(-1)
@@ -92,17 +95,17 @@ class Disagreement:
         return left.reshape(self.seen.shape)
 
     def slips(self, row: int, size: Array) -> Array:
-        """Return the slips of every step (K - 1, rows, 1), m, of a row that disagrees by size (W,), as a part of the
+        """Return the slips of every step (K - 1, rows, 1), m, where one row disagrees by `size` (W,), as a part of the
         way."""
         slips = np.zeros((len(self.way), len(self.along), 1))
         slips[:, row, 0] = np.repeat(size, self.steps) * self.way
         return slips
 
     def told(self, sizes: Sizes) -> tuple[Array, Array, float]:
-        """Return information and score of sizes (C,), of what wheels hide of each (C,) and of parts (e,), and how
-        likely all is where these are 0.
+        """Return information and score of sizes (C,), of the masked amount of each (C,) and of parts (e,), and the
+        log-likelihood where all of these are 0.
 
-        Beyond `FARTHEST` times its size a disagreement counts with its distance, not with the square of it.
+        Beyond `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic.
         """
         size = np.where(self.along, *sizes)
         off = np.abs(self.seen) / size
@@ -115,19 +118,19 @@ class Disagreement:
 
 
 def of_row(design: Columns, row: int) -> tuple[Array, Array]:
-    """Return by how much a row disagrees with the others in every step (K - 1,), m, and by how much for a metre of its
-    own slip."""
+    """Return by how much a row disagrees with the other rows in every step (K - 1,), m, and the change of it per metre
+    of slip of that row."""
     model, geometry, state = design.model, design.geometry, design.state
     slips = np.zeros((len(state) - 1, len(model.rows), 1))
     slips[:, row] = 1.0
-    none = np.zeros((len(state), state.shape[1] - 3, 1))
-    seen, by_slip = model.disagreement(geometry, stacked(geometry, []), np.zeros(0), state, none, slips)
+    no_readings = np.zeros((len(state), state.shape[1] - 3, 1))
+    seen, by_slip = model.disagreement(geometry, stacked(geometry, []), np.zeros(0), state, no_readings, slips)
     return seen[:, row], by_slip[:, row, 0]
 
 
 def _size(seen: Array) -> float:
-    """Return the size of disagreement (W, rows); where windows say the same as those before them it is taken for
-    larger, as they count less."""
+    """Return the size of disagreement (W, rows), inflated where neighbouring windows correlate, as these are fewer
+    independent measurements."""
     if not seen.size:
         return LEAST
     size = max(float(np.median(np.abs(seen))) / MEDIAN, LEAST)

@@ -1,8 +1,9 @@
-"""The finder on one page: fit states, linearise, posterior, name, and again until the names stay; then confirm.
+"""The finder on one page: fit states, linearise, compute the posterior, add the named effects to the model, and repeat
+until the names stay the same; then confirm on held-out logs.
 
-What robots in good order show of each effect, differently in each log, is told by tolerances, and by clean logs where
-there are any (`priors`); an effect has to stand out of that. What comes out is a probability of every name, and a
-verdict that follows from it (`verdicts`).
+How much of each effect robots in good order show, differently in each log, comes from tolerances, and from clean logs
+where there are any (`priors`); a fault has to exceed that. The result is a probability of every name, and a verdict
+that follows from it (`verdicts`).
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +23,7 @@ from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, a
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
-from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_them
+from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -31,31 +32,31 @@ from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_o
 from discrepancy.validation.sufficient import check_seen, must_fit
 
 LOOKS = 6
-"""Times that all candidates are looked at, at most, beside what has been named by then."""
+"""Most rounds in which the posterior of all candidates is computed beside the effects named before."""
 
 BESIDE = 2
-"""Effects beside which the size of noise is found."""
+"""Number of likeliest effects that are fitted while the noise is estimated."""
 
 SECOND = 0.2
-"""Part of what the largest new effect explains that another must, to be put into the model in the same round; where
-that leads nowhere new, all are."""
+"""Least part of the deviance explained by the largest new effect that another new effect must explain to enter the
+model in the same round; if the set of effects is then one tried before, all new effects enter."""
 
 WORSE = 0.5
-"""By how much (natural logarithm, for every sample) logs may be less likely and count as explained no worse: creep is
-predicted anew from what truly happened, so some is lost and won by chance."""
+"""Loss of log-likelihood per sample (natural logarithm) within which logs count as explained no worse: creep is
+predicted anew from the fitted states, so the log-likelihood varies by chance."""
 
 
 Asked = tuple[Posterior, list[Answer]]
-"""What may be there, and the answers that this gives."""
+"""A posterior over all hypotheses, and the answers that it gives."""
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Generic[V, S]):
-    """What logs say is missing in a description. verdict: of all answers, the most certain first.
+    """The effects missing in a description, as logs show them. verdict: of the whole; answers: the most certain first.
 
-    before, after: what is left of the logs without and with the effects in `answers` that have a name; held_out: the
-    same of held-out logs. inclusion: probability of every name to be among what is missing. creep: parts of predicted
-    creep in clean logs, if there are any.
+    before, after: the logs linearised without and with the named effects; held_out: both for held-out logs. inclusion:
+    probability of every name to be among the missing effects. creep: proportions of predicted creep in clean logs, if
+    there are any.
     """
 
     robot: V
@@ -69,13 +70,13 @@ class Diagnosis(Generic[V, S]):
 
     @property
     def found(self) -> V:
-        """The robot, or the train, with the effects that are named, and what was learned of what has no name."""
+        """The robot, or the train, with the named effects, and with the learned curves of unnamed ones."""
         named = [
             answer
             for answer in self.answers
             if answer.learned or (answer.verdict == "named" and answer.effect is not None)
         ]
-        return with_them(self.robot, [Sized(answer.candidate, answer.amplitudes) for answer in named])
+        return with_effects(self.robot, [Sized(answer.candidate, answer.amplitudes) for answer in named])
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -87,10 +88,10 @@ def diagnose(
     before: RobotDescription | None = None,
     material: Material = MATERIAL,
 ) -> Diagnosis[RobotDescription, Linearised]:
-    """Return what logs say is missing in a robot's description, how likely it is, and what it costs.
+    """Return the effects that a robot's description is missing, their probabilities, and their costs in use.
 
-    held_out: logs that a name must be borne out by. clean: logs of the robot in good order. before: the robot as it
-    made these, if its description was another. material: what matters.
+    held_out: logs that must confirm a name. clean: logs of the robot in good order. before: the description of the
+    robot when it made the clean logs, if it differed. material: odometry error from which on an effect matters.
     Raises InputError for logs that the robot cannot have made, or that show nothing.
     """
     check_seen(robot, logs, held_out, clean)
@@ -106,25 +107,25 @@ def _diagnosed(
     before: RobotDescription | None,
     material: Material,
 ) -> Diagnosis[RobotDescription, Linearised]:
-    """Return what `diagnose` does."""
+    """Compute the diagnosis that `diagnose` returns, of checked logs."""
     good = linearise(without(before or robot, SampleJitter), clean) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
     events, released, base, curve, looked = Events(), Released(), robot, None, False
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
-        mine = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
-        more = () if among is not None else tuple(dict.fromkeys((*places, *mine, *somewhere)))
-        only = None if among is None else [one for one in among if isinstance(one, Candidate)]
-        mended = with_them(base, named)
-        return linearise(mended, logs, start=start, creep=creep, among=only, places=more, released=released)
+        known = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
+        extra = () if among is not None else tuple(dict.fromkeys((*places, *known, *somewhere)))
+        only = None if among is None else [candidate for candidate in among if isinstance(candidate, Candidate)]
+        mended = with_effects(base, named)
+        return linearise(mended, logs, start=start, creep=creep, among=only, places=extra, released=released)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        candidates = [seen.candidates.index(one.candidate) for one in named]  # type: ignore[arg-type]
-        there = sizes_of(
-            candidates, [one.amplitudes for one in named], seen.parts[CREEPS + len(base.effects) :].tolist(), seen
+        candidates = [seen.candidates.index(effect.candidate) for effect in named]  # type: ignore[arg-type]
+        in_model = sizes_of(
+            candidates, [effect.amplitudes for effect in named], seen.parts[CREEPS + len(base.effects) :].tolist(), seen
         )
-        return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), there)
+        return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), in_model)
 
     def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released)
@@ -135,9 +136,9 @@ def _diagnosed(
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
         plain = plain or first
         named, seen, posterior, answers = named_together(base, look, ask, worse, first)
-        found, names = with_them(base, named), len(posterior.names)
-        if more := events.more(found, logs, seen, good, answers, names):
-            events, released = more, more.released(found, logs, seen)
+        found, names = with_effects(base, named), len(posterior.names)
+        if extended := events.extended(found, logs, seen, good, answers, names):
+            events, released = extended, extended.released(found, logs, seen)
             continue
         if looked or not (channels := encoders_of(answers)):
             break
@@ -148,11 +149,11 @@ def _diagnosed(
         base = robot.with_effects(curve.effect)
     held, order, confirmed = None, None, [None] * len(events)
     if held_out:
-        among = [one.candidate for one in named if isinstance(one.candidate, Candidate)]
+        among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
         after, free = linearise(found, held_out, creep=creep, among=among), Released()
         if len(events):
-            there, confirmed = events.there(found, held_out, after)
-            free = there.released(found, held_out, after)
+            recurring, confirmed = events.in_other_logs(found, held_out, after)
+            free = recurring.released(found, held_out, after)
             after = linearise(found, held_out, creep=creep, among=among, released=free)
         held = linearise(base, held_out, creep=creep, among=among, released=free), after
         order = order_of(after, good)
@@ -168,9 +169,10 @@ def _diagnosed(
 def named_together(
     vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, first: S
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
-    """Return the effects that the answers name, put into the model until names stay, and what is seen and said then.
+    """Add the effects that the answers name to the model until the names stay the same; return these effects, the
+    statistics beside them, the posterior and the answers.
 
-    first: what logs say without any; worse: see `refitted`.
+    first: statistics of the logs without any of these effects; worse: see `refitted`.
     """
     seen, tried = first, [frozenset[str]()]
     named: tuple[Sized, ...] = ()
@@ -178,7 +180,7 @@ def named_together(
         posterior, answers = ask(seen, named)
         for least in (SECOND, 0.0):
             new = _taken_in(vehicle, answers, named, least)
-            families = frozenset(one.candidate.family for one in new)
+            families = frozenset(effect.candidate.family for effect in new)
             if families not in tried:
                 break
         if families in tried or len(tried) > LOOKS:
@@ -193,50 +195,54 @@ def asked(
     hypotheses: Sequence[Hypothesis],
     places: Sequence[Place],
     order: GoodOrder,
-    there: Array,
+    in_model: Array,
     fitted: Array | None = None,
 ) -> Asked:
-    """Return the posterior of all that may be there, and the answers that it gives, the most certain first.
+    """Return the posterior over all hypotheses, and the answers that it gives, the most certain first.
 
-    places: what each hypothesis is about. order: what is seen in good order. there: sizes in the model already; fitted:
-    those of them that are as large as logs ask for; None: all.
+    places: the candidate of each hypothesis. order: what robots in good order show. in_model: sizes in the model
+    already; fitted: those of them that have their maximum-likelihood size; None: all.
     """
-    fitted = there if fitted is None else fitted
-    single, posterior, score = _posterior(hypotheses, order, seen, there, there - fitted, fitted)
+    fitted = in_model if fitted is None else fitted
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
     quiet = seen.quieter(_likeliest(seen, posterior, places))
     if quiet is not seen:
         seen = quiet
-        single, posterior, score = _posterior(hypotheses, order, seen, there, there - fitted, fitted)
+        single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
     believed = np.sum([component.mean for component in posterior.components], axis=0)
-    single, posterior, score = _posterior(hypotheses, order, seen, there, believed - fitted, fitted)
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model, believed - fitted, fitted)
     return posterior, answers_of(seen, single, posterior, score, places)
 
 
 def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place]) -> list[Cause]:
-    """Return the candidate of the catalogue that is likeliest in each of the most certain components."""
+    """Return the likeliest candidate of the catalogue in each of the most certain components."""
     named = np.array([bool(seen.candidates[place.candidate].kinds) for place in places])
     best = (int(np.argmax(component.probability * named)) for component in posterior.components[:BESIDE])
     return list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
 
 
 def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> tuple[Sized, ...]:
-    """Return the effects to put into the model: those that stay, and new ones but for such as explain less than such a
-    part of the largest of these, which may be what its linear signature is wrong by."""
-    kept = {one.candidate for one in named}
-    every = [(answer, Sized(answer.candidate, answer.amplitudes)) for answer in answers if answer.effect is not None]
-    every = [(answer, one) for answer, one in every if possible(vehicle, [one])]
-    largest = max((answer.explained for answer, one in every if one.candidate not in kept), default=0.0)
-    return tuple(one for answer, one in every if one.candidate in kept or answer.explained >= least * largest)
+    """Return the effects to put into the model: those that stay, and new effects that explain at least the part `least`
+    of the deviance that the largest new effect explains. A smaller effect may only be the linearisation error of the
+    largest."""
+    kept = {effect.candidate for effect in named}
+    choices = [(answer, Sized(answer.candidate, answer.amplitudes)) for answer in answers if answer.effect is not None]
+    choices = [(answer, effect) for answer, effect in choices if possible(vehicle, [effect])]
+    largest = max((answer.explained for answer, effect in choices if effect.candidate not in kept), default=0.0)
+    return tuple(
+        effect for answer, effect in choices if effect.candidate in kept or answer.explained >= least * largest
+    )
 
 
 def _posterior(
-    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, there: Array, far: Array, fitted: Array
+    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, in_model: Array, far: Array, fitted: Array
 ) -> tuple[SingleEffects, Posterior, Array]:
-    """Return the posterior of hypotheses beside what robots in good order show, and the score that it comes from.
+    """Return the posterior of hypotheses beyond what robots in good order show, and the score that it comes from.
 
-    there: sizes in the model already. far, fitted: sizes that tell how wrong signatures are (`Statistics.doubted`).
+    in_model: sizes in the model already. far, fitted: sizes that determine the error of signatures
+    (`Statistics.doubted`).
     """
-    logs = [log.at(-there).doubted(far, fitted) for log in seen.logs]
+    logs = [log.at(-in_model).doubted(far, fitted) for log in seen.logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

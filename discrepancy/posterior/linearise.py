@@ -1,8 +1,9 @@
-"""What each log says of every candidate, all that nobody wants to know integrated out, around what truly happened.
+"""Information and score of every candidate in each log, linearised about the fitted states, nuisances integrated out.
 
-The most likely state of all logs is found first, with the robot's effects in place (`fit_states`); around it every
-candidate acts linearly (`design_matrix`). Wheels that are driven against each other creep until they come to terms, and
-so hide a part of what is wrong: each column stands twice, as it is and as wheels hide it.
+The most likely states of all logs are found first, with the robot's effects in place (`fit_states`); about these every
+candidate acts linearly (`design_matrix`). Wheels that are driven against each other creep until their speeds agree, and
+so mask a part of an effect: each candidate has two columns, its unmasked signature and the signature of the part that
+creep masks.
 """
 
 from collections.abc import Sequence
@@ -29,27 +30,28 @@ from estimators.calibration.log_likelihood import LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State
 
 CREEP = 7e-5
-"""Standard deviation of what each wheel rolls too much and each castor goes to its side, as a part of its way, in any
-log: contact is not as rigid as rolling."""
+"""Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.
+Real contacts are not as rigid as ideal rolling."""
 
 LEAST_NOISE = Noise(along=1e-4, across=1e-4, position=1e-4, heading=1e-4)
-"""No contact rolls, and no tracker measures, better: 0.1 mm after 1 m, 0.1 mm and 0.1 mrad."""
+"""Lower bounds of the noise of contacts and trackers: 0.1 mm after 1 m, 0.1 mm and 0.1 mrad."""
 
 COUNTS, SLIP = 0.2, 3e-5
-"""What a robot in good order shows of anything without a name: so many counts in mean, or such a part of the way that
-wheels slip."""
+"""Size of unnamed alternatives in a robot in good order: rms reading error in counts, or rms slip as a part of the
+way."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Candidates, the columns of each among C; and of each log information and score of 2C sizes, the amplitudes beyond
-    the robot's effects and then what wheels hide of each.
+    """Candidates with the columns of each among C, and for each log information and score of 2C sizes: the amplitudes
+    beyond the robot's effects, then the masked amount of each.
 
-    usual (C,): size of what has no name in logs of a robot in good order; NaN of effects. cost (2, C): what a unit of
-    each makes odometry wrong by on these drives (`cost_of_sizes`), or a clock's rate makes it look wrong. parts: of the
-    creep that is predicted, and of what wheels hide of each of the robot's effects. log_evidence: how likely the logs
-    are, sizes 0 and all else integrated out (natural logarithm, up to a constant of the logs). gap: rms of what
-    odometry is off the reference, m and rad; None without one. slips (K - 1, w): of wheels beyond what is expected, m.
+    usual (C,): size of unnamed alternatives in logs of a robot in good order; NaN for effects of the catalogue. cost
+    (2, C): odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
+    clock. parts: proportions of predicted creep, and the masked proportion of each of the robot's effects.
+    log_evidence: log-likelihood of the logs with all sizes 0, nuisances integrated out (natural logarithm, up to a
+    constant of the logs). gap: rms difference between odometry and reference, m and rad; None without a reference.
+    slips (K - 1, w): slips of wheels beyond the predicted ones, m.
     """
 
     candidates: tuple[Candidate, ...]
@@ -68,7 +70,8 @@ class Linearised:
     slips: tuple[Array, ...]
 
     def cost_of_slips(self, slips: Sequence[Array]) -> Array:
-        """Return what slips (K - 1, rows, 1) of each log cost (2,): m after 10 m, rad after a turn."""
+        """Return the odometry error (2,) that slips (K - 1, rows, 1) of each log cause: m after 10 m, rad after a
+        turn."""
         costs = []
         for design, slipped in zip(self.designs, slips, strict=True):
             error = design.model.as_motion(design.geometry, design.state, slipped)
@@ -76,16 +79,17 @@ class Linearised:
         return np.sqrt(np.mean(np.square(costs), axis=0))
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
-        """Return the same at the noise that is left beside effects, each as large as logs want.
+        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes.
 
-        Where encoders do not contradict each other, an effect that is not in the model passes for slip.
+        Without this step an effect that is not in the model, and does not make encoders contradict each other, counts
+        as slip noise.
         """
         found = quieter(self.designs, effects, self.shared, self.noise)
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
         return self if noise == self.noise else self.at_noise(noise)
 
     def at_noise(self, noise: Noise) -> "Linearised":
-        """Return the same at some sizes of noise."""
+        """Return the statistics at a given noise."""
         logs, log_evidence = _said(self.designs, self.disagreements, self.shared, noise, self.candidates, self.columns)
         return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
 
@@ -100,11 +104,12 @@ def linearise(
     places: Sequence[Candidate] = (),
     released: Sequence[NDArray[np.bool_]] = (),
 ) -> Linearised:
-    """Return what logs say of candidates around their most likely state.
+    """Return information and score of candidates in logs, linearised about the most likely states.
 
-    start: of the same logs, to begin with what it found. creep: parts of predicted creep in clean logs of the robot.
-    among: candidates to look at; None: all, and what has no name. places: more candidates, of the floor. released: as
-    `LogLikelihood.release`, of every log; none: nothing is.
+    start: an earlier result for the same logs, as starting point. creep: proportions of predicted creep in clean logs
+    of the robot. among: candidates to consider; None: all of the catalogue and all unnamed alternatives. places:
+    further candidates, at places of the floor. released: steps of every log as `LogLikelihood.release` takes them;
+    empty: none.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
@@ -133,13 +138,15 @@ def linearise(
     count = sum(candidate.columns for candidate in candidates)
     usual, costs = np.full(count, np.nan), []
     for model, design, state in zip(models, designs, at.states, strict=True):
-        each = [place[candidate] for candidate in design.candidates]
-        there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
-        unnamed = np.array([not one.kinds for one in design.candidates for _ in range(one.columns)], dtype=bool)
-        usual[there[unnamed]] = _usual(model, geometry, design, state)[unnamed]
+        blocks = [place[candidate] for candidate in design.candidates]
+        indices = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
+        unnamed = np.array(
+            [not candidate.kinds for candidate in design.candidates for _ in range(candidate.columns)], dtype=bool
+        )
+        usual[indices[unnamed]] = _usual(model, geometry, design, state)[unnamed]
         cost = np.zeros((2, count))
-        cost[:, there] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
-        cost[:, there[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
+        cost[:, indices] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
+        cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
         Disagreement.of(design, log, slip.known[..., CREEPS:], shared.parts[CREEPS:], steps)
@@ -172,14 +179,15 @@ def _said(
     candidates: Sequence[Candidate],
     columns: Sequence[NDArray[np.intp]],
 ) -> tuple[tuple[Statistics, ...], float]:
-    """Return what each log says of all candidates, at sizes of noise; and how likely all are (`Linearised`)."""
+    """Return information and score of all candidates in each log at a given noise; and the log evidence
+    (`Linearised`)."""
     place, said, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
     for design, disagreement in zip(designs, disagreements, strict=True):
-        each = [place[candidate] for candidate in design.candidates]
-        there = np.concatenate([np.zeros(0, dtype=np.intp), *each])
+        blocks = [place[candidate] for candidate in design.candidates]
+        indices = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
         statistics, log_likelihood = _of_sizes(design, disagreement.told(disagreement.sizes()), shared, noise)
-        said.append(_spread(statistics, there, count))
+        said.append(_spread(statistics, indices, count))
         log_evidence += log_likelihood
     return tuple(said), log_evidence
 
@@ -187,8 +195,8 @@ def _said(
 def _of_sizes(
     design: Columns, disagreement: tuple[Array, Array, float], shared: Shared, noise: Noise
 ) -> tuple[Statistics, float]:
-    """Return what a log says of its candidates' sizes, all else integrated out: creep and the tracked point; and how
-    likely it is, sizes 0. disagreement: `Disagreement.told`."""
+    """Return information and score of a log's candidate sizes, with the nuisances (creep and the tracked point)
+    integrated out by a Schur complement; and the log evidence with all sizes 0. disagreement: `Disagreement.told`."""
     reduced = design.reduce(shared.mount, noise)
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
@@ -205,33 +213,35 @@ def _of_sizes(
     information[creep, creep] += CREEP**-2
     information[mount, mount] += np.eye(len(shared.mount)) / MOUNT**2
     score[mount] -= shared.mount / MOUNT**2
-    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
-    told = information[:n, :n] - information[:n, n:] @ both[:, :n]
+    solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
+    told = information[:n, :n] - information[:n, n:] @ solved[:, :n]
     likely = (
         reduced.log_evidence
         + disagreement[2]
-        + (score[n:] @ both[:, n] - np.linalg.slogdet(information[n:, n:])[1]) / 2
+        + (score[n:] @ solved[:, n] - np.linalg.slogdet(information[n:, n:])[1]) / 2
     )
     likely -= np.sum(((shared.parts - shared.expected) / shared.doubt) ** 2) / 2 + np.sum(np.log(shared.doubt))
     likely -= np.sum((shared.mount / MOUNT) ** 2) / 2
-    return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ both[:, n]), float(likely)
+    return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ solved[:, n]), float(likely)
 
 
 def _row_by_row(known: Array) -> Array:
-    """Return slips that are known in part (K - 1, rows, e), and after them what each row alone creeps of the first."""
+    """Return slips known up to a factor (K - 1, rows, e), followed by the first of them, predicted creep, for each row
+    alone."""
     return np.concatenate([known, known[..., :1] * np.eye(known.shape[1])], axis=-1)
 
 
-def _spread(said: Statistics, there: NDArray[np.intp], count: int) -> Statistics:
-    """Return what a log says, of all sizes: nothing of those that it does not have."""
-    at = np.concatenate([there, there + count])
+def _spread(said: Statistics, indices: NDArray[np.intp], count: int) -> Statistics:
+    """Return the statistics of a log embedded in those of all sizes; sizes without a column in this log get information
+    0."""
+    at = np.concatenate([indices, indices + count])
     information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
     information[np.ix_(at, at)], score[at] = said
     return Statistics(information, score)
 
 
 def _usual(model: LogLikelihood, geometry: Geometry, design: Columns, state: Array) -> Array:
-    """Return sizes (columns,) at which candidates read `COUNTS` too much, or slip by `SLIP`, in mean."""
+    """Return sizes (columns,) at which candidates change readings by `COUNTS`, or slips by `SLIP`, rms."""
     built = len(design.steps)
     rolled = np.sqrt(np.mean(model.rolled(geometry, state) ** 2))
     read = np.sqrt(np.mean(np.max(design.readings**2, axis=1), axis=0)) / COUNTS

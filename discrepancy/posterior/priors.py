@@ -1,4 +1,4 @@
-"""What is believed before logs speak: which hypotheses there are, how large they are, what is seen in good order."""
+"""Priors: which hypotheses there are, how large their effects may be, and what robots in good order show."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -18,45 +18,48 @@ from discrepancy.posterior.single_effects import Hypothesis
 from estimators.calibration.drives import DRIVES, log_of
 
 PARTS = np.arange(7) / 4
-"""Of an effect that wheels may hide by coming to terms: each is as likely before logs are seen."""
+"""Parts of an effect that wheel creep may mask, all with the same prior probability."""
 
 PATTERN = np.array([[1.0, PARTS.mean()], [PARTS.mean(), np.mean(PARTS**2)]])
-"""Covariance of an amplitude and what wheels hide of it, where the variance of the amplitude is 1."""
+"""Covariance of an amplitude and its masked amount, where the variance of the amplitude is 1."""
 
 PARTS_OF = np.geomspace(1.0, 1 / FAULT, 5)
-"""Of tolerances: robots in good order are as good as stated, or up to `FAULT` times better."""
+"""Factors on tolerances: robots in good order are as good as stated, or up to `FAULT` times better."""
 
 ALIKE, UNSEEN = 1e-4, 1e-4
-"""Squared sine of the angle between signatures of effects that are one and the same on a robot, in a drive that shows
-all it can; and deviance there of an effect of its tolerance that is none at all. What is not the same has over 1e-3."""
+"""Largest squared sine of the angle between signatures of indistinguishable effects, on a drive that excites all
+effects; and deviance on it below which an effect of the size of its tolerance is unobservable. Distinguishable effects
+have over 1e-3."""
 
 
 ABOUT = 0.3
-"""How far what is there or not may look from 1: what whole counts leave over is a little random."""
+"""How far the amplitude of a binary effect may be estimated from 1: the rounding of counts makes it a little random."""
 
 
 @lru_cache(maxsize=16)
 def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str]]:
-    """Return which effects are one and the same on a robot, whatever it does: the name that stands for each family; and
-    families that change nothing that a log could show."""
+    """Return the indistinguishable effects of a robot, as the family whose name represents each family; and the
+    families that are unobservable in any log."""
     (path,) = DRIVES["a random path of 60 s"](robot)
     log = log_of(robot, path, "all")
     among = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
     seen = linearise(robot, [log], among=among)
     information = seen.logs[0].information
     single = [(candidate, int(columns[0])) for candidate, columns in zip(seen.candidates, seen.columns, strict=True)]
-    shown = [(one, k) for one, k in single if information[k, k] * one.kinds[0].tolerance ** 2 > UNSEEN]
-    unseen = {one.family for one, _ in single} - {one.family for one, _ in shown}
+    shown = [
+        (candidate, k) for candidate, k in single if information[k, k] * candidate.kinds[0].tolerance ** 2 > UNSEEN
+    ]
+    unseen = {candidate.family for candidate, _ in single} - {candidate.family for candidate, _ in shown}
     stands: dict[str, str] = {}
-    for n, (one, k) in enumerate(shown):
-        for other, j in shown[:n]:
+    for n, (candidate, k) in enumerate(shown):
+        for earlier, j in shown[:n]:
             if 1 - information[k, j] ** 2 / (information[k, k] * information[j, j]) < ALIKE:
-                stands.setdefault(one.family, stands.get(other.family, other.family))
+                stands.setdefault(candidate.family, stands.get(earlier.family, earlier.family))
     return stands, frozenset(unseen)
 
 
 def tolerances(seen: Seen) -> Array:
-    """Return what robots in good order show of each of C sizes, standard deviations."""
+    """Return the standard deviations of C sizes in robots in good order."""
     tolerance = seen.usual.copy()
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate.kinds:
@@ -65,21 +68,23 @@ def tolerances(seen: Seen) -> Array:
 
 
 def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
-    """Return what a vehicle shows in good order of all candidates of logs, as clean logs tell where there are any.
+    """Return the sizes of all candidates that a vehicle in good order shows, from clean logs where there are any.
 
-    Clean logs tell how much better than stated its order is in all, and then of each effect.
+    Clean logs give a common factor on all tolerances first, then the background and scatter of each effect.
     """
     if clean is None:
         return good_order(tolerances(seen), _pattern(seen))
     stated, told = good_order(_part_told_by(clean) * tolerances(seen), _pattern(seen)), _told_by(clean)
-    here, there = [], []
+    of_seen, of_clean = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
-            here += columns.tolist()
-            there += clean.columns[clean.candidates.index(candidate)].tolist()
+            of_seen += columns.tolist()
+            of_clean += clean.columns[clean.candidates.index(candidate)].tolist()
     at, of = (
-        np.array([k + part * len(each.usual) for part in range(len(_pattern(each))) for k in columns], dtype=np.intp)
-        for each, columns in ((seen, here), (clean, there))
+        np.array(
+            [k + part * len(source.usual) for part in range(len(_pattern(source))) for k in columns], dtype=np.intp
+        )
+        for source, columns in ((seen, of_seen), (clean, of_clean))
     )
     background, doubt, scatter = stated.background.copy(), stated.doubt.copy(), stated.scatter.copy()
     background[at] = told.background[of]
@@ -89,7 +94,7 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
 
 @lru_cache(maxsize=4)
 def _part_told_by(clean: Seen) -> float:
-    """Return the part of tolerances that clean logs show, rms; each is as likely before they speak."""
+    """Return the rms factor on tolerances that clean logs show; all of `PARTS_OF` have the same prior probability."""
     log_likelihood = log_likelihood_of(PARTS_OF, clean.logs, tolerances(clean), _pattern(clean))
     weight = np.exp(log_likelihood - log_likelihood.max())
     return float(np.sqrt(np.average(PARTS_OF**2, weights=weight)))
@@ -101,16 +106,17 @@ def _told_by(clean: Seen) -> GoodOrder:
 
 
 def _pattern(seen: Seen) -> Array:
-    """Return the covariance of the sizes that each effect has in what logs say: of trains only its amplitude."""
+    """Return the covariance of the sizes that each effect has in the statistics of logs; trains have only the
+    amplitude."""
     sizes = len(seen.logs[0].score) // max(len(seen.usual), 1)
     return PATTERN[:sizes, :sizes]
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
-    """Return all that may be there, and of each hypothesis what it is about.
+    """Return all hypotheses, and the candidate and masked part of each.
 
-    Every family is as likely as any other; those at a place, or at a time, that suits the logs share theirs with all
-    places or times where they might have been looked for.
+    All families have the same prior probability. Candidates whose place or time was chosen to suit the logs share that
+    of their family with all places or times that were searched.
     """
     stands, unseen = same_effects(robot.as_described())
     names = [stands.get(candidate.family, candidate.family) for candidate in seen.candidates]
@@ -130,15 +136,15 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
 
 
 def hypothesis_of(seen: Seen, place: Place, name: str, share: float) -> Hypothesis:
-    """Return the hypothesis that a candidate is there, hidden by wheels in a part."""
+    """Return the hypothesis that a candidate is present, with a part of it masked by wheel creep."""
     candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
-    least, most = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
+    lower, upper = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
     scale = FAULT * float(np.mean(tolerances(seen)[columns]))
-    return Hypothesis(name, direction_of(seen, place), scale, share, least, most)
+    return Hypothesis(name, direction_of(seen, place), scale, share, lower, upper)
 
 
 def direction_of(seen: Seen, place: Place) -> Array:
-    """Return what the c amplitudes of a candidate, hidden by wheels in a part, change in all sizes (m, c)."""
+    """Return the change of b (m, c) per unit of a candidate's c amplitudes, with a part masked by creep."""
     columns = seen.columns[place.candidate]
     direction = np.zeros((len(seen.logs[0].score), len(columns)))
     direction[columns, np.arange(len(columns))] = 1.0
@@ -148,7 +154,7 @@ def direction_of(seen: Seen, place: Place) -> Array:
 
 
 def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Seen) -> Array:
-    """Return b (m,) of candidates of these sizes, hidden in these parts."""
+    """Return b (m,) for candidates of these sizes, masked in these parts."""
     total = np.zeros(len(seen.logs[0].score))
     for k, size, part in zip(candidates, sizes, hidden, strict=True):
         total += direction_of(seen, Place(k, part)) @ size
@@ -157,7 +163,7 @@ def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence
 
 @lru_cache(maxsize=256)
 def bounds_of(kind: Effect) -> tuple[float, float]:
-    """Return the least and the most that an effect's amplitude can be; of what is there or not, about 1."""
+    """Return the bounds of an effect's amplitude; for a binary effect an interval about 1."""
     if kind.binary:
         return 1 - ABOUT, 1 + ABOUT
     value = TypeAdapter(type(kind)).json_schema()["properties"]["value"]

@@ -1,9 +1,9 @@
-"""What a robot in good order shows of each effect, differently in each log, and how logs speak beside that.
+"""Random effects: how much of each effect a robot in good order shows, differently in each log; statistics beyond that.
 
-Sizes in log l are ``b + beta_l``, with ``beta_l ~ N(background, scatter)``: no model is right, and no motion the same.
-Before clean logs are seen, background and scatter each have half of the variance that an effect's tolerance states, and
-the background is expected to be none; clean logs tell both.
-Every log comes as information and score, of the log-likelihood ``score . b - b . information b / 2``.
+Sizes in log l are ``b + beta_l``, with ``beta_l ~ N(background, scatter)``: no model is exact, and no two motions are
+the same. Without clean logs, background and scatter each have half of the variance that an effect's tolerance states,
+and the background has mean 0; clean logs update both. Every log is given by information and score of the log-likelihood
+``score . b - b . information b / 2``.
 """
 
 from collections.abc import Sequence
@@ -16,29 +16,29 @@ from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
 
 ROUNDS, SETTLED = 60, 0.01
-"""Most steps of expectation and maximisation, and the part of a variance by which none changes in the end."""
+"""Most steps of expectation and maximisation, and the relative change of variances at which they end."""
 
 
 class Statistics(NamedTuple):
-    """What logs say of m sizes, all else integrated out: information (m, m) and score (m,) at sizes of 0."""
+    """Sufficient statistics of m sizes, nuisances integrated out: information (m, m) and score (m,) at sizes of 0."""
 
     information: Array
     score: Array
 
     def at(self, size: Array) -> "Statistics":
-        """Return the statistics as functions of what sizes are beyond `size` (m,)."""
+        """Return the statistics of the difference between sizes and `size` (m,)."""
         return Statistics(self.information, self.score - self.information @ size)
 
     def scattered(self, scatter: Array) -> "Statistics":
-        """Return what is said of the mean of sizes that scatter about it by a covariance (m, m)."""
+        """Return the statistics of the mean of sizes that scatter about it by a covariance (m, m)."""
         blurred = np.eye(len(self.score)) + self.information @ scatter
-        both: Array = np.linalg.solve(blurred, np.column_stack([self.information, self.score])).astype(np.float64)
-        return Statistics((both[:, :-1] + both[:, :-1].T) / 2, both[:, -1])
+        solved: Array = np.linalg.solve(blurred, np.column_stack([self.information, self.score])).astype(np.float64)
+        return Statistics((solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1])
 
     def doubted(self, far: Array, modelled: Array) -> "Statistics":
-        """Return what is said where signatures are wrong by a part of what effects explain.
+        """Return the statistics with the error of signatures, a part of what effects explain, added to the noise.
 
-        far, modelled (m,): sizes that are believed but not in the model, and those that are.
+        far, modelled (m,): expected sizes that are not in the model, and sizes in the model.
         """
         wrong = SIGNATURE**2 * (far @ self.information @ far) + REFITTED**2 * (modelled @ self.information @ modelled)
         return Statistics(self.information / (1 + wrong), self.score / (1 + wrong))
@@ -46,27 +46,28 @@ class Statistics(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GoodOrder:
-    """What robots in good order show: the sizes in a log are normal about ``background`` (m,), which is known with the
-    covariance ``doubt`` (m, m), and scatter about it from log to log by the covariance ``scatter`` (m, m)."""
+    """Distribution of sizes in robots in good order: in a log they are normal about ``background`` (m,), which is known
+    with the covariance ``doubt`` (m, m), and scatter about it from log to log with the covariance ``scatter`` (m,
+    m)."""
 
     background: Array
     doubt: Array
     scatter: Array
 
     def beyond(self, logs: Sequence[Statistics]) -> Statistics:
-        """Return what logs say together of sizes beyond good order."""
-        each = [log.at(self.background).scattered(self.scatter) for log in logs]
-        return together(each).scattered(self.doubt)
+        """Return the joint statistics of logs for sizes beyond good order."""
+        scattered = [log.at(self.background).scattered(self.scatter) for log in logs]
+        return together(scattered).scattered(self.doubt)
 
 
 def together(logs: Sequence[Statistics]) -> Statistics:
-    """Return what independent logs say together."""
+    """Return the joint statistics of independent logs."""
     information, score = (np.sum([log[k] for log in logs], axis=0) for k in (0, 1))
     return Statistics(np.asarray(information), np.asarray(score))
 
 
 def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:
-    """Return what robots in good order show, given logs of one, if there are any.
+    """Return the distribution of sizes in robots in good order, updated by clean logs if there are any.
 
     tolerance (C,): standard deviations of each of C effects' sizes. pattern (p, p): covariance of the p sizes that each
     effect has in b, which are the first C of m = p C, then the second ones, and so on, where the effect's is 1.
@@ -75,7 +76,7 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
     """
     usual = tolerance**2
-    begin = FAULT**2 if clean else 1.0  # from above: what begins too small is not believed, and stays so
+    begin = FAULT**2 if clean else 1.0  # from above: a variance that begins too small would stay so
     scatter, between = begin * usual / 2, begin * usual / 2
     first = np.arange(len(usual))
     background, doubt = np.zeros(len(pattern) * len(first)), _spread(pattern, between)
@@ -97,10 +98,11 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
 
 
 def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array, pattern: Array) -> Array:
-    """Return how likely logs without faults are (natural logarithm, up to a constant) of a robot whose order is better
-    than all tolerances state, by parts (k,) of these.
+    """Return the log-likelihood (k,) (natural logarithm, up to a constant) of clean logs where all tolerances are
+    multiplied by each of the factors `parts` (k,).
 
-    As `good_order` has it, but of all effects together: few of them show, and all that do not tell how good it is.
+    The model is that of `good_order`, but with one factor for all effects: few of them are visible, and also the
+    effects that are not visible are evidence of how small the tolerances are.
     """
     root = np.kron(np.linalg.cholesky(pattern + 1e-12 * np.eye(len(pattern))), np.diag(tolerance))
     log_likelihood = np.zeros(len(parts))
@@ -113,7 +115,7 @@ def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array
 
 
 def _spread(pattern: Array, variance: Array) -> Array:
-    """Return the covariance (m, m) of sizes of which effects have these variances (C,)."""
+    """Return the covariance (m, m) of the sizes of effects with these variances (C,)."""
     return np.kron(pattern, np.diag(variance)).astype(np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Puts effects into the model and finds at which sizes logs pull them no more, what truly happened fitted anew."""
+"""Puts effects into the model and finds their maximum-likelihood sizes, with the states fitted anew at each step."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -19,8 +19,8 @@ from discrepancy.posterior.random_effects import together
 S = TypeVar("S", bound=Seen)
 
 REFITS, SETTLED, HALVINGS = 6, 0.1, 4
-"""Rounds at most; the part of its standard error by which no size changes in the end; and how often a change is halved
-that no robot can have, or with which logs are explained worse."""
+"""Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
+robot can have it, or if it makes the logs less likely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Sized:
         return self.candidate.effect(self.amplitudes)
 
     def moved(self, by: Array) -> "Sized":
-        """Return the candidate with its amplitudes changed, within what they can be."""
+        """Return the candidate with its amplitudes changed, clipped to their bounds."""
         amplitudes = self.amplitudes + by
         if len(amplitudes) == 1:
             amplitudes = np.clip(amplitudes, *bounds_of(self.candidate.kinds[0]))
@@ -44,21 +44,21 @@ class Sized:
 
 
 Look = Callable[[Sequence[Sized], S, Sequence[Cause] | None], S]
-"""Returns what logs say with effects in the model, given what they said of something similar, to begin with: of some
-candidates, or of all (None)."""
+"""Returns the statistics of logs with effects in the model, of given candidates or of all (None). The second argument
+is an earlier result for similar effects, as starting point."""
 
 V = TypeVar("V")
 
 
-def with_them(vehicle: V, named: Sequence[Sized]) -> V:
-    """Return a robot, or a train, with effects beside its own."""
-    return reduce(lambda built, one: one.candidate.added(built, one.amplitudes), named, vehicle)
+def with_effects(vehicle: V, named: Sequence[Sized]) -> V:
+    """Return a robot, or a train, with these effects added."""
+    return reduce(lambda built, effect: effect.candidate.added(built, effect.amplitudes), named, vehicle)
 
 
 def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
     """Whether a robot, or a train, can have these effects together."""
     try:
-        with_them(vehicle, named).as_built()
+        with_effects(vehicle, named).as_built()
     except ValueError:  # an InputError is one
         return False
     return True
@@ -67,48 +67,50 @@ def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
 def refitted(
     vehicle: Any, look: Look[S], worse: float, before: Sequence[Sized], named: Sequence[Sized], seen: S
 ) -> tuple[tuple[Sized, ...], S]:
-    """Return effects as large as logs ask for, and what is seen beside them, of their own candidates only.
+    """Return effects of maximum-likelihood size, and the statistics beside them, of their candidates only.
 
-    worse: by how much (natural logarithm) logs may be less likely and count as explained no worse. before: effects that
-    are in the model already, as `seen`.
+    worse: loss of log-likelihood (natural logarithm) within which logs count as explained no worse. before: effects
+    that are in the model already, in which `seen` was computed.
     """
-    sizes = {one.candidate: one for one in before}
+    sizes = {effect.candidate: effect for effect in before}
     known = tuple(
-        sizes.get(one.candidate, dataclasses.replace(one, amplitudes=np.zeros_like(one.amplitudes))) for one in named
+        sizes.get(effect.candidate, dataclasses.replace(effect, amplitudes=np.zeros_like(effect.amplitudes)))
+        for effect in named
     )
-    now, seen = _nearer(vehicle, look, worse, known, tuple(named), seen)
+    current, seen = _nearer(vehicle, look, worse, known, tuple(named), seen)
     for _ in range(REFITS):
-        now = tuple(one for one in now if np.any(one.amplitudes))
-        if not now:
+        current = tuple(effect for effect in current if np.any(effect.amplitudes))
+        if not current:
             break
         said = together(seen.logs)
-        columns = np.concatenate([seen.columns[seen.candidates.index(one.candidate)] for one in now])
+        columns = np.concatenate([seen.columns[seen.candidates.index(effect.candidate)] for effect in current])
         information = said.information[np.ix_(columns, columns)]
         changes = np.linalg.lstsq(information, said.score[columns], rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
         if np.all(np.abs(changes) < SETTLED * errors):
             break
-        ends = np.cumsum([one.candidate.columns for one in now])[:-1]
+        ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
-        wanted = tuple(one.moved(by) for one, by in zip(now, moves, strict=True))
-        last = now
-        now, seen = _nearer(vehicle, look, worse, now, wanted, seen)
-        if now == last:  # no step is any better
+        proposed = tuple(effect.moved(by) for effect, by in zip(current, moves, strict=True))
+        previous = current
+        current, seen = _nearer(vehicle, look, worse, current, proposed, seen)
+        if current == previous:  # no step is any better
             break
-    return now, seen
+    return current, seen
 
 
 def _nearer(
-    vehicle: Any, look: Look[S], worse: float, now: tuple[Sized, ...], wanted: tuple[Sized, ...], seen: S
+    vehicle: Any, look: Look[S], worse: float, current: tuple[Sized, ...], proposed: tuple[Sized, ...], seen: S
 ) -> tuple[tuple[Sized, ...], S]:
-    """Return effects as large as wanted, or half-way there and so on, until logs are not explained worse."""
+    """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, until logs are not
+    explained worse."""
     for _ in range(HALVINGS):
-        if possible(vehicle, wanted):
+        if possible(vehicle, proposed):
             with suppress(np.linalg.LinAlgError, InputError):  # it does not fit at all
-                found = look(wanted, seen, [one.candidate for one in wanted])
+                found = look(proposed, seen, [effect.candidate for effect in proposed])
                 if found.log_evidence > seen.log_evidence - worse:
-                    return wanted, found
-        halves = zip(now, wanted, strict=True)
-        wanted = tuple(one.moved((other.amplitudes - one.amplitudes) / 2) for one, other in halves)
-    now = tuple(one for one in now if np.any(one.amplitudes))
-    return now, look(now, seen, [one.candidate for one in now])
+                    return proposed, found
+        pairs = zip(current, proposed, strict=True)
+        proposed = tuple(effect.moved((target.amplitudes - effect.amplitudes) / 2) for effect, target in pairs)
+    current = tuple(effect for effect in current if np.any(effect.amplitudes))
+    return current, look(current, seen, [effect.candidate for effect in current])

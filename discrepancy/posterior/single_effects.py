@@ -1,10 +1,10 @@
-"""Posterior of a sum of single effects: which hypotheses are there, and how large, given information and score.
+"""Posterior of a sum of single effects: which hypotheses hold, and with which sizes, given information and score.
 
 The log-likelihood of b (m,) is ``score . b - b . information b / 2``. b is a sum of a few single effects, each of which
-is one hypothesis of many, or nothing (SuSiE: Wang, Sarkar, Carbonetto and Stephens, J. R. Stat. Soc. B 2020). Before
-logs are seen a size is Cauchy distributed about 0, cut at its bounds. The posterior is found one component at a time
-beside the others (iterative Bayesian stepwise selection), from several starts, of which the one with the largest
-evidence lower bound counts.
+is one hypothesis of many, or nothing (SuSiE: Wang, Sarkar, Carbonetto and Stephens, J. R. Stat. Soc. B 2020). The prior
+of a size is a Cauchy distribution about 0, truncated at its bounds. The posterior is found one component at a time
+given the other components (iterative Bayesian stepwise selection), from several starts; the result with the largest
+evidence lower bound is returned.
 """
 
 from collections.abc import Sequence
@@ -19,24 +19,24 @@ from discrepancy.posterior.calibrated import CREDIBLE, MOST, NOTHING
 SCALES = 2.0 ** np.arange(-1, 11)
 LOG_WEIGHTS: Array = -np.log(SCALES) - SCALES**-2 / 2
 LOG_WEIGHTS = LOG_WEIGHTS - np.logaddexp.reduce(LOG_WEIGHTS)
-"""A Cauchy distribution of scale 1 is a mixture of normal ones whose standard deviations have density exp(-1 / (2 s^2))
-/ s^2; these are a few of them, by which its density is met within 1.1 % up to 100, and 5 % up to 500."""
+"""A Cauchy distribution of scale 1 is a mixture of normal distributions whose standard deviations s have the density
+exp(-1 / (2 s^2)) / s^2; this discrete mixture approximates its density within 1.1 % up to 100, and 5 % up to 500."""
 
 ROUNDS, SETTLED = 200, 1e-4
-"""Most rounds over all components, and the change of a probability that is not yet the end."""
+"""Most rounds over all components, and the change of probabilities below which the rounds end."""
 
 PAIRS = 3
-"""Pairs of hypotheses that explain most, from which the posterior is also sought: two effects together may look most
-like a third."""
+"""Number of best pairs of hypotheses that serve as further starts: two effects together may look most like a third,
+which the start from nothing would select."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """What may be there.
+    """A hypothesis: an effect that may be present.
 
-    name: hypotheses of one name are one answer. direction (m, c): what each of its c sizes, 1 or 2, adds to b. scale:
-    what a size is as often above as below. prior: its share, before logs are seen, of what is not nothing. least, most:
-    bounds of a single size.
+    name: hypotheses of one name are one answer. direction (m, c): change of b per unit of each of its c sizes, 1 or 2.
+    scale: median of the absolute size before logs are seen. prior: relative prior probability among the hypotheses.
+    least, most: bounds of a single size.
     """
 
     name: str
@@ -51,8 +51,9 @@ class Hypothesis:
 class Component:
     """Posterior of one single effect.
 
-    nothing: its probability to be none. probability (h,): of each hypothesis. mean (m,): of what it adds to b; square:
-    expected ``b . information b`` of it. log_bayes_factor: of hypotheses against nothing, averaged by their priors.
+    nothing: probability that it is absent. probability (h,): of each hypothesis. mean (m,): expected contribution to b;
+    square: expected ``b . information b`` of this contribution. log_evidence: log-likelihood ratio of the mixture of
+    all hypotheses and nothing, averaged by their priors, against nothing.
     """
 
     nothing: float
@@ -64,8 +65,7 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Of all components, and of hypotheses given that a component is one of them: sizes (h, c <= 2) and their
-    covariances (h, 2, 2), beside the means of the other components; bound: evidence lower bound."""
+    """Posterior of all components. bound: evidence lower bound, by which results of several starts are compared."""
 
     hypotheses: tuple[Hypothesis, ...]
     components: tuple[Component, ...]
@@ -73,7 +73,7 @@ class Posterior:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All answers that there may be."""
+        """The names of all possible answers."""
         return tuple(dict.fromkeys(hypothesis.name for hypothesis in self.hypotheses))
 
     def probabilities(self, component: Component) -> dict[str, float]:
@@ -84,7 +84,7 @@ class Posterior:
         return dict(sorted(found.items(), key=lambda entry: -entry[1]))
 
     def inclusion(self) -> dict[str, float]:
-        """Return the probability that a name is among the effects, the largest first."""
+        """Return for every name the probability that it is among the effects, the largest first."""
         absent: dict[str, float] = {}
         for component in self.components:
             for name, probability in self.probabilities(component).items():
@@ -92,7 +92,8 @@ class Posterior:
         return dict(sorted(((name, 1 - part) for name, part in absent.items()), key=lambda entry: -entry[1]))
 
     def credible_set(self, component: Component, least: float = CREDIBLE) -> tuple[str, ...]:
-        """Return the fewest names that are a component with probability `least` together; none if nothing may be."""
+        """Return the smallest set of names that together have the probability `least` in a component; empty if
+        "nothing" has a probability above 1 - `least`, and at least that of a name needed for the set."""
         left, names = least, []
         for name, probability in [*self.probabilities(component).items()]:
             if component.nothing >= probability and left > 0 and component.nothing > 1 - least:
@@ -105,7 +106,7 @@ class Posterior:
 
 
 class SingleEffects:
-    """Hypotheses beside an information matrix: all that does not change while a posterior is sought."""
+    """Hypotheses and an information matrix, with all quantities that stay the same while a posterior is computed."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], information: Array) -> None:
         """information (m, m), positive semidefinite."""
@@ -113,15 +114,17 @@ class SingleEffects:
         h, m = len(self.hypotheses), len(information)
         self._rays, self._strength = np.zeros((h, m, 2)), np.zeros((h, 2))
         self._turned = np.tile(np.eye(2), (h, 1, 1))
-        for k, one in enumerate(self.hypotheses):
-            c = one.direction.shape[1]
-            seen = one.direction.T @ information @ one.direction
+        for k, hypothesis in enumerate(self.hypotheses):
+            c = hypothesis.direction.shape[1]
+            seen = hypothesis.direction.T @ information @ hypothesis.direction
             strength, way = np.linalg.eigh((seen + seen.T) / 2) if c > 1 else (seen[0], np.eye(1))
-            self._rays[k, :, :c], self._strength[k, :c] = one.direction @ way, np.maximum(strength, 0.0)
+            self._rays[k, :, :c], self._strength[k, :c] = hypothesis.direction @ way, np.maximum(strength, 0.0)
             self._turned[k, :c, :c] = way
         self._every_ray = np.ascontiguousarray(np.swapaxes(self._rays, 1, 2)).reshape(2 * h, m)
-        numbers = np.array([(one.scale, one.prior, one.least, one.most) for one in self.hypotheses]).reshape(h, 4)
-        single = np.array([one.direction.shape[1] == 1 for one in self.hypotheses], dtype=bool)
+        numbers = np.array(
+            [(hypothesis.scale, hypothesis.prior, hypothesis.least, hypothesis.most) for hypothesis in self.hypotheses]
+        ).reshape(h, 4)
+        single = np.array([hypothesis.direction.shape[1] == 1 for hypothesis in self.hypotheses], dtype=bool)
         self._log_prior = np.log(numbers[:, 1] / numbers[:, 1].sum()) + np.log1p(-NOTHING)
         self._least, self._most = (np.where(single, numbers[:, k], end) for k, end in ((2, -np.inf), (3, np.inf)))
         self._precision = (numbers[:, :1] * SCALES)[:, :, None] ** -2.0  # (h, scales, 1)
@@ -135,9 +138,12 @@ class SingleEffects:
         return max((self._settled(score, start) for start in starts), key=lambda found: found.bound)
 
     def sizes(self, posterior: Posterior, score: Array, component: int, k: int) -> tuple[Array, Array]:
-        """Return the sizes (c,) that hypothesis k has if a component is it, and their covariance (c, c)."""
-        others = sum((one.mean for j, one in enumerate(posterior.components) if j != component), np.zeros(len(score)))
-        _, mixture, mean, variance = self._given(score - self.information @ others)
+        """Return the sizes (c,) of hypothesis k, given that the component is this hypothesis, and their covariance (c,
+        c)."""
+        remaining = sum(
+            (summand.mean for j, summand in enumerate(posterior.components) if j != component), np.zeros(len(score))
+        )
+        _, mixture, mean, variance = self._given(score - self.information @ remaining)
         weight = np.exp(mixture[k])[:, None]
         average = np.sum(weight * mean[k], axis=0)
         spread = np.sum(weight * (variance[k] + (mean[k] - average) ** 2), axis=0)
@@ -149,27 +155,27 @@ class SingleEffects:
         for _ in range(ROUNDS):
             change = 0.0
             for j in range(len(found)):
-                others = sum((one.mean for k, one in enumerate(found) if k != j), np.zeros(len(score)))
-                new = self._component(score - self.information @ others)
+                remaining = sum((component.mean for k, component in enumerate(found) if k != j), np.zeros(len(score)))
+                new = self._component(score - self.information @ remaining)
                 change = max(change, float(np.abs(new.probability - found[j].probability).max(initial=0.0)))
                 found[j] = new
             if change < SETTLED:
                 break
-        found.sort(key=lambda one: one.nothing)
+        found.sort(key=lambda component: component.nothing)
         return Posterior(self.hypotheses, tuple(found), self._bound(score, found))
 
     def _bound(self, score: Array, found: Sequence[Component]) -> float:
         """Return the evidence lower bound: the expected log-likelihood less the divergences from the priors."""
-        total = sum((one.mean for one in found), np.zeros(len(score)))
+        total = sum((component.mean for component in found), np.zeros(len(score)))
         bound = float(score @ total - total @ self.information @ total / 2)
-        for one in found:
-            bound -= (one.square - float(one.mean @ self.information @ one.mean)) / 2
-            left = score - self.information @ (total - one.mean)
-            bound += one.log_evidence - float(left @ one.mean) + one.square / 2
+        for component in found:
+            bound -= (component.square - float(component.mean @ self.information @ component.mean)) / 2
+            left = score - self.information @ (total - component.mean)
+            bound += component.log_evidence - float(left @ component.mean) + component.square / 2
         return bound
 
     def _component(self, score: Array) -> Component:
-        """Return the posterior of a component, given the score beside the others."""
+        """Return the posterior of a component, given the score left by the other components."""
         log_factor, mixture, mean, variance = self._given(score)
         log_each = self._log_prior + log_factor
         log_evidence = float(np.logaddexp.reduce(np.append(log_each, np.log(NOTHING))))
@@ -186,19 +192,19 @@ class SingleEffects:
         )
 
     def _given(self, score: Array) -> tuple[Array, Array, Array, Array]:
-        """Return of every hypothesis against nothing the log Bayes factor (h,), the log probabilities (h, scales) of
-        the normal distributions that its size may come from, and means and variances (h, scales, 2) along its rays."""
+        """Return for every hypothesis the log Bayes factor (h,) against nothing, the log probabilities (h, scales) of
+        the normal distributions in its prior's mixture, and means and variances (h, scales, 2) along its rays."""
         slope = (self._every_ray @ score).reshape(-1, 1, 2)
         variance = 1 / (self._strength[:, None, :] + self._precision)
         mean = slope * variance
         log_factor = np.sum(slope * mean / 2 + np.log(variance * self._precision) / 2, axis=-1)
         bounded = np.isfinite(self._least) | np.isfinite(self._most)
         if bounded.any():
-            least, most = self._least[bounded, None], self._most[bounded, None]
+            lower, upper = self._least[bounded, None], self._most[bounded, None]
             middle, width = mean[bounded, :, 0], np.sqrt(variance[bounded, :, 0])
             slab = np.sqrt(1 / self._precision[bounded, :, 0])
-            log_mass, moved, narrowed = _cut((least - middle) / width, (most - middle) / width)
-            before = np.logaddexp.reduce(LOG_WEIGHTS + _cut(least / slab, most / slab)[0], axis=1)
+            log_mass, moved, narrowed = _cut((lower - middle) / width, (upper - middle) / width)
+            before = np.logaddexp.reduce(LOG_WEIGHTS + _cut(lower / slab, upper / slab)[0], axis=1)
             log_factor[bounded] += log_mass - before[:, None]
             mean[bounded, :, 0], variance[bounded, :, 0] = middle + width * moved, width**2 * narrowed
         joint: Array = LOG_WEIGHTS + log_factor
@@ -206,27 +212,29 @@ class SingleEffects:
         return total, joint - total[:, None], mean, variance
 
     def _pairs(self, score: Array) -> list[tuple[Component, Component]]:
-        """Return pairs of single sizes that take most away together, as components to start from."""
+        """Return the pairs of hypotheses with the largest joint log-likelihood ratio, as components to start from."""
         strength = self._strength[:, 0]
-        single = np.array([one.direction.shape[1] == 1 for one in self.hypotheses], dtype=bool) & (strength > 0)
+        single = np.array([hypothesis.direction.shape[1] == 1 for hypothesis in self.hypotheses], dtype=bool) & (
+            strength > 0
+        )
         best: dict[str, int] = {}
         slope = (self._every_ray @ score)[::2] / np.sqrt(np.where(strength > 0, strength, 1.0))
         for k in np.flatnonzero(single).tolist():
             name = self.hypotheses[k].name
             if name not in best or abs(slope[k]) > abs(slope[best[name]]):
                 best[name] = k
-        some = np.array(list(best.values()), dtype=np.intp)
-        if len(some) < 2:
+        chosen = np.array(list(best.values()), dtype=np.intp)
+        if len(chosen) < 2:
             return []
-        rays = self._rays[some, :, 0] / np.sqrt(strength[some])[:, None]
-        cosine, own = np.clip(rays @ self.information @ rays.T, -1.0, 1.0), slope[some]
+        rays = self._rays[chosen, :, 0] / np.sqrt(strength[chosen])[:, None]
+        cosine, slopes = np.clip(rays @ self.information @ rays.T, -1.0, 1.0), slope[chosen]
         sine = np.where(1 - cosine**2 > SETTLED, 1 - cosine**2, np.inf)
-        gain = np.triu((own[:, None] ** 2 + own**2 - 2 * cosine * np.outer(own, own)) / sine, 1)
+        gain = np.triu((slopes[:, None] ** 2 + slopes**2 - 2 * cosine * np.outer(slopes, slopes)) / sine, 1)
         best_pairs = np.argsort(-gain, axis=None)[:PAIRS].tolist()
-        return [self._pair(score, *some[list(divmod(at, len(some)))].tolist()) for at in best_pairs]
+        return [self._pair(score, *chosen[list(divmod(at, len(chosen)))].tolist()) for at in best_pairs]
 
     def _pair(self, score: Array, first: int, second: int) -> tuple[Component, Component]:
-        """Return components that are these two hypotheses, as large as the score asks for."""
+        """Return components that are these two hypotheses with certainty, with maximum-likelihood sizes."""
         rays = self._rays[[first, second], :, 0]
         sizes = np.linalg.lstsq(rays @ self.information @ rays.T, rays @ score, rcond=None)[0]
         pair = []

@@ -1,4 +1,4 @@
-"""What is said of an answer: it follows from its probabilities, from held-out logs, and from what it costs in use."""
+"""The verdict on an answer: it follows from its probabilities, from held-out logs, and from its cost in use."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed",
 
 
 class Material(NamedTuple):
-    """What matters in use: m after 10 m, and rad after a turn."""
+    """Odometry error from which on an effect matters in use: m after 10 m, and rad after a turn."""
 
     position: float = 1e-3
     heading: float = 1e-3
@@ -34,8 +34,8 @@ def judged(
 ) -> tuple[Answer, ...]:
     """Return the answers with their verdicts.
 
-    named: all effects that are in the model. held_out: what held-out logs say without and with these, of these alone;
-    order: what robots in good order show of them.
+    named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
+    these candidates only; order: what robots in good order show of them.
     """
     grows = held_out is not None and _grows(answers, *held_out)
     verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
@@ -46,7 +46,7 @@ def judged(
 
 
 def verdict_of(answers: Sequence[Answer]) -> Verdict:
-    """Return the verdict of all answers: the weakest of what matters."""
+    """Return the verdict of the whole diagnosis: the weakest verdict of answers that are not negligible."""
     verdicts = [answer.verdict for answer in answers if answer.verdict != "negligible"]
     if verdicts:
         return next(verdict for verdict in WEAKEST_FIRST if verdict in verdicts)
@@ -61,41 +61,44 @@ def _judgement(
     material: Material,
     grows: bool,
 ) -> tuple[Verdict, str]:
-    what, most = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
-    if np.all(most < np.array(material)):
-        return "negligible", f"{what} costs less than matters"
+    description, largest_cost = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
+    if np.all(largest_cost < np.array(material)):
+        return "negligible", f"{description} costs less than matters"
     if answer.learned:
         return "unexplained", answer.reason
     if answer.unnamed and answer.effect is None and len(answer.credible) == 1:
-        return "unexplained", f"no effect of the catalogue explains it; it looks like: {what}"
+        return "unexplained", f"no effect of the catalogue explains it; it looks like: {description}"
     if len(answer.credible) > 1:
         verdict: Verdict = "ambiguous" if answer.effect is not None else "unexplained"
         return verdict, f"these motions cannot distinguish: {'; '.join(answer.credible)}"
     if answer.effect is None:
-        return "unexplained", f"{what} looks most like it, and cannot be as large"
+        return "unexplained", f"{description} looks most like it, and cannot be as large"
     if held_out is not None and order is not None:
         log_odds = _log_odds(answer, named, held_out[1], order) if answer.confirmed is None else answer.confirmed
         if log_odds < LOG_ODDS:
-            return "unconfirmed", f"the held-out logs do not confirm {what}"
+            return "unconfirmed", f"the held-out logs do not confirm {description}"
         if grows:
-            return "unconfirmed", f"the held-out gap does not shrink with {what}"
-    return "named", what
+            return "unconfirmed", f"the held-out gap does not shrink with {description}"
+    return "named", description
 
 
-def _grows(answers: Sequence[Answer], without: Seen, with_them: Seen) -> bool:
-    """Whether effects make the held-out gap larger by more than what their own errors cost."""
-    if without.gap is None or with_them.gap is None:
+def _grows(answers: Sequence[Answer], without: Seen, with_named: Seen) -> bool:
+    """Whether effects make the held-out gap larger by more than the cost of the errors of their sizes."""
+    if without.gap is None or with_named.gap is None:
         return False
     error = np.linalg.norm([COVERAGE * answer.error * answer.cost[0] for answer in answers])
-    return bool(with_them.gap[0] - without.gap[0] > error)
+    return bool(with_named.gap[0] - without.gap[0] > error)
 
 
 def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> float:
-    """Return by how much (natural logarithm) an effect, as large as found, makes held-out logs more likely."""
+    """Return the log-likelihood ratio (natural logarithm) of held-out logs with an effect of the size found, and
+    without it."""
     if answer.candidate not in held_out.candidates:
         return 0.0
     size = np.zeros(len(held_out.logs[0].score))
-    amplitudes = next((one.amplitudes for one in named if one.candidate == answer.candidate), answer.amplitudes)
+    amplitudes = next(
+        (effect.amplitudes for effect in named if effect.candidate == answer.candidate), answer.amplitudes
+    )
     size[held_out.columns[held_out.candidates.index(answer.candidate)]] = amplitudes
     said = order.beyond([log.at(-size) for log in held_out.logs])
     return float(said.score @ size - size @ said.information @ size / 2)

@@ -15,7 +15,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
 from discrepancy.posterior.priors import hypothesis_of, order_of, sizes_of
-from discrepancy.posterior.refit import Sized, with_them
+from discrepancy.posterior.refit import Sized, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
@@ -45,7 +45,7 @@ def diagnose_train(
     held, order = None, None
     if held_out:
         among = _of_trains([effect.candidate for effect in named])
-        found = with_them(train, named)
+        found = with_effects(train, named)
         held_logs, state = equations_of(found, held_out)  # axles slide as they do in the train with what is named
         without, beside = linearise(train, held_logs, state, among), linearise(found, held_logs, state, among)
         held, order = (without, beside), order_of(beside, good)
@@ -62,7 +62,7 @@ def _named(
     """Return the effects that logs name, what logs say beside these, and the answers."""
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
-        built = with_them(train, named)
+        built = with_effects(train, named)
         if among is not None:
             return linearise(built, start.train_logs, start.settled, _of_trains(among))
         return linearise(built, *sliding_in(built, start.train_logs, start.settled), first.candidates)

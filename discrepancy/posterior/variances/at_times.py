@@ -1,7 +1,8 @@
-"""Wheels that disagree with the others at some times far more than at others: nothing of the catalogue, and no noise.
+"""Intermittent faults: wheels that disagree with the other wheels far more in some windows than in the rest of a log.
 
-In good order a window's disagreement is as Student's t has it, whose tails are wide; the alternative is that in some
-windows it is a fault's, Cauchy distributed. When and why is not known, so it has no name and cannot be foretold.
+In good order the disagreement of a window has Student's t distribution, with wide tails; the alternative is that in
+some windows it comes from a fault, whose size is Cauchy distributed. When and why these windows occur is unknown, so
+this is an unnamed alternative, and no simulation can predict it.
 """
 
 import dataclasses
@@ -24,17 +25,18 @@ from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances.bursts import Bursts, bursts_of
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
-"""Of all windows, that may be a fault's."""
+"""Parts of all windows in which the fault may be active."""
 
-IN_SOME = 0.5
-"""Probability that a fault at times is in one log, as it may be in another."""
+IN_LOG = 0.5
+"""Prior probability that an intermittent fault of a robot shows in any given log."""
 
 
 class Faulty(NamedTuple):
-    """A row of the constraints, a wheel's rolling or a castor's side slip, that contradicts the others at times.
+    """A row of the constraints, a wheel's rolling or a castor's side slip, that contradicts the other rows
+    intermittently.
 
-    hits, (W,) of each log: windows in which it does; slips (W,): by how much, as a part of the way. log_odds: of that
-    it does against that it does not, natural logarithm.
+    hits: for each log the windows (W,) in which it does; slips: for each log the slip (W,) in them, as a part of the
+    way. log_odds: log odds (natural logarithm) of the fault.
     """
 
     row: int
@@ -44,68 +46,74 @@ class Faulty(NamedTuple):
 
 
 def at_times(seen: Linearised, clean: Linearised | None, told: Sequence[Answer], names: int) -> list[Faulty]:
-    """Return the rows that surely disagree with the others at times, beyond the effects told.
+    """Return the rows that disagree with the other rows intermittently with probability `CREDIBLE`, beyond the effects
+    in `told`.
 
-    names: of what else may be there, each as likely before logs are seen.
+    names: number of other possible answers, all of the same prior probability.
     """
     among = [answer.candidate for answer in told if answer.effect is not None]
-    every = _beside(seen, among)
-    usual = np.zeros(every[0].shape[1])
+    disagreements = _beside(seen, among)
+    usual = np.zeros(disagreements[0].shape[1])
     if clean is not None:
-        usual = np.max([usual, *(_log_factors(one.beside([])) for one in clean.disagreements)], axis=0)
+        usual = np.max(
+            [usual, *(_log_factors(disagreement.beside([])) for disagreement in clean.disagreements)], axis=0
+        )
     found: list[Faulty] = []
     while len(found) < len(usual):
-        log_odds = _in_some([_log_factors(off) for off in every]) - usual - logit(NOTHING) - np.log(names)
+        log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual - logit(NOTHING) - np.log(names)
         row = int(np.argmax(log_odds))
         if expit(log_odds[row]) < CREDIBLE:
             break
-        hits = tuple(_hit(off[:, row]) for off in every)
-        told_by = zip(seen.designs, seen.disagreements, every, hits, strict=True)
-        slips = tuple(_slips(design, one, off, row, hit) for design, one, off, hit in told_by)
+        hits = tuple(_hit(off[:, row]) for off in disagreements)
+        told_by = zip(seen.designs, seen.disagreements, disagreements, hits, strict=True)
+        slips = tuple(_slips(design, disagreement, off, row, hit) for design, disagreement, off, hit in told_by)
         found.append(Faulty(row, hits, slips, float(log_odds[row])))
-        every = [off * ~hit[:, None] for off, hit in zip(every, hits, strict=True)]
+        disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, hits, strict=True)]
     return found
 
 
 def steps_of(seen: Linearised, faulty: Sequence[Faulty]) -> list[NDArray[np.bool_]]:
-    """Return the steps (K - 1, rows) of every log in which rows contradict the others."""
-    every = []
-    for k, one in enumerate(seen.disagreements):
-        hits = np.zeros(one.seen.shape, dtype=bool)
+    """Return the steps (K - 1, rows) of every log in which faulty rows contradict the other rows."""
+    steps = []
+    for k, disagreement in enumerate(seen.disagreements):
+        hits = np.zeros(disagreement.seen.shape, dtype=bool)
         for fault in faulty:
             hits[:, fault.row] |= fault.hits[k]
-        every.append(np.repeat(hits, one.steps, axis=0))
-    return every
+        steps.append(np.repeat(hits, disagreement.steps, axis=0))
+    return steps
 
 
-def again(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty], list[float]]:
-    """Return where the same rows contradict the others in other logs, and by how much (natural logarithm) these are
-    likelier for it."""
-    every, found, confirmed = _beside(seen, ()), [], []
+def recurring(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty], list[float]]:
+    """Return the windows of other logs in which the same rows contradict the rest, and the log Bayes factor of each
+    fault in them."""
+    disagreements, found, confirmed = _beside(seen, ()), [], []
     for fault in faulty:
-        hits = tuple(_hit(off[:, fault.row]) for off in every)
-        confirmed.append(float(_in_some([_log_factors(off) for off in every])[fault.row]))
+        hits = tuple(_hit(off[:, fault.row]) for off in disagreements)
+        confirmed.append(float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row]))
         found.append(fault._replace(hits=hits, slips=tuple(np.zeros(len(hit)) for hit in hits)))
-        every = [off * ~hit[:, None] for off, hit in zip(every, hits, strict=True)]
+        disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, hits, strict=True)]
     return found, confirmed
 
 
 def answer_of(
     robot: RobotDescription, logs: Sequence[Log], seen: Linearised, fault: Faulty, confirmed: float | None
 ) -> Answer:
-    """Return what is said of a row that contradicts the others at times. confirmed: as `Answer` has it."""
+    """Return the answer for a row that contradicts the other rows intermittently. confirmed: see `Answer`."""
     probability, largest = float(expit(fault.log_odds)), [np.abs(slips).max(initial=0.0) for slips in fault.slips]
     k = int(np.argmax(largest))
-    most = int(np.argmax(np.abs(fault.slips[k])))
-    what = f"{_row(robot, int(seen.designs[k].model.rows[fault.row]))} contradicts the others at times, most at "
-    what += f"{seen.disagreements[k].t[most]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
-    slipped = [one.slips(fault.row, slips) for one, slips in zip(seen.disagreements, fault.slips, strict=True)]
+    worst = int(np.argmax(np.abs(fault.slips[k])))
+    description = f"{_row(robot, int(seen.designs[k].model.rows[fault.row]))} contradicts the others at times, most at "
+    description += f"{seen.disagreements[k].t[worst]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
+    slipped = [
+        disagreement.slips(fault.row, slips)
+        for disagreement, slips in zip(seen.disagreements, fault.slips, strict=True)
+    ]
     cost = seen.cost_of_slips(slipped)
     answer = Answer(
-        probabilities={what: probability, "nothing": 1 - probability},
-        credible=(what,),
+        probabilities={description: probability, "nothing": 1 - probability},
+        credible=(description,),
         unnamed=True,
-        candidate=Candidate(what),
+        candidate=Candidate(description),
         amplitudes=np.array([largest[k]]),
         covariance=np.zeros((1, 1)),
         hidden=0.0,
@@ -118,14 +126,14 @@ def answer_of(
 
 
 def _losing(answer: Answer, bursts: Bursts | None, cost: Array, hits: int) -> Answer:
-    """Return the answer that counts are lost in bursts, if they may be: where they are not, what is missing is of
-    either sense in each of the windows that are hit."""
+    """Return the answer that counts are lost in bursts, if the windows allow it. Lost counts have the same sign in all
+    windows that are hit; another cause has either sign with probability 1/2 in each."""
     if bursts is None:
         return answer
-    lost, what = float(expit(hits * np.log(2))), answer.credible[0]
+    lost, contradiction = float(expit(hits * np.log(2))), answer.credible[0]
     candidate = Candidate(described(bursts.effect), (bursts.effect,))
-    credible = (candidate.family,) if lost >= CREDIBLE else (candidate.family, what)
-    parts = {candidate.family: lost * answer.probability, what: (1 - lost) * answer.probability}
+    credible = (candidate.family,) if lost >= CREDIBLE else (candidate.family, contradiction)
+    parts = {candidate.family: lost * answer.probability, contradiction: (1 - lost) * answer.probability}
     return dataclasses.replace(
         answer,
         probabilities=parts | {"nothing": answer.probabilities["nothing"]},
@@ -139,17 +147,18 @@ def _losing(answer: Answer, bursts: Bursts | None, cost: Array, hits: int) -> An
 
 
 def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
-    """Return by how many sizes wheels disagree (W, rows) in each log, beside some candidates."""
-    every = []
+    """Return the disagreement (W, rows) of each log in units of its usual size, after least squares of these
+    candidates."""
+    by_log = []
     for design, disagreement in zip(seen.designs, seen.disagreements, strict=True):
         of_column = [candidate for candidate in design.candidates for _ in range(candidate.columns)]
         columns = [column for column, candidate in enumerate(of_column) if candidate in among]
-        every.append(disagreement.beside(columns))
-    return every
+        by_log.append(disagreement.beside(columns))
+    return by_log
 
 
 def _slips(design: Columns, disagreement: Disagreement, off: Array, row: int, hit: NDArray[np.bool_]) -> Array:
-    """Return the slip of a row (W,), as a part of the way, that is alone to slip in windows that are hit."""
+    """Return the slip (W,) of a row, as a part of the way, if no other row slips in the windows that are hit."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
     starts = np.cumsum(disagreement.steps) - disagreement.steps
     _, by_slip = of_row(design, row)
@@ -158,25 +167,27 @@ def _slips(design: Columns, disagreement: Disagreement, off: Array, row: int, hi
     return np.where(hit, off[:, row] * disagreement.sizes()[not disagreement.along[row]] / kept, 0.0)
 
 
-def _in_some(log_factors: Sequence[Array]) -> Array:
-    """Return log Bayes factors (rows,) of faults that may be in some logs only, of those (rows,) of each log."""
-    return np.asarray(np.sum(np.logaddexp(np.log1p(-IN_SOME), np.log(IN_SOME) + np.array(log_factors)), axis=0))
+def _in_some_logs(log_factors: Sequence[Array]) -> Array:
+    """Return the log Bayes factors (rows,) of faults that show in some of the logs, from the factors (rows,) of each
+    log."""
+    return np.asarray(np.sum(np.logaddexp(np.log1p(-IN_LOG), np.log(IN_LOG) + np.array(log_factors)), axis=0))
 
 
 def _log_densities(off: Array) -> tuple[Array, Array]:
-    """Return how likely disagreements, in sizes, are in good order and of a fault (natural logarithm)."""
+    """Return the log densities of disagreements, in units of their usual size, in good order and under a fault."""
     good = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - np.log(np.pi * FREEDOM) / 2
     good = good - (FREEDOM + 1) / 2 * np.log1p(off**2 / FREEDOM)
     return good, -np.log(np.pi * FAULT) - np.log1p((off / FAULT) ** 2)
 
 
 def _log_factors(off: Array) -> Array:
-    """Return for every row the log Bayes factor of faults at times, of disagreements (W, rows) in sizes."""
-    return np.asarray(np.logaddexp.reduce(_each(off), axis=0) - np.log(len(PARTS)))
+    """Return for every row the log Bayes factor of intermittent faults, given disagreements (W, rows) in units of their
+    usual size."""
+    return np.asarray(np.logaddexp.reduce(_by_part(off), axis=0) - np.log(len(PARTS)))
 
 
-def _each(off: Array) -> Array:
-    """Return the log Bayes factors (`PARTS`, rows) of faults in these parts of all windows."""
+def _by_part(off: Array) -> Array:
+    """Return the log Bayes factors (`PARTS`, rows) of faults that are active in these parts of all windows."""
     good, fault = _log_densities(off)
     return np.asarray(
         np.logaddexp(np.log1p(-PARTS)[:, None, None], np.log(PARTS)[:, None, None] + fault - good).sum(axis=1)
@@ -184,9 +195,9 @@ def _each(off: Array) -> Array:
 
 
 def _hit(off: Array) -> NDArray[np.bool_]:
-    """Return which windows (W,) of a row are a fault's rather than not."""
+    """Return the windows (W,) of a row in which the fault is likelier active than not."""
     good, fault = _log_densities(off)
-    return np.asarray(fault - good + logit(PARTS[np.argmax(_each(off[:, None])[:, 0])]) > 0)
+    return np.asarray(fault - good + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])]) > 0)
 
 
 def _row(robot: RobotDescription, row: int) -> str:

@@ -1,7 +1,8 @@
-"""A wheel's encoder that loses counts in bursts: now and then, and at other times, as fast, none.
+"""A wheel's encoder that loses counts in bursts: intermittently, independently of speed.
 
-A wheel that contradicts the others at times (`at_times`) may do so for many reasons. If it always turns further than
-its encoder shows, its counts are lost: where nothing is, both senses are alike likely, every time anew.
+A wheel may contradict the other wheels intermittently (`at_times`) for many reasons. If it turns further than its
+encoder shows in every such window, counts were lost: any other cause would have either sign with the same probability
+in each window.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,8 @@ from discrepancy.posterior.disagreement import LEAST_KEPT, of_row
 from discrepancy.posterior.linearise import Linearised
 
 EVEN, MOSTLY = 0.1, 0.75
-"""Part of the period by which bursts may be off a steady beat, and how many of them must not be."""
+"""Largest deviation of bursts from a steady beat, as a part of the period, and the part of bursts that must keep within
+it."""
 
 
 class Bursts(NamedTuple):
@@ -33,19 +35,19 @@ def bursts_of(
     robot: RobotDescription, logs: Sequence[Log], seen: Linearised, row: int, hits: Sequence[NDArray[np.bool_]]
 ) -> Bursts | None:
     """Return the bursts in which the wheel of a row loses counts; None for a castor's row, or for a wheel that turns
-    less than its encoder shows in any window that is hit, (W,) of each log."""
+    less than its encoder shows in any window that is hit. hits: for each log the windows (W,) of the fault."""
     k = int(seen.designs[0].model.rows[row])
     if k >= len(robot.wheels):
         return None
     shares, parts, tells, windows = [], [], [], []
-    for design, one, hit in zip(seen.designs, seen.disagreements, hits, strict=True):
-        windows.append(np.repeat(np.arange(len(hit)), one.steps))
+    for design, disagreement, hit in zip(seen.designs, seen.disagreements, hits, strict=True):
+        windows.append(np.repeat(np.arange(len(hit)), disagreement.steps))
         lost, way = _lost(design, row)
         lost, way = lost * np.sign(way), np.abs(way)
         by_window, farthest = (np.bincount(windows[-1], part, len(hit)) for part in (lost, way))
         if np.any(by_window[hit] <= 0) or np.any(by_window[hit] > farthest[hit]):
             return None
-        tells.append(way > np.median(way) / 4)  # slower steps do not tell what part is lost
+        tells.append(way > np.median(way) / 4)  # in slower steps the part lost is uncertain
         shares.append(lost / np.maximum(way, 1e-12))
         parts.append(shares[-1][tells[-1] & hit[windows[-1]]])
     inside = np.concatenate(parts)
@@ -65,7 +67,7 @@ def bursts_of(
     castor = robot.wheel_castors[k]
     effect = TickLossBursts(
         castor=castor + 1,
-        wheel=1 + sum(other == castor for other in robot.wheel_castors[:k]),
+        wheel=1 + sum(earlier == castor for earlier in robot.wheel_castors[:k]),
         value=value,
         period=period,
         width=min(width, period),
@@ -76,7 +78,8 @@ def bursts_of(
 
 
 def _lost(design: Columns, row: int) -> tuple[Array, Array]:
-    """Return what a wheel's encoder shows too little in every step (K - 1,), and how far the wheel rolls then, m."""
+    """Return the distance that a wheel's encoder misses in every step (K - 1,), and the distance that the wheel rolls,
+    m."""
     seen, by_slip = of_row(design, row)
     lost = seen / np.maximum(by_slip, LEAST_KEPT)
     return lost, design.model.rolled(design.geometry, design.state)[:, row] + lost
@@ -87,19 +90,19 @@ def _bursts(
 ) -> tuple[Array, Array]:
     """Return when bursts start, and how long they last, s: one in every run of windows that are hit (W,).
 
-    window (K - 1,): of each step. told, share: steps that tell what part of them is lost, and which, as a part of what
-    bursts lose.
+    window (K - 1,): window of each step. told: steps fast enough to estimate the part lost; share: this part, relative
+    to the part that bursts lose.
     """
     middle, length, starts, widths = (t[1:] + t[:-1]) / 2, np.diff(t), [], []
-    near = np.convolve(hit, np.ones(3), "same") > 0  # a burst may begin or end in the window beside
+    near = np.convolve(hit, np.ones(3), "same") > 0  # a burst may begin or end in the neighbouring window
     for run in np.split(np.arange(len(hit)), np.flatnonzero(np.diff(near)) + 1):
         steps = np.flatnonzero(np.isin(window, run) & told & (share > 0.5)) if near[run[0]] else np.zeros(0, np.intp)
         if not len(steps):
             continue
-        own = np.arange(max(steps[0] - 1, 0), min(steps[-1] + 2, len(share)))  # the steps beside may be lost in part
-        between = (own > steps[0]) & (own < steps[-1])
-        weight = np.where(between, 1.0, np.clip(np.where(told[own], share[own], 0.0), 0.0, 1.0)) * length[own]
-        starts.append(weight @ middle[own] / weight.sum() - weight.sum() / 2)
+        around = np.arange(max(steps[0] - 1, 0), min(steps[-1] + 2, len(share)))  # neighbours may be lost in part
+        between = (around > steps[0]) & (around < steps[-1])
+        weight = np.where(between, 1.0, np.clip(np.where(told[around], share[around], 0.0), 0.0, 1.0)) * length[around]
+        starts.append(weight @ middle[around] / weight.sum() - weight.sum() / 2)
         widths.append(float(weight.sum()))
     return np.array(starts), np.array(widths)
 
@@ -107,7 +110,7 @@ def _bursts(
 def _beat(t: Array) -> tuple[float, float] | None:
     """Return the first start and the period (s) of a steady beat that bursts keep; None if they do not.
 
-    Some beats may be missing: a wheel at rest loses nothing.
+    Beats may be missing, as a wheel at rest loses nothing.
     """
     if len(t) < 3:
         return None
@@ -117,7 +120,7 @@ def _beat(t: Array) -> tuple[float, float] | None:
             beats = np.round((t - first) / period)
             if len(np.unique(beats)) < len(t) or kept.mean() < MOSTLY:
                 break
-            period, first = (float(one) for one in np.polyfit(beats[kept], t[kept], 1))
+            period, first = (float(coefficient) for coefficient in np.polyfit(beats[kept], t[kept], 1))
             kept = np.abs(t - first - period * beats) < EVEN * period
         else:
             if kept.mean() >= MOSTLY:

@@ -1,7 +1,7 @@
-"""By how much all encoders together are read early or late: differences of high order, along the counts' speeds.
+"""Timing errors that all encoders share, from differences of high order, projected on the speeds of the counts.
 
-A robot's motion is smooth, so that differences of high order hold little but rounding, whose variance is known, and
-jitter, whose mean is nothing.
+A robot's motion is smooth, so differences of high order contain little but rounding, whose variance is known, and
+jitter, whose mean is 0.
 """
 
 import math
@@ -16,32 +16,33 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 
 ORDER = 6
-"""Of the differences in which a robot's motion, that is smooth, is nothing beside jitter."""
+"""Order of the differences, in which a robot's smooth motion is negligible beside jitter."""
 
 ALIKE = -0.8
-"""The correlation of neighbouring differences from which on they are of white noise (-6/7), not of a jerky motion."""
+"""Largest correlation of neighbouring differences that counts as white noise (-6/7) and not as jerky motion."""
 
 BESIDE = 0.5
-"""What each encoder does for itself, as a part of what all do together: more is a jerky motion."""
+"""Largest variance of the encoders' separate parts relative to the variance of their shared part: above it, the motion
+is jerky."""
 
 LEAST_JITTER = 3e-4
-"""s: above what motion alone leaves of simulated robots in good order."""
+"""s: above the residuals of motion in simulated robots in good order."""
 
 MOVING = 0.3
-"""Of the median squared speed: slower samples do not tell of time."""
+"""Least squared speed of a sample that is used, as a part of the median: slow samples carry no information on time."""
 
 STEADY, MEDIAN = 0.2, 0.455
-"""Jitter is always there: what its median square says of the mean one is no less than such a part of it. The median of
-a squared normal number."""
+"""Steady jitter: the variance estimated from the median of squares is at least this part of the variance from their
+mean. And the median of a squared standard normal number."""
 
 SPREAD = math.comb(2 * ORDER, ORDER)
-"""Times the variance of single samples that such differences have: the sum of squared binomial coefficients."""
+"""Variance of such differences relative to that of single samples: the sum of squared binomial coefficients."""
 
 
 class Jitter(NamedTuple):
-    """A standard deviation, s, its standard error, and the deviance that it takes away.
+    """The standard deviation of jitter (s), its standard error, and the deviance that it explains (`gain`).
 
-    seldom: where it is but at some times, when it is largest, in words.
+    seldom: for intermittent jitter the time at which it is largest, in words; else empty.
     """
 
     value: float
@@ -51,32 +52,32 @@ class Jitter(NamedTuple):
 
 
 def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
-    """Return the standard deviation (s) by which all encoders together are read early or late; None where none shows.
+    """Return the standard deviation (s) of the timing error that all encoders share; None where none is visible.
 
-    Of differences of high order of all counts only what goes with the counts' own speeds is taken: what rounding leaves
-    in it is known.
+    Differences of high order of all counts are projected on the speeds of these counts; the variance that rounding adds
+    to this projection is known.
     """
     delays = [delays_of(robot, log) for log in logs]
-    every, expected, beside = (np.concatenate([one[k] for one in delays]) for k in range(3))
-    neighbours = sum(float(one.late[1:] @ one.late[:-1]) for one in delays)
-    if len(every) < 10 * ORDER or neighbours > ALIKE * float(every @ every):
+    late, expected, beside = (np.concatenate([of_log[k] for of_log in delays]) for k in range(3))
+    neighbours = sum(float(of_log.late[1:] @ of_log.late[:-1]) for of_log in delays)
+    if len(late) < 10 * ORDER or neighbours > ALIKE * float(late @ late):
         return None
-    if np.mean(beside - expected) > BESIDE * np.mean(every**2 - expected):
+    if np.mean(beside - expected) > BESIDE * np.mean(late**2 - expected):
         return None
-    variance = float(np.mean(every**2) - np.mean(expected)) / SPREAD
+    variance = float(np.mean(late**2) - np.mean(expected)) / SPREAD
     value = np.sqrt(max(variance, 0.0))
     ratio = variance * SPREAD / expected
     gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
     if value < LEAST_JITTER:
         return None
-    steadily = float(np.median(every**2)) / MEDIAN - float(np.mean(expected))
+    steadily = float(np.median(late**2)) / MEDIAN - float(np.mean(expected))
     seldom = "" if steadily > STEADY * variance * SPREAD else _when(delays)
-    return Jitter(float(value), float(value * np.sqrt(ORDER / (2 * len(every)))), gain, seldom)
+    return Jitter(float(value), float(value * np.sqrt(ORDER / (2 * len(late)))), gain, seldom)
 
 
 def _when(delays: Sequence["Delays"]) -> str:
-    """Return in words when encoders are read most early or late."""
-    worst = [float(np.abs(one.late).max(initial=0.0)) for one in delays]
+    """Return in words when the timing error is largest."""
+    worst = [float(np.abs(of_log.late).max(initial=0.0)) for of_log in delays]
     k = int(np.argmax(worst))
     return f"at {delays[k].t[np.argmax(np.abs(delays[k].late))]:.1f} s" + (
         f" of log {k + 1}" if len(delays) > 1 else ""
@@ -84,8 +85,8 @@ def _when(delays: Sequence["Delays"]) -> str:
 
 
 class Delays(NamedTuple):
-    """Of samples in which the robot moves: late, differences of the delay of all encoders together, s; what rounding
-    alone leaves of their squares; the mean square of what is in the counts beside, in the same unit; and when, s."""
+    """Samples in which the robot moves. late: differences of the delay that all encoders share, s; rounding: expected
+    square of these from rounding, s^2; beside: mean square of the counts' part orthogonal to it, s^2; t: time, s."""
 
     late: Array
     rounding: Array
@@ -94,7 +95,7 @@ class Delays(NamedTuple):
 
 
 def delays_of(robot: RobotDescription, log: Log) -> Delays:
-    """Return by how much all encoders together were read early or late, in differences of order `ORDER`."""
+    """Return the delays that all encoders share, in differences of order `ORDER`."""
     turn = Geometry.of(robot).pivot_counts_per_rev[list(robot.pivot_encoders)]
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
@@ -114,7 +115,8 @@ def delays_of(robot: RobotDescription, log: Log) -> Delays:
 
 
 def _weights(t: Array) -> Array:
-    """Return the weights (rows, ORDER + 1) of differences at uneven times, as even times would have them."""
+    """Return the weights (rows, ORDER + 1) of differences at uneven times, scaled to the norm of those at even
+    times."""
     rows = len(t) - ORDER
     times = np.stack([t[k : k + rows] for k in range(ORDER + 1)], axis=1)
     apart = times[:, :, None] - times[:, None, :] + np.eye(ORDER + 1)

@@ -1,7 +1,7 @@
-"""What happens at some times or places only, found beside the effects: there contacts slip, and nothing else is known.
+"""Events at certain times or places only, found beside the effects: in them contacts slip by unknown amounts.
 
-A slippery patch of the floor first, then rows that contradict the others at times. Steps in which these are at work are
-released (`LogLikelihood.release`), so that nothing else is read into them.
+A slippery patch of the floor is searched first, then rows that contradict the other rows intermittently. The steps of
+events are released (`LogLikelihood.release`: slip has no prior there), so that they do not bias other effects.
 """
 
 from collections.abc import Sequence
@@ -23,13 +23,14 @@ Released = list[NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Events:
-    """Rows that contradict the others at times, and a slippery patch; looked: whether one was looked for."""
+    """Rows that contradict the other rows intermittently, and a slippery patch; looked: whether a patch was
+    searched."""
 
     faulty: tuple[at_times.Faulty, ...] = ()
     patch: slippery.Slippery | None = None
     looked: bool = False
 
-    def more(
+    def extended(
         self,
         robot: RobotDescription,
         logs: Sequence[Log],
@@ -38,9 +39,9 @@ class Events:
         told: Sequence[Answer],
         names: int,
     ) -> "Events | None":
-        """Return these and what else is seen beside them and the effects told; None if that is nothing.
+        """Return these events with new ones found beside them and the effects in `told`; None if there are no new ones.
 
-        robot: with the effects named. names: of what may be there, each as likely before logs are seen.
+        robot: with the effects named. names: number of other possible answers, all of the same prior probability.
         """
         if not self.looked:
             patch = slippery.slippery_in(robot, logs, seen, names)
@@ -50,16 +51,18 @@ class Events:
         return replace(self, faulty=(*self.faulty, *new), looked=True) if new else None
 
     def released(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Released:
-        """Return the steps in which contacts slip as they like."""
-        there = at_times.steps_of(seen, self.faulty)
+        """Return the steps in which contacts may slip freely."""
+        faulty = at_times.steps_of(seen, self.faulty)
         if self.patch is None:
-            return there
-        on_it = slippery.inside(robot, logs, seen, self.patch)
-        return [one | other for one, other in zip(there, on_it, strict=True)]
+            return faulty
+        on_patch = slippery.inside(robot, logs, seen, self.patch)
+        return [contradicting | sliding for contradicting, sliding in zip(faulty, on_patch, strict=True)]
 
-    def there(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> tuple["Events", list[float]]:
-        """Return the same events in other logs, and by how much (natural logarithm) these are likelier for each."""
-        faulty, confirmed = at_times.again(seen, self.faulty)
+    def in_other_logs(
+        self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised
+    ) -> tuple["Events", list[float]]:
+        """Return the same events in other logs, and the log Bayes factor of each in these."""
+        faulty, confirmed = at_times.recurring(seen, self.faulty)
         if self.patch is not None:
             confirmed.append(slippery.confirmed_by(robot, logs, seen, self.patch))
         return replace(self, faulty=tuple(faulty)), confirmed
@@ -67,7 +70,7 @@ class Events:
     def answers(
         self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised, confirmed: Sequence[float | None]
     ) -> list[Answer]:
-        """Return what is said of each; confirmed: as `there` has it, or None of each."""
+        """Return the answer for each event; confirmed: as `in_other_logs` returns it, or None for each."""
         told = [
             at_times.answer_of(robot, logs, seen, fault, said)
             for fault, said in zip(self.faulty, confirmed, strict=False)
@@ -78,17 +81,18 @@ class Events:
         return told
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of events."""
         return len(self.faulty) + (self.patch is not None)
 
 
 def _cost(released: Released, seen: Linearised) -> Array:
-    """Return what slips of wheels in some steps cost (2,): m after 10 m, rad after a turn."""
-    every = []
+    """Return the odometry error (2,) that slips of wheels in the released steps cause: m after 10 m, rad after a
+    turn."""
+    slipping = []
     for design, steps, slips in zip(seen.designs, released, seen.slips, strict=True):
         rows = design.model.rows
         wheels = np.flatnonzero(rows < slips.shape[1])
         slipped = np.zeros((*steps.shape, 1))
         slipped[:, wheels, 0] = np.where(steps[:, wheels], np.nan_to_num(slips[:, rows[wheels]]), 0.0)
-        every.append(slipped)
-    return seen.cost_of_slips(every)
+        slipping.append(slipped)
+    return seen.cost_of_slips(slipping)

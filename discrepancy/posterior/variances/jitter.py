@@ -1,6 +1,6 @@
-"""Encoders that are read early or late at random, all together: how likely, and by how much.
+"""Sample jitter, a random timing error that all encoders share: its probability and standard deviation.
 
-Jitter has no mean, so it is a variance and not a column of the linear problem; `delays` has what tells of it.
+Jitter has mean 0, so it is a variance and not a column of the linear problem; `delays` computes its statistics.
 """
 
 import dataclasses
@@ -19,15 +19,15 @@ from discrepancy.posterior.variances.delays import ORDER, SPREAD, delays_of, jit
 from discrepancy.validation.cost import cost_of
 
 SIZES = np.geomspace(0.01, 1000.0, 201)
-"""Of jitter, in tolerances: a grid to integrate over."""
+"""Sizes of jitter, in tolerances: a grid to integrate over."""
 
 
 def jitter_answer(
     robot: RobotDescription, logs: Sequence[Log], held_out: Sequence[Log], clean: Sequence[Log], names: int
 ) -> Answer | None:
-    """Return the answer that samples jitter, beyond clean logs; None if it is not likely that they do.
+    """Return the answer that samples jitter more than in clean logs; None if its probability is below `CREDIBLE`.
 
-    names: of effects that may be there, each as likely before logs are seen.
+    names: number of other possible answers, all of the same prior probability.
     """
     seen = jitter_of(robot, logs)
     if seen is None:
@@ -63,24 +63,25 @@ def jitter_answer(
 
 
 def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) -> Array:
-    """Return how likely logs are (natural logarithm, up to a constant) with jitter of `SIZES` beside what is usual, s.
+    """Return the log-likelihood of logs (natural logarithm, up to a constant) with jitter of `SIZES` added to the usual
+    jitter (s).
 
-    Neighbouring differences have all but one of their samples in common: so many of them count as one.
+    Neighbouring differences share all but one of their samples, so `ORDER` of them count as one.
     """
     delays = [delays_of(robot, log) for log in logs]
     squares, rounding = (
-        np.concatenate([one.late**2 for one in delays]),
-        np.concatenate([one.rounding for one in delays]),
+        np.concatenate([of_log.late**2 for of_log in delays]),
+        np.concatenate([of_log.rounding for of_log in delays]),
     )
     variance = rounding + SPREAD * (usual**2 + (SIZES[:, None] * SampleJitter.tolerance) ** 2)
     return -np.sum(np.log(variance) + squares / variance, axis=1) / 2 / ORDER
 
 
 def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
-    """Return how likely a fault is, given how likely logs are with it in `SIZES`, and its size and standard error, in
-    tolerances. names: of faults that may be there, each as likely before logs are seen.
+    """Return the probability of a fault, given the log-likelihood of logs with each of `SIZES`, and its size and
+    standard error, in tolerances. names: number of possible faults, all of the same prior probability.
 
-    As of every other effect: in good order normal, with the tolerance as standard deviation; a fault is Cauchy
+    Priors as for every other effect: in good order normal, with the tolerance as standard deviation; a fault is Cauchy
     distributed.
     """
     fault = -np.log1p((SIZES / FAULT) ** 2)
@@ -92,7 +93,8 @@ def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
 
 
 def held_out_log_odds(log_likelihood: Array, size: float) -> float:
-    """Return by how much (natural logarithm) a fault of a size, in tolerances, makes other logs more likely."""
+    """Return the log-likelihood ratio (natural logarithm) of other logs with a fault of this size, in tolerances,
+    against good order."""
     return float(np.interp(size, SIZES, log_likelihood)) - _averaged(log_likelihood, _good_order())
 
 
@@ -101,6 +103,7 @@ def _good_order() -> Array:
 
 
 def _averaged(log_likelihood: Array, log_density: Array) -> float:
-    """Return the log of the mean likelihood of sizes that have this log density, up to a constant; even in log size."""
+    """Return the log of the mean likelihood over sizes with this log density, up to a constant; the grid is even in log
+    size."""
     steps = np.log(SIZES)
     return float(np.logaddexp.reduce(log_likelihood + log_density + steps) - np.logaddexp.reduce(log_density + steps))

@@ -1,7 +1,7 @@
-"""What has no name but depends on what a simulation knows: which curve, of what, and how sure.
+"""Learned terms: unnamed alternatives that depend on a quantity known in simulation, as a curve with its probability.
 
-The curve is a Gaussian process: smooth, 0 in mean, of a size that is not known. Its knots are columns of the linear
-problem (`linearise`), so how likely logs are with it, and its mean and errors, have closed forms.
+The curve is a Gaussian process: smooth, of mean 0 and unknown size. Its knots are columns of the linear problem
+(`linearise`), so its marginal likelihood, mean and errors have closed forms.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,23 +25,23 @@ from discrepancy.posterior.random_effects import Statistics, together
 from discrepancy.validation.cost import cost_of
 
 KNOTS = 12
-"""Of a curve."""
+"""Number of knots of a curve."""
 
 SMOOTH, SMOOTH_SPEED = 1.0, 1 / 3
-"""How far a curve keeps its value: rad, and as a part of the fastest speed."""
+"""Correlation lengths of a curve: of angles in rad, of speeds as a part of the fastest speed."""
 
 SIZES = LearnedTerm.tolerance * FAULT * 2.0 ** np.arange(-4, 6)
-"""Of curves, standard deviations: each is as likely before logs are seen."""
+"""Prior standard deviations of curves, all with the same prior probability."""
 
 Look = Callable[[RobotDescription, Sequence[Candidate]], Linearised]
-"""Returns what logs say of a robot, of some candidates."""
+"""Returns the logs linearised with a robot and these candidates."""
 
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A curve in the robot file. errors: standard deviations of its values. log_odds: of that it is there, natural
-    logarithm. nearest: what the catalogue has that is most like it, in words, and the cosine between what both do to
-    logs; None where nothing is like it."""
+    """A curve in the robot file. errors: standard deviations of its values. log_odds: log odds of the curve against
+    none, natural logarithm. nearest: the effect of the catalogue with the most similar signature, in words, and the
+    cosine between both signatures; None where no effect overlaps."""
 
     effect: LearnedTerm
     errors: tuple[float, ...]
@@ -50,22 +50,22 @@ class Learned:
 
 
 def encoders_of(answers: Sequence[Answer]) -> list[str]:
-    """Return the encoders, by name, of which something without a name is said."""
+    """Return the names of encoders on which the answers have an unnamed alternative."""
     unnamed = (answer.candidate.what for answer in answers if answer.unnamed and not answer.candidate.kinds)
-    return [what.split()[0] for what in unnamed if what.startswith(("wheel_", "pivot_"))]
+    return [description.split()[0] for description in unnamed if description.startswith(("wheel_", "pivot_"))]
 
 
 def helps(robot: RobotDescription, curve: "Learned", held_out: Sequence[Log], creep: Array | None) -> bool:
-    """Whether held-out logs are likelier by 19 with a curve, and their gap smaller."""
+    """Whether the likelihood ratio of held-out logs with a curve exceeds 19, and their gap shrinks."""
     without, beside = (
-        linearise(one, held_out, creep=creep, among=()) for one in (robot, robot.with_effects(curve.effect))
+        linearise(vehicle, held_out, creep=creep, among=()) for vehicle in (robot, robot.with_effects(curve.effect))
     )
     shrinks = without.gap is None or beside.gap is None or beside.gap[0] < without.gap[0]
     return shrinks and beside.log_evidence - without.log_evidence > LOG_ODDS
 
 
 def answer_of(robot: RobotDescription, curve: "Learned", logs: Sequence[Log]) -> Answer:
-    """Return what is said of a curve: it has no name."""
+    """Return the answer for a curve: an unnamed alternative."""
     candidate = Candidate(described(curve.effect), (curve.effect,))
     reason = f"no effect of the catalogue explains it; {candidate.what} was learned, and is in the robot file"
     if curve.nearest is not None:
@@ -88,19 +88,19 @@ def answer_of(robot: RobotDescription, curve: "Learned", logs: Sequence[Log]) ->
 def learned(
     robot: RobotDescription, logs: Sequence[Log], seen: Linearised, channels: Sequence[str], look: Look
 ) -> Learned | None:
-    """Return the curve that logs ask for most, of some encoders; None if none is surely there.
+    """Return the likeliest curve on one of these encoders; None if its log odds are below `LOG_ODDS`.
 
-    robot: with the effects named. seen: what logs say beside these. channels: encoders by name, as "wheel_1l".
+    robot: with the effects named. seen: the logs linearised with these. channels: encoders by name, as "wheel_1l".
     """
     terms = _terms(robot, logs, seen, channels)
     if not terms:
         return None
-    every = [(term, Candidate(described(term), _one_by_one(term), KNOTS)) for term in terms]
-    told = look(robot, [candidate for _, candidate in every])
+    candidates = [(term, Candidate(described(term), _unit_terms(term), KNOTS)) for term in terms]
+    told = look(robot, [candidate for _, candidate in candidates])
     said = together(told.logs)
     curves = [
         (term, _curve(term, said, told.columns[told.candidates.index(candidate)], len(told.usual)))
-        for term, candidate in every
+        for term, candidate in candidates
         if candidate in told.candidates
     ]
     if not curves:
@@ -109,12 +109,12 @@ def learned(
     log_odds = log_factor - float(np.log(len(terms)))
     if log_odds < LOG_ODDS:
         return None
-    there = replace(term, values=tuple(values.tolist()))  # found anew around itself, as it may be large
-    (candidate,) = (candidate for other, candidate in every if other == term)
-    told = look(robot.with_effects(there), [candidate])
-    columns, whole = told.columns[told.candidates.index(candidate)], np.zeros(2 * len(told.usual))
-    whole[columns] = values
-    _, values, errors = _curve(term, together(told.logs).at(-whole), columns, len(told.usual))
+    fitted = replace(term, values=tuple(values.tolist()))  # linearised again about the curve, as it may be large
+    (candidate,) = (candidate for known, candidate in candidates if known == term)
+    told = look(robot.with_effects(fitted), [candidate])
+    columns, sizes = told.columns[told.candidates.index(candidate)], np.zeros(2 * len(told.usual))
+    sizes[columns] = values
+    _, values, errors = _curve(term, together(told.logs).at(-sizes), columns, len(told.usual))
     effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
@@ -122,14 +122,14 @@ def learned(
 def _terms(
     robot: RobotDescription, logs: Sequence[Log], seen: Linearised, channels: Sequence[str]
 ) -> list[LearnedTerm]:
-    """Return a term of some encoders and of all that each may depend on, with knots and no values yet."""
-    every, names = Channels(robot), list(channels)
+    """Return a term for each of these encoders and each quantity that it may depend on, with knots and values of 0."""
+    encoders, names = Channels(robot), list(channels)
     turn, terms = tuple((np.arange(KNOTS) * 2 * np.pi / KNOTS).round(6).tolist()), []
     rates = [
         np.abs(np.diff(state[:, 3:], axis=0) / np.diff(log.t)[:, None]).max(axis=0)
         for log, state in zip(logs, seen.state.states, strict=True)
     ]
-    fastest = dict(zip(every.names, (np.max(rates, axis=0) * 2 * np.pi / every.per_rev).tolist(), strict=True))
+    fastest = dict(zip(encoders.names, (np.max(rates, axis=0) * 2 * np.pi / encoders.per_rev).tolist(), strict=True))
     for castor, wheel in [*wheel_encoders(robot), *((castor, None) for castor in pivot_encoders(robot))]:
         name = f"pivot_{castor}" if wheel is None else f"wheel_{robot.wheel_names[channel(robot, castor, wheel, '')]}"
         if name not in names or fastest[name] == 0:
@@ -138,13 +138,13 @@ def _terms(
         knots: dict[Of, tuple[float, ...]] = {"own angle": turn, "speed": speeds}
         if wheel is not None and castor in pivot_encoders(robot):
             knots["castor angle"] = turn
-        none = (0.0,) * KNOTS
-        terms += [LearnedTerm(castor=castor, wheel=wheel, of=of, knots=at, values=none) for of, at in knots.items()]
+        zeros = (0.0,) * KNOTS
+        terms += [LearnedTerm(castor=castor, wheel=wheel, of=of, knots=at, values=zeros) for of, at in knots.items()]
     return terms
 
 
-def _one_by_one(term: LearnedTerm) -> tuple[LearnedTerm, ...]:
-    """Return the terms with a value at one knot each."""
+def _unit_terms(term: LearnedTerm) -> tuple[LearnedTerm, ...]:
+    """Return the terms with the unit value at one knot each."""
     return tuple(replace(term, value=term.step, values=tuple(row)) for row in np.eye(KNOTS).tolist())
 
 
@@ -157,8 +157,8 @@ def _covariance(term: LearnedTerm) -> Array:
 
 
 def _curve(term: LearnedTerm, said: Statistics, columns: NDArray[np.intp], count: int) -> tuple[float, Array, Array]:
-    """Return the log Bayes factor of a curve against none, averaged over its size and what wheels hide of it; and mean
-    and standard deviation of its values (k,) where it is likeliest."""
+    """Return the log Bayes factor of a curve against none, averaged over its size and masked part; and mean and
+    standard deviation of its values (k,) at the likeliest size and part."""
     covariance, found = _covariance(term), []
     for part in PARTS.tolist():
         way = np.zeros((len(said.score), len(columns)))
@@ -168,25 +168,26 @@ def _curve(term: LearnedTerm, said: Statistics, columns: NDArray[np.intp], count
         for size in SIZES.tolist():
             prior = size**2 * covariance
             blurred = np.eye(len(columns)) + prior @ information
-            both = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
-            log_factor = float(score @ both[:, 0] - np.linalg.slogdet(blurred)[1]) / 2
-            found.append((log_factor, both[:, 0], np.sqrt(np.maximum(np.diag(both[:, 1:]), 0.0))))
-    log_factors = np.array([one[0] for one in found])
+            solved = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
+            log_factor = float(score @ solved[:, 0] - np.linalg.slogdet(blurred)[1]) / 2
+            found.append((log_factor, solved[:, 0], np.sqrt(np.maximum(np.diag(solved[:, 1:]), 0.0))))
+    log_factors = np.array([entry[0] for entry in found])
     _, mean, error = found[int(np.argmax(log_factors))]
     return float(np.logaddexp.reduce(log_factors) - np.log(len(found))), mean, error
 
 
 def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[str, float] | None:
-    """Return what the catalogue has that is most like a curve, in words, and the cosine of what both do to logs."""
+    """Return the effect of the catalogue with the most similar signature, in words, and the cosine between both
+    signatures."""
     unit = replace(effect, value=effect.step)
-    mine = Candidate(described(unit), (unit,))
-    told = look(robot, [mine, *(candidate for candidate in candidates_of(robot) if candidate.columns == 1)])
-    information, k = together(told.logs).information, int(told.columns[told.candidates.index(mine)][0])
+    curve = Candidate(described(unit), (unit,))
+    told = look(robot, [curve, *(candidate for candidate in candidates_of(robot) if candidate.columns == 1)])
+    information, k = together(told.logs).information, int(told.columns[told.candidates.index(curve)][0])
     best = None
     for candidate, columns in zip(told.candidates, told.columns, strict=True):
         j = int(columns[0])
         strength = float(information[k, k] * information[j, j])
-        if candidate != mine and strength > 0:
+        if candidate != curve and strength > 0:
             cosine = float(abs(information[k, j]) / np.sqrt(strength))
             best = (candidate.what, cosine) if best is None or cosine > best[1] else best
     return best

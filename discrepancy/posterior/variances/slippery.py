@@ -1,8 +1,8 @@
-"""A slippery patch of the floor: how likely simulation makes it, where wheels slip far more than elsewhere.
+"""A slippery patch of the floor, found where wheels slip far more than elsewhere, and judged by simulation.
 
-Wheels that slide do so by forces that no encoder tells, in either sense, so a patch is no column of the linear problem:
-where it may be a scan for two variances tells (`hypotheses.patches`), and how likely it is replays of the logs in
-simulation. What these miss is as Student's t has it, of the size that they usually miss.
+Sliding depends on forces that no encoder measures, and has either sign, so a patch is not a column of the linear
+problem. A scan for two variances proposes rectangles (`hypotheses.patches`), and replays of the logs in simulation give
+the likelihood of each. Errors of replays have Student's t distribution, with their median over windows as scale.
 """
 
 from collections.abc import Sequence
@@ -29,21 +29,21 @@ from discrepancy.posterior.linearise import Linearised
 from discrepancy.validation.replay import replay
 
 SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
-"""Parts of friction that may be missing, alike likely."""
+"""Parts of friction that may be missing, all with the same prior probability."""
 
 TRIED = SLIPPERY[3]
-"""With which a rectangle must help, to be looked at further."""
+"""Part of friction with which a rectangle must raise the likelihood, to be evaluated with all of them."""
 
 WINDOW = 2.0
-"""s of a replay."""
+"""s: length of a replayed window."""
 
 PLACE = 2e-3
-"""m and rad: no replay ends nearer to a tracker's poses."""
+"""m: least error that a replay is assumed to have against a tracker's poses."""
 
 
 @dataclass(frozen=True)
 class Slippery:
-    """A patch, the standard deviation of its value, and the log odds of that it is there."""
+    """A patch, the standard deviation of its value, and the log odds of its presence."""
 
     effect: FrictionPatch
     error: float
@@ -51,9 +51,11 @@ class Slippery:
 
 
 def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, names: int) -> Slippery | None:
-    """Return the patch in which wheels surely slide; None if none is sure, or robot or logs cannot be replayed.
+    """Return the likeliest patch on which wheels slide; None if its probability is below `CREDIBLE`, or robot or logs
+    cannot be replayed.
 
-    names: of what else may be there, each as likely before logs are seen; the patch as likely anywhere on the way.
+    names: number of other possible answers, all of the same prior probability; a patch is equally likely anywhere on
+    the way.
     """
     motions, slips = placed(robot, logs, seen.state, seen.slips)
     if not motions:
@@ -84,13 +86,14 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
 
 
 def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> float:
-    """Return by how much (natural logarithm) a patch, or one that these logs show there, makes other logs likelier.
+    """Return the log-likelihood ratio (natural logarithm) of other logs with a patch, or with the patch that these logs
+    show in the same place.
 
-    How far a patch reaches one log hardly tells.
+    A second patch is tried because a single log hardly determines how far a patch extends.
     """
     try:
-        plain, missed = (_missed(one, logs, seen) for one in (robot, robot.with_effects(patch.effect)))
-    except InputError:  # logs without what it takes
+        plain, missed = (_missed(vehicle, logs, seen) for vehicle in (robot, robot.with_effects(patch.effect)))
+    except InputError:  # logs that cannot be replayed
         return 0.0
     as_found = _likelier(missed, plain)
     again = slippery_in(robot, logs, seen, 1)
@@ -99,26 +102,26 @@ def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised,
     return max(as_found, again.log_odds)
 
 
-def _holds(patch: FrictionPatch, other: FrictionPatch) -> bool:
-    """Whether the middle of another patch lies on a patch."""
-    c, s, x, y = np.cos(patch.angle), np.sin(patch.angle), other.x - patch.x, other.y - patch.y
-    return bool(abs(c * x + s * y) <= patch.length / 2 and abs(c * y - s * x) <= patch.width / 2)
+def _holds(first: FrictionPatch, second: FrictionPatch) -> bool:
+    """Whether the centre of the second patch lies on the first."""
+    c, s, x, y = np.cos(first.angle), np.sin(first.angle), second.x - first.x, second.y - first.y
+    return bool(abs(c * x + s * y) <= first.length / 2 and abs(c * y - s * x) <= first.width / 2)
 
 
 def inside(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> list[NDArray[np.bool_]]:
-    """Return the steps (K - 1, rows) of each log in which wheels stand on a patch, or castors with one that does."""
-    every = []
+    """Return the steps (K - 1, rows) of each log in which wheels stand on a patch, or castors with a wheel on it."""
+    steps = []
     for log, design in zip(logs, seen.designs, strict=True):
         motion = Channels(robot).motion(log, design.state, consistent_wheels=True)
         wheels = patch.effect.inside(ContactMotion(robot.as_built(), motion))
         of = np.asarray(robot.wheel_castors)
         sideways = np.stack([np.any(wheels[:, of == castor], axis=1) for castor in of], axis=1)
-        every.append(np.column_stack([wheels, sideways])[:, design.model.rows])
-    return every
+        steps.append(np.column_stack([wheels, sideways])[:, design.model.rows])
+    return steps
 
 
 def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
-    """Return what is said of a patch. cost (2,): of it all; confirmed: as `Answer` has it."""
+    """Return the answer for a patch. cost (2,): of the whole patch; confirmed: see `Answer`."""
     probability, candidate = float(expit(patch.log_odds)), Candidate(described(patch.effect), (patch.effect,))
     return Answer(
         probabilities={candidate.family: probability, "nothing": 1 - probability},
@@ -135,7 +138,7 @@ def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
 
 
 def _missed(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:
-    """Return by how much replayed windows end elsewhere (3, N): wheels, m; pivots, rad; place, m."""
+    """Return the errors (3, N) at the ends of replayed windows: wheels, m; pivots, rad; place, m."""
     geometry = Geometry.of(robot.as_built())
     roll = np.nanmedian(2 * np.pi * geometry.radius / geometry.counts_per_rev)
     sensed = geometry.pivot_counts_per_rev[np.isfinite(geometry.pivot_counts_per_rev)]
@@ -152,7 +155,7 @@ def _missed(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> A
 
 
 def _likelier(missed: Array, plain: Array) -> float:
-    """Return by how much (natural logarithm) replays are likelier that miss by so much (3, N) than those without."""
+    """Return the log-likelihood ratio (natural logarithm) of replays with errors `missed` (3, N) and `plain` (3, N)."""
     usual = np.median(plain, axis=1, keepdims=True)
-    less = np.log1p((plain / usual) ** 2 / FREEDOM) - np.log1p((missed / usual) ** 2 / FREEDOM)
-    return (FREEDOM + 1) / 2 * float(np.sum(less))
+    gains = np.log1p((plain / usual) ** 2 / FREEDOM) - np.log1p((missed / usual) ** 2 / FREEDOM)
+    return (FREEDOM + 1) / 2 * float(np.sum(gains))
