@@ -61,15 +61,15 @@ class Slipping:
         """Return slips (K - 1, rows, CREEPS + e): as predicted, each kind; by which wheels would hide each of the
         robot's effects."""
         slow, forced = self._creep, self._predicted(consistent=True)
-        quick, none = self._predicted(self._over, quick=True) - slow, np.zeros_like
-        kinds = slow - forced, forced, Slip(quick.rolling, none(quick.side)), Slip(none(quick.rolling), quick.side)
+        quick, zeros = self._predicted(self._over, quick=True) - slow, np.zeros_like
+        kinds = slow - forced, forced, Slip(quick.rolling, zeros(quick.side)), Slip(zeros(quick.rolling), quick.side)
         rows = [self._model.rows_of(kind.rolling, kind.side) for kind in kinds]
         return np.concatenate([np.stack(rows, axis=-1), self._hiding()], axis=-1)
 
     def seen_as_creep(self, slip: Slip) -> Array:
         """Return by how much less creep (K - 1, rows) would be predicted if wheels were known to slip by `slip`."""
-        less = self._creep - self._predicted(self._over + slip)
-        return self._model.rows_of(less.rolling, less.side)
+        explained = self._creep - self._predicted(self._over + slip)
+        return self._model.rows_of(explained.rolling, explained.side)
 
     def _predicted(self, known: Slip | None = None, consistent: bool = False, quick: bool = False) -> Slip:
         """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree."""

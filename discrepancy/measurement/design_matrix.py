@@ -12,7 +12,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, rate_of, signatures_of, stacked
 from discrepancy.measurement.creep_prediction import Slipping
-from estimators.calibration.log_likelihood import TIMED, LogLikelihood, More, Noise, Reduced
+from estimators.calibration.log_likelihood import TIMED, ExtraColumns, LogLikelihood, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 
 QUIETER_ROUNDS, SAME = 20, 0.02
@@ -91,17 +91,17 @@ class Columns:
         columns, always = np.flatnonzero(chosen), self.known_slips[..., :0]
         if only is None:
             always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
-        built, other = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
+        built, of_readings = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
         changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
         readings, slips, fought = (
             part if only is None else part[..., kept]
-            for part, kept in ((self.readings, other), (self.slips, other), (self.fought, columns))
+            for part, kept in ((self.readings, of_readings), (self.slips, of_readings), (self.fought, columns))
         )
         parts = (slips, fought, self.known_slips, always)
-        rates = np.pad(self.rates[other], (0, sum(part.shape[-1] for part in parts) - len(other)))
-        more = More(readings, parts, rates)
+        rates = np.pad(self.rates[of_readings], (0, sum(part.shape[-1] for part in parts) - len(of_readings)))
+        extra = ExtraColumns(readings, parts, rates)
         return self.model.reduce(
-            self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, more, self.rate
+            self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, extra, self.rate
         )
 
     def alone(self) -> tuple[Geometry, Geometry, Array, Array, Array, Array]:
@@ -164,9 +164,9 @@ def together(
 
 def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
     """Return information (n, n) and pull (n,) of the first n numbers, the others eliminated."""
-    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
-    told = information[:n, :n] - information[:n, n:] @ both[:, :n]
-    return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ both[:, n])
+    solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
+    told = information[:n, :n] - information[:n, n:] @ solved[:, :n]
+    return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ solved[:, n])
 
 
 def quieter(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:

@@ -16,7 +16,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
 from discrepancy.measurement.creep_prediction import CREEPS, FORCED, QUICK, Slipping
 from discrepancy.measurement.design_matrix import Shared, together, without
-from estimators.calibration.log_likelihood import LogLikelihood, More, Noise, Reduced
+from estimators.calibration.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 
 DOUBT = 0.5
@@ -55,16 +55,16 @@ def settled(
     what truly happened tells how wheels disagree, and how they creep for that tells what truly happened. start: state
     and noise to begin with. usual: parts of the creep predicted that clean logs show. least: no noise is less.
     """
-    geometry, none = Geometry.of(robot.as_built()), np.zeros(0)
+    geometry, no_values = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
-        at, sizes, _ = fitted(models, geometry, (), none, None, least=least)
+        at, sizes, _ = fitted(models, geometry, (), no_values, None, least=least)
     else:
         at, sizes = start
     off: list[Array | float] = [0.0] * len(models)  # what its sensors make of angles, which is taken off the counts
     if robot.effects:
         off = _corrected(robot, models, logs, at, off)
         if start is None:
-            at, sizes, _ = fitted(models, geometry, (), none, None, (at, sizes), least=least)
+            at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least)
     parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
     while True:
         slips = []
@@ -75,7 +75,7 @@ def settled(
         shared = _shared(models, geometry, at, sizes, [log_slips.known for log_slips in slips], parts, usual)
         parts = shared.parts
         _expect(models, slips, parts)
-        at, sizes, _ = fitted(models, geometry, (), none, None, (at, sizes), SOME if k else ROUNDS, least=least)
+        at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), SOME if k else ROUNDS, least=least)
         if not k:
             return at, sizes, replace(shared, mount=at.mount), slips
         if robot.effects:
@@ -91,12 +91,12 @@ def _corrected(
     off: Sequence[Array | float],
 ) -> list[Array | float]:
     """Take off the counts what a robot's sensors make of the angles of a state, for what was taken off before."""
-    channels, now = Channels(robot), []
+    channels, corrections = Channels(robot), []
     for model, log, state, before in zip(models, logs, at.states, off, strict=True):
         seen = model.counts + before
-        now.append(seen - channels.unread(robot, log, seen, state[:, 3:]))
-        model.correct(now[-1] - before)
-    return now
+        corrections.append(seen - channels.unread(robot, log, seen, state[:, 3:]))
+        model.correct(corrections[-1] - before)
+    return corrections
 
 
 def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> None:
@@ -106,8 +106,8 @@ def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Arra
 
 def _limits(e: int) -> tuple[Array, Array]:
     """Return the least and the most (e,) that these parts can be."""
-    most = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
-    return np.where(np.arange(e) < CREEPS, 0.0, -1.0), most
+    upper = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
+    return np.where(np.arange(e) < CREEPS, 0.0, -1.0), upper
 
 
 def _foreseen(e: int, usual: Array | None, rigid: bool) -> tuple[Array, Array]:
@@ -133,11 +133,11 @@ def _shared(
 ) -> Shared:
     """Return what parts (e,) of the creep predicted there are, and what more wheels hide of each of the robot's
     effects, as far as the logs tell."""
-    none, e = stacked(geometry, []), known[0].shape[-1]
+    unchanged, e = stacked(geometry, []), known[0].shape[-1]
     told: list[tuple[tuple[Candidate, ...], Reduced]] = []
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
-        more = More(np.zeros((len(state), state.shape[1] - 3, 0)), (slips,))
-        told.append(((), model.reduce(geometry, none, np.zeros(0), state, clock, at.mount, noise, 0, more)))
+        extra = ExtraColumns(np.zeros((len(state), state.shape[1] - 3, 0)), (slips,))
+        told.append(((), model.reduce(geometry, unchanged, np.zeros(0), state, clock, at.mount, noise, 0, extra)))
     _, information, gradient, _ = together(told)
     freely = Shared(parts, _foreseen(e, None, False)[0], np.full(e, DOUBT), at.mount)
     rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)

@@ -45,20 +45,20 @@ class Unseen(NamedTuple):
     width: str = ""
 
     def __str__(self) -> str:
-        what = f"{self.what} ({self.width})" if self.width else self.what
+        text = f"{self.what} ({self.width})" if self.width else self.what
         if self.shown_by is None:
-            return f"{what}: makes no difference to any drive; keeps the robot file's numbers"
-        return f"{what}: keeps the robot file's numbers; {self.shown_by} would show it"
+            return f"{text}: makes no difference to any drive; keeps the robot file's numbers"
+        return f"{text}: keeps the robot file's numbers; {self.shown_by} would show it"
 
 
 def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:
     """Return what the logs of a calibration do not show; empty if they show everything that was sought."""
     left, parameters = calibration.unseen, calibration.parameters
     changes: list[tuple[str, Array]] = []
-    for what, change in _known_changes(parameters, calibration.before):
+    for name, change in _known_changes(parameters, calibration.before):
         part = left @ change
         if len(left) and np.linalg.norm(part) > WHOLLY:
-            changes.append((what, change[None]))
+            changes.append((name, change[None]))
             # The rest: all unseen directions at right angles to this one.
             left = np.linalg.svd(part[None])[2][1:] @ left
     if len(left):
@@ -69,9 +69,9 @@ def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:
         )
     drives, spread = _Drives(calibration), np.linalg.inv(calibration.information + np.eye(len(parameters)) / FILE**2)
     found = []
-    for what, change in changes:
+    for name, change in changes:
         moves = np.sqrt(np.diag(change.T @ (change @ spread @ change.T) @ change))
-        found.append(Unseen(what, drives.showing(change), moves, _width(parameters, moves)))
+        found.append(Unseen(name, drives.showing(change), moves, _width(parameters, moves)))
     return tuple(found)
 
 
@@ -89,8 +89,8 @@ def _width(parameters: Sequence[Parameter], moves: Array) -> str:
         return "these logs say nothing of it"
     if len(units) > 1:
         return ""
-    most = COVERAGE * float(moves.max())
-    return f"± {100 * most:.2g} %" if units == {"m"} else f"± {np.degrees(most):.2g} deg"
+    widest = COVERAGE * float(moves.max())
+    return f"± {100 * widest:.2g} %" if units == {"m"} else f"± {np.degrees(widest):.2g} deg"
 
 
 def scale_rests_on_pivots(calibration: Calibration) -> bool:
@@ -122,10 +122,10 @@ def _known_changes(parameters: tuple[Parameter, ...], values: Array) -> Iterator
         ("the place of the body's origin, y", np.where(sideways, 1.0, 0.0)),
         *((p.name, np.where(np.arange(len(parameters)) == i, 1.0, 0.0)) for i, p in enumerate(parameters)),
     ]
-    for what, change in named:
+    for name, change in named:
         length = np.linalg.norm(change / scale)
         if length > 0:
-            yield what, change / scale / length
+            yield name, change / scale / length
 
 
 class _Drives:

@@ -36,16 +36,16 @@ class MaximumLikelihoodMethod:
         columns = (found.parameters, found.before, found.after, found.standard_errors, hidden, rests_on(found, unseen))
         for parameter, before, after, error, part, rests in zip(*columns, strict=True):
             seen = "no" if part > WHOLLY else "partly" if rests else "yes"
-            what = tuple(change.what for change in rests)
+            resting = tuple(change.what for change in rests)
             numbers = (float(before), float(after), float(error))
-            results.append(Result(parameter.name, parameter.unit, *numbers, seen, what))
+            results.append(Result(parameter.name, parameter.unit, *numbers, seen, resting))
         remarks = []
         if scale_rests_on_pivots(found):
             remarks.append("all lengths rest on the pivots' places in the robot file; reference poses would check them")
         noise, (x, y, yaw) = found.noise, found.mount
         remarks.append(f"slip {1e3 * noise.along:.2g} mm along and {1e3 * noise.across:.2g} mm across after 1 m")
         names = [result.name for result in results]
-        more: dict[str, Any] = {
+        data: dict[str, Any] = {
             "unseen": [
                 {
                     "what": change.what,
@@ -68,7 +68,7 @@ class MaximumLikelihoodMethod:
                 ),
                 f"odometry is {1e3 * before:.1f} mm (rms) off the reference before, {1e3 * after:.1f} mm after",
             ]
-            more |= {
+            data |= {
                 "mount": {"x_m": x, "y_m": y, "psi_rad": yaw}
                 | {"standard_errors": found.mount_errors.tolist(), "seen": found.mount_seen.tolist()},
                 "clocks": [{"ahead_s": ahead, "rate": rate} for ahead, rate in found.clocks.tolist()],
@@ -76,7 +76,7 @@ class MaximumLikelihoodMethod:
                 "odometry_rms_m": {"before": before, "after": after},
             }
         told = {change.what: str(change) for change in unseen}
-        return Report(tuple(results), found.calibrated, told, tuple(remarks), more)
+        return Report(tuple(results), found.calibrated, told, tuple(remarks), data)
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Calibration:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError

@@ -128,7 +128,7 @@ class _Rows(NamedTuple):
         return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
 
 
-class More(NamedTuple):
+class ExtraColumns(NamedTuple):
     """R parameters beside those of the geometry, by what a unit of each does.
 
     readings (K, s + d, r): counts read more than is true, of the first r parameters; others change no reading. slips:
@@ -192,9 +192,9 @@ class LogLikelihood:
         self._t = log.t
         self._even = even_steps(self._t)
 
-    def correct(self, more: Array) -> None:
+    def correct(self, excess: Array) -> None:
         """Take off the counts (K, s + d) what is known to be read more than is true."""
-        self._counts = self._counts - more
+        self._counts = self._counts - excess
 
     def expect(self, slips: Array) -> None:
         """Take steps to miss their constraints by `slips` (K - 1, rows), m, and not by nothing."""
@@ -301,9 +301,9 @@ class LogLikelihood:
         The part is below 0 or above 1 of those that were taken before or after the log.
         """
         t = self._t
-        there = t[samples] + clock[0] + clock[1] * (t[samples] - t[0])
-        at = np.clip(np.searchsorted(t, there, side="right") - 1, 0, len(t) - 2)
-        return at, ((there - t[at]) / (t[at + 1] - t[at]))[:, None]
+        taken = t[samples] + clock[0] + clock[1] * (t[samples] - t[0])
+        at = np.clip(np.searchsorted(t, taken, side="right") - 1, 0, len(t) - 2)
+        return at, ((taken - t[at]) / (t[at + 1] - t[at]))[:, None]
 
     def missed(self, geometry: Geometry, state: Array, even: NDArray[np.bool_] | None = None) -> Array:
         """Return by how much a state misses every constraint (..., K - 1, rows), m; the geometry may have axes.
@@ -328,20 +328,20 @@ class LogLikelihood:
         mount: Array,
         noise: Noise,
         probes: int = 0,
-        more: More | None = None,
+        extra: ExtraColumns | None = None,
         rate: float | None = None,
     ) -> Reduced:
         """Return what the log says of P parameters around a state (K, m).
 
         changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: how often residuals
         are drawn (standard normal, the same ones each time, other ones for each log) to learn what sums of squares to
-        expect. more: of the other P - G parameters. rate: that the clock of the reference gains (s/s), if it is known.
+        expect. extra: of the other P - G parameters. rate: that the clock of the reference gains (s/s), if it is known.
         """
         from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
 
         weights = self._weights(geometry, state, noise)
-        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, more)
-        size, p = state.shape[1], len(change) + (more.parameters if more else 0) + len(mount)
+        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, extra)
+        size, p = state.shape[1], len(change) + (extra.parameters if extra else 0) + len(mount)
         n = p + len(clock)
         random = np.random.default_rng(self._number)
         diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
@@ -452,22 +452,22 @@ class LogLikelihood:
         clock: Array,
         mount: Array,
         weights: dict[str, Array],
-        more: More | None,
+        extra: ExtraColumns | None,
     ) -> dict[str, _Rows]:
         """Return all equations around a state, by the kinds of `_values`."""
-        every, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
-        others = more.parameters if more else 0
-        count = first + others + len(mount) + len(clock)
+        samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
+        extra_count = extra.parameters if extra else 0
+        count = first + extra_count + len(mount) + len(clock)
         values = self._values(geometry, state, clock, mount, weights)
 
         def read(chosen: slice) -> Array:
             by = np.zeros((*self._readings[chosen].shape, count))
-            if more:
-                end = first + more.readings.shape[-1]
-                np.multiply(self._readings[chosen, :, None], more.readings[chosen], out=by[..., first:end])
+            if extra:
+                end = first + extra.readings.shape[-1]
+                np.multiply(self._readings[chosen, :, None], extra.readings[chosen], out=by[..., first:end])
             return by
 
-        kinds = {"counts": _Rows(every, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
+        kinds = {"counts": _Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
         residual, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
@@ -476,7 +476,7 @@ class LogLikelihood:
         def missed(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
             by = np.zeros((*weight[chosen].shape, count))
             at = 0
-            for part in (by_change, *(more.slips if more else ())):
+            for part in (by_change, *(extra.slips if extra else ())):
                 np.multiply(weight[chosen, :, None], part[chosen, wheel_rows], out=by[..., at : at + part.shape[-1]])
                 at += part.shape[-1]
             by[..., first:at] *= -1.0
@@ -485,9 +485,9 @@ class LogLikelihood:
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
             parts = (weights[name][..., None] * part[:, wheel_rows] for part in derivatives)
             by = partial(missed, wheel_rows=wheel_rows, weight=weights[name])
-            kinds[name] = _Rows(every[:-1], values[name], *parts, numbers=by)
+            kinds[name] = _Rows(samples[:-1], values[name], *parts, numbers=by)
         if not self.poses:
-            kinds["pinned"] = _Rows(every[:1], values["pinned"], eye[None, :3] / PINNED)
+            kinds["pinned"] = _Rows(samples[:1], values["pinned"], eye[None, :3] / PINNED)
             return kinds
 
         at, part, known = self._shown(clock)
@@ -500,9 +500,9 @@ class LogLikelihood:
         by_mount = np.array([[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]).transpose(2, 0, 1)
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
-        rates = np.zeros(others) if more is None or more.rates is None else more.rates
-        by_others = np.concatenate([np.zeros((len(at), 3, first)), by_clock[..., 1:] * rates], axis=-1)
-        numbers = np.concatenate([by_others, by_mount, by_clock], axis=-1)
+        rates = np.zeros(extra_count) if extra is None or extra.rates is None else extra.rates
+        by_extra = np.concatenate([np.zeros((len(at), 3, first)), by_clock[..., 1:] * rates], axis=-1)
+        numbers = np.concatenate([by_extra, by_mount, by_clock], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]
@@ -586,11 +586,11 @@ class LogLikelihood:
         """
         missed = self._contradicting(geometry, changed, change, state, readings)
         missed[..., len(change) :] -= slips
-        every = np.concatenate([self.missed(geometry, state)[..., None], -missed], axis=-1)
+        columns = np.concatenate([self.missed(geometry, state)[..., None], -missed], axis=-1)
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        every -= a @ (np.linalg.pinv(a, rcond=1e-10) @ every)
-        return every[..., 0], every[..., 1:]
+        columns -= a @ (np.linalg.pinv(a, rcond=1e-10) @ columns)
+        return columns[..., 0], columns[..., 1:]
 
     def _contradicting(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array

@@ -210,14 +210,14 @@ def fitted(
     while True:
         geometry = geometry_with(described, parameters, at.found)
         changed = geometry_with(described, parameters, at.found + CHANGE * np.diag(scale))
-        each = [
+        reductions = [
             model.reduce(geometry, changed, CHANGE * scale, state, clock, at.mount, sizes, probes)
             for model, state, clock in zip(models, at.states, at.clocks, strict=True)
         ]
         solution = _solve(
-            each, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= settling else 0.0
+            reductions, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= settling else 0.0
         )
-        at, left, part = _stepped(each, described, parameters, at, solution, placed)
+        at, left, part = _stepped(reductions, described, parameters, at, solution, placed)
         last, sizes = sizes, sizes if noise else resized(sizes, left, least)
         done = k > settling and part == 1 and solution.moved < CONVERGED and _same(sizes, last, left)
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
@@ -237,7 +237,7 @@ def _same(sizes: Noise, last: Noise, left: list[Leftover]) -> bool:
 
 
 def _stepped(
-    each: list[Reduced],
+    reductions: list[Reduced],
     described: Geometry,
     parameters: tuple[Parameter, ...],
     at: State,
@@ -255,7 +255,7 @@ def _stepped(
 
     def squares(state: State) -> float:  # and what was believed of the mount
         geometry = geometry_with(described, parameters, state.found)
-        logs = zip(each, state.states, state.clocks, strict=True)
+        logs = zip(reductions, state.states, state.clocks, strict=True)
         prior = np.sum((state.mount / placed) ** 2)
         return sum(reduced.squares(geometry, path, clock, state.mount) for reduced, path, clock in logs) + prior
 
@@ -263,17 +263,17 @@ def _stepped(
         return State(
             at.found + part * scale * solution.step[:, 0],
             at.mount + part * solution.mount[:, 0],
-            [moved(old, part * (new - old)) for old, (new, _, _) in zip(at.states, whole, strict=True)],
-            at.clocks + part * (np.array([clock for _, clock, _ in whole]) - at.clocks),
+            [moved(old, part * (new - old)) for old, (new, _, _) in zip(at.states, full_step, strict=True)],
+            at.clocks + part * (np.array([clock for _, clock, _ in full_step]) - at.clocks),
         )
 
-    whole = [reduced.finish(moved_by) for reduced in each]
-    most, part = squares(at) + SLACK, 1.0
+    full_step = [reduced.finish(moved_by) for reduced in reductions]
+    largest, part = squares(at) + SLACK, 1.0
     while True:
         for moved in (np.add, moved_along):
             after = part_of(part, moved)
-            if squares(after) <= most or part <= SHORTEST:
-                left = whole if part == 1 else [reduced.finish(moved_by, part) for reduced in each]
+            if squares(after) <= largest or part <= SHORTEST:
+                left = full_step if part == 1 else [reduced.finish(moved_by, part) for reduced in reductions]
                 return after, [leftover for _, _, leftover in left], part
         part /= 2
 
@@ -289,11 +289,11 @@ def information_of(
     geometry, scale = Geometry.of(robot), _scales(parameters)
     changed = geometry_with(geometry, parameters, values_of(geometry, parameters) + CHANGE * np.diag(scale))
     models = [LogLikelihood(geometry, log) for log in logs]
-    each = [
+    reductions = [
         model.reduce(geometry, changed, CHANGE * scale, model.start(geometry), np.zeros(2), np.zeros(3), noise)
         for model in models
     ]
-    solution = _solve(each, scale, np.zeros(3), mount_prior(geometry), np.zeros(len(scale)), FARTHEST)
+    solution = _solve(reductions, scale, np.zeros(3), mount_prior(geometry), np.zeros(len(scale)), FARTHEST)
     return (solution.way * solution.strength) @ solution.way.T
 
 
@@ -347,16 +347,18 @@ class _Solution(NamedTuple):
     seen: NDArray[np.bool_]
 
 
-def _solve(each: list[Reduced], scale: Array, mount: Array, placed: Array, away: Array, farthest: float) -> _Solution:
+def _solve(
+    reductions: list[Reduced], scale: Array, mount: Array, placed: Array, away: Array, farthest: float
+) -> _Solution:
     """Return the next step; away (P,): how far it is already from the robot file, in scales."""
-    information = np.sum([reduced.information for reduced in each], axis=0)
-    gradient = np.sum([reduced.gradient for reduced in each], axis=0)
+    information = np.sum([reduced.information for reduced in reductions], axis=0)
+    gradient = np.sum([reduced.gradient for reduced in reductions], axis=0)
     n = len(scale)
     information[n:, n:] += np.diag(placed**-2.0)
     gradient[n:, 0] += mount / placed**2
-    both = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
-    told = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ both[:, :n])
-    slope = scale[:, None] * (gradient[:n] - information[:n, n:] @ both[:, n:])
+    solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
+    told = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ solved[:, :n])
+    slope = scale[:, None] * (gradient[:n] - information[:n, n:] @ solved[:, n:])
     strength, way = np.linalg.eigh(told)
     seen = strength > UNSEEN**-2
     along = -(way.T @ slope) / np.where(seen, strength, np.inf)[:, None]
@@ -364,8 +366,8 @@ def _solve(each: list[Reduced], scale: Array, mount: Array, placed: Array, away:
     along[:, 0] *= min(1.0, farthest / max(float(np.abs(way @ along[:, 0]).max(initial=0.0)), 1e-12))
     moved = float(np.sqrt(np.sum(along[seen, 0] ** 2 * strength[seen])))
     step = way @ along
-    set_by = -(both[:, n:] + both[:, :n] @ (scale[:, None] * step))
-    by_seen = both[:, :n] @ (scale[:, None] * way[:, seen])
+    set_by = -(solved[:, n:] + solved[:, :n] @ (scale[:, None] * step))
+    by_seen = solved[:, :n] @ (scale[:, None] * way[:, seen])
     covariance = np.linalg.inv(information[n:, n:]) + (by_seen / strength[seen]) @ by_seen.T
     return _Solution(step, set_by, covariance, moved, strength, way, seen)
 

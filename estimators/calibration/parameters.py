@@ -47,8 +47,8 @@ def parameters_of(robot: RobotDescription, pivots: bool = False) -> tuple[Parame
     for i, castor in enumerate(robot.castors):
         omni = castor.steering == "fixed" and any(w.grip == "omni" for w in castor.wheels)
 
-        def add(kind: Kind, scale: float, what: str, wheel: int | None = None, i: int = i) -> None:
-            found.append(Parameter(kind, i, wheel, f"castor {i + 1} {what}", scale))
+        def add(kind: Kind, scale: float, dimension: str, wheel: int | None = None, i: int = i) -> None:
+            found.append(Parameter(kind, i, wheel, f"castor {i + 1} {dimension}", scale))
 
         if castor.offset > 0 and castor.steering != "fixed":
             add("offset", castor.offset, "offset")

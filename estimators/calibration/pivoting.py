@@ -67,9 +67,9 @@ def from_turns(
     pivot_zero = wrap(cw + between / 2 - np.pi / 2 - np.asarray(theta_perp))  # eq. 2
     offset = distance * np.sin(path_angle)  # eq. 3
     arm = (distance * np.cos(path_angle))[..., None]
-    both = turn_ccw * c_cw + turn_cw * c_ccw
-    radius = 2 * arm * turn_ccw * turn_cw / both  # eq. 8
-    half_track = side * arm * (turn_ccw * c_cw - turn_cw * c_ccw) / both  # eq. 9
+    total = turn_ccw * c_cw + turn_cw * c_ccw
+    radius = 2 * arm * turn_ccw * turn_cw / total  # eq. 8
+    half_track = side * arm * (turn_ccw * c_cw - turn_cw * c_ccw) / total  # eq. 9
     return CastorParameters(offset, pivot_zero, radius, half_track)
 
 
@@ -148,9 +148,9 @@ def held_castor(robot: RobotDescription, log: Log) -> int:
     turned = np.ptp(log.wheel, axis=0) * 2 * np.pi / per_wheel
     still = np.flatnonzero(turned.reshape(-1, 2).max(axis=1) <= HELD) + 1
     if len(still) != 1:
-        which = "none" if not len(still) else " and ".join(map(str, still))
+        found = "none" if not len(still) else " and ".join(map(str, still))
         raise Declined(
-            f"castors whose wheels stood: {which}; record turns in which the wheels of just one castor are blocked"
+            f"castors whose wheels stood: {found}; record turns in which the wheels of just one castor are blocked"
         )
     return int(still[0])
 
@@ -268,21 +268,21 @@ def _rounding(robot: RobotDescription, held: int, cw: _Measured, ccw: _Measured)
     rounded, difference = 1 / np.sqrt(12), 1 / np.sqrt(6)  # of a rounded number, of the difference of two
     best = _estimate(robot, held, cw, ccw)
     changes = []
-    for turn, other in ((cw, ccw), (ccw, cw)):
+    for turn, opposite in ((cw, ccw), (ccw, cw)):
         for moved in (
             turn._replace(gamma=turn.gamma + rounded * pivot),
             turn._replace(turn=turn.turn + difference * pivot[held - 1]),
             turn._replace(rolled=turn.rolled + difference * wheel * [1.0, 0.0]),
             turn._replace(rolled=turn.rolled + difference * wheel * [0.0, 1.0]),
         ):
-            pair = (moved, other) if turn is cw else (other, moved)
+            pair = (moved, opposite) if turn is cw else (opposite, moved)
             changes.append(_estimate(robot, held, *pair))
     by_part = zip(best, *changes, strict=True)
     return CastorParameters(*(np.sqrt(sum((part - at) ** 2 for part in parts)) for at, *parts in by_part))
 
 
-def _stacked(each: list[CastorParameters]) -> CastorParameters:
-    return CastorParameters(*(np.stack(parts) for parts in zip(*each, strict=True)))
+def _stacked(castors: list[CastorParameters]) -> CastorParameters:
+    return CastorParameters(*(np.stack(parts) for parts in zip(*castors, strict=True)))
 
 
 def _mean_of_known(values: Array) -> Array:
@@ -333,8 +333,8 @@ class PivotingMethod:
                 before, after = old.wheels[k], new.wheels[k]
                 numbers.append((f"{side} radius", "m", before.radius, after.radius, errors.radius[i, k]))
                 numbers.append((f"{side} lateral", "m", before.lateral, after.lateral, errors.half_track[i, k]))
-            for what, unit, before, after, error in numbers:
-                results.append(Result(f"castor {i + 1} {what}", unit, before, after, float(error)))
+            for dimension, unit, before, after, error in numbers:
+                results.append(Result(f"castor {i + 1} {dimension}", unit, before, after, float(error)))
         return Report(tuple(results), calibrated)
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> PivotingCalibration:

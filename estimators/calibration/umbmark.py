@@ -280,7 +280,7 @@ class UMBmarkMethod:
         found = self._fit(robot, recordings)
         errors, calibrated, axle = found.standard_errors, corrected(robot, found), driven_axle(robot)
         (left, right), (new_left, new_right) = (
-            [wheel for wheel in each.castors[axle].wheels if wheel.driven] for each in (robot, calibrated)
+            [wheel for wheel in vehicle.castors[axle].wheels if wheel.driven] for vehicle in (robot, calibrated)
         )
         base, new_base = left.lateral - right.lateral, new_left.lateral - new_right.lateral
         results = (
