@@ -223,10 +223,10 @@ def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: fl
     edge = np.sqrt(2 * steps.radius * diameter)
     away = b - a
     inside = np.clip(b, -edge, edge), np.clip(a, -edge, edge)
-    more = np.zeros_like(away)
+    excess = np.zeros_like(away)
     on = np.flatnonzero((inside[0] != inside[1]) | ((np.abs(a) < edge) & (np.abs(away) < 1e-9)))
     if not len(on):
-        return more
+        return excess
     reach = (steps.radius + diameter / 2)[on]
     sine = np.sin(steps.heading[on] - direction)
     flat = np.abs(away[on]) < 1e-9
@@ -235,8 +235,8 @@ def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: fl
     squares, fourths = ((end - start) / length for end, start in zip(*ends, strict=True))
     middle = a[on] ** 2 / (reach**2 - np.where(flat, a[on], 0.0) ** 2)
     squares, fourths = np.where(flat, middle, squares), np.where(flat, middle**2, fourths)
-    more[on] = steps.path[on] * (sine**2 * squares / 2 - sine**4 * fourths / 8)
-    return more
+    excess[on] = steps.path[on] * (sine**2 * squares / 2 - sine**4 * fourths / 8)
+    return excess
 
 
 def _climbed(d: Array, reach: Array) -> tuple[Array, Array]:

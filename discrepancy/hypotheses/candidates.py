@@ -183,11 +183,11 @@ class Channels:
         What is read more than of these is put right; of an encoder that is late, that much earlier: elsewhere it would
         make quick motion worse.
         """
-        more = seen - self.read(robot, log, counts)
+        excess = seen - self.read(robot, log, counts)
         for column, latency in enumerate(self._latencies(robot)):
             if latency:
-                more[:, column] = np.interp(log.t + latency, log.t, more[:, column])
-        return counts + more
+                excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
+        return counts + excess
 
     def _latencies(self, robot: RobotDescription) -> Array:
         """Return by how much every encoder is read late (s + d,), s."""
@@ -244,13 +244,13 @@ def signatures_of(
     clocks: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
     motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
-    none, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
+    no_readings, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
     for candidate in [*candidates_of(robot), *places] if among is None else among:
-        kind, there = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
-        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not there:
+        kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
+        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not in_robot:
             continue
         if rate_of(candidate.kinds):
-            clocks.append((candidate, none, (still,)))
+            clocks.append((candidate, no_readings, (still,)))
             continue
         try:
             changed = [robot.with_effects(effect) for effect in candidate.kinds]
@@ -265,14 +265,14 @@ def signatures_of(
             if np.any(excess):
                 read.append((candidate, excess, (still,) * candidate.columns))
             elif (slip := _slip_of(candidate, robot, motion)) is not None:
-                read.append((candidate, none, (slip,)))
+                read.append((candidate, no_readings, (slip,)))
     if among is None:
         read += [
             (candidate, excess, (still,) * candidate.columns)
             for candidate, excess in _misread(channels, log, counts, wanted, of)
         ]
         read += [
-            (candidate, np.repeat(none, candidate.columns, axis=-1), slips)
+            (candidate, np.repeat(no_readings, candidate.columns, axis=-1), slips)
             for candidate, slips in _slipping(robot, motion)
         ]
     read += clocks if log.reference is not None else []
@@ -281,7 +281,7 @@ def signatures_of(
         (*(candidate for candidate, _, _ in built), *(candidate for candidate, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
-        np.concatenate([none[..., :0], *(excess for _, excess, _ in read)], axis=-1),
+        np.concatenate([no_readings[..., :0], *(excess for _, excess, _ in read)], axis=-1),
         tuple(slip for _, _, slips in read for slip in slips),
         np.array(
             [
@@ -304,12 +304,12 @@ def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> S
     contacts = ContactMotion(robot.as_built(), motion)
     try:
         slip = dataclasses.replace(kind, value=high).slip(contacts)
-        less = dataclasses.replace(kind, value=low).slip(contacts) if size > 0 else None
+        lower_slip = dataclasses.replace(kind, value=low).slip(contacts) if size > 0 else None
     except InputError:  # a robot that cannot stand by itself
         return None
     if slip is None or not (np.any(slip.rolling) or np.any(slip.side)):
         return None
-    slip = slip if less is None else slip - less
+    slip = slip if lower_slip is None else slip - lower_slip
     return Slip(slip.rolling / (high - low), slip.side / (high - low))
 
 
@@ -353,14 +353,14 @@ def _place_but_phase(effect: Effect) -> dict[str, object]:
 
 def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candidate, tuple[Slip, ...]]]:
     """Yield rivals without a name: one wheel or castor that slips as it turns, or more and more."""
-    paths, later, none = contact_paths(robot.as_built(), motion), motion.middle - motion.middle[0], Slip.none(motion)
+    paths, later, no_slip = contact_paths(robot.as_built(), motion), motion.middle - motion.middle[0], Slip.none(motion)
     wheel_angle = (motion.wheel_angle[1:] + motion.wheel_angle[:-1]) / 2
     swept = motion.body[:, 2:] + motion.turned
 
     def alone(behaviour: str, place: str, k: int, *values: Array) -> tuple[Candidate, tuple[Slip, ...]]:
         slips = []
         for value in values:
-            rolling, side = none.rolling.copy(), none.side.copy()
+            rolling, side = no_slip.rolling.copy(), no_slip.side.copy()
             (side if place.startswith("castor") else rolling)[:, k] = value
             slips.append(Slip(rolling, side))
         return Candidate(f"{place} {behaviour}", columns=len(values)), tuple(slips)

@@ -129,8 +129,8 @@ def _poses_off(called: Sequence[Named], misfits: Misfits, reading: Reading) -> l
             for k in off[poses.log[off] == number]
         ]
         if places:
-            more = f"; and {len(places) - 3} more" if len(places) > 3 else ""
-            told.append(f"{named_log.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{more}")
+            remainder = f"; and {len(places) - 3} more" if len(places) > 3 else ""
+            told.append(f"{named_log.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{remainder}")
     return told
 
 

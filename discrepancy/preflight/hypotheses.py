@@ -104,9 +104,9 @@ def scale(robot: RobotDescription, place: str, scaled: tuple[int, ...], factor: 
     )
 
 
-def _by_effects(channels: Channels, what: str, effects: tuple[Effect, ...], plain: bool = True) -> Hypothesis:
+def _by_effects(channels: Channels, description: str, effects: tuple[Effect, ...], plain: bool = True) -> Hypothesis:
     return Hypothesis(
-        what,
+        description,
         lambda reading: reduce(channels.read, effects, reading),
         effects,
         effects[0].check[0].lower() + effects[0].check[1:].rstrip("."),

@@ -242,8 +242,8 @@ def _places(places: list[str]) -> str:
     return "; ".join(places[:TOLD]) + ("; ..." if len(places) > TOLD else "")
 
 
-def _times(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
+def _times(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _often(count: int) -> str:

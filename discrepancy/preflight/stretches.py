@@ -66,9 +66,9 @@ def stretches_of(logs: Sequence[Log], turn: Array) -> Stretches | None:
     moving = [piece for piece in pieces if np.abs(piece.counted).sum() > 0]
     if not moving:
         return None
-    most = max(1, round(STEPS / np.mean([len(piece.counted) for piece in moving])))
-    if len(moving) > most:
-        moving = [moving[k] for k in np.unique(np.linspace(0, len(moving) - 1, most).astype(int))]
+    limit = max(1, round(STEPS / np.mean([len(piece.counted) for piece in moving])))
+    if len(moving) > limit:
+        moving = [moving[k] for k in np.unique(np.linspace(0, len(moving) - 1, limit).astype(int))]
     starts = np.cumsum([0, *(len(piece.counted) for piece in moving)])
     with_poses = [(at, piece.poses) for at, piece in zip(starts[:-1], moving, strict=True) if piece.poses is not None]
     poses = None

@@ -175,8 +175,8 @@ def _steps(geometry: Geometry, rows: _Rows, driven: tuple[int, ...], wheel: Arra
     rolling = left[:, :, :w] * length
     turning = left @ (b[..., None] * of_castor)
     # A(theta) is a part that turns with theta and one that stays; half a turn on, the first is reversed.
-    here, opposite, quarter = (constraint_matrix(geometry, half_way + by)[0] for by in (0.0, np.pi, np.pi / 2))
-    derivative = (quarter - (here + opposite) / 2)[:, rows.place]
+    at_angle, opposite, quarter = (constraint_matrix(geometry, half_way + by)[0] for by in (0.0, np.pi, np.pi / 2))
+    derivative = (quarter - (at_angle + opposite) / 2)[:, rows.place]
     motion = np.einsum("kij,kj->ki", inverse, measured)
     pointing = left @ (np.einsum("kij,kj->ki", derivative, motion)[..., None] * of_castor)
     return _Steps(

@@ -126,7 +126,7 @@ class Replay:
 class Measured(NamedTuple):
     """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as far as the encoders tell, rad,
     unwrapped. read_wheel, read_castor: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering
-    (K, driven castors): rad/s, or None. whole (K - 1,): steps that are in no gap of the log."""
+    (K, driven castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap of the log."""
 
     t: Array
     wheel: Array
@@ -136,7 +136,7 @@ class Measured(NamedTuple):
     twist: Array
     command: Array | None
     steering: Array | None
-    whole: NDArray[np.bool_]
+    unbroken: NDArray[np.bool_]
 
 
 class _Window(NamedTuple):
@@ -310,7 +310,7 @@ def _windows(
             if len(ahead) and not posed:  # go on where a pose is known, with a shorter window before it
                 stretch = stretch._replace(end=float(ahead[0]))
         first, last = _samples(t, stretch)
-        if last > first and measured.whole[first:last].all() and _commanded(measured, first, last):
+        if last > first and measured.unbroken[first:last].all() and _commanded(measured, first, last):
             windows.append(stretch)
         begin = stretch.end
     return windows
