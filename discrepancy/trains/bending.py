@@ -108,7 +108,7 @@ def newtons(train: TrainDescription) -> Array:
     return np.minimum(limp, 2 * PULLED / (along[1:] + along[:-1]))
 
 
-def most(train: TrainDescription) -> Array:
+def sliding_force(train: TrainDescription) -> Array:
     """Return the force at which the wheels of each axle slide, (N,), N."""
     return np.array([module.contact.friction for module in train.modules]) * carried(train)
 

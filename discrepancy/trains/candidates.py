@@ -42,11 +42,11 @@ class Placed:
             return self
         return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
 
-    def same(self, other: "Placed") -> bool:
+    def same_but_amplitude(self, second: "Placed") -> bool:
         """Whether the two are the same but for their amplitudes."""
-        return self.axle == other.axle and self.where() == other.where()
+        return self.axle == second.axle and self.place() == second.place()
 
-    def where(self) -> tuple[object, ...]:
+    def place(self) -> tuple[object, ...]:
         """Return all that the effect is but its amplitude."""
         fields = [field.name for field in dataclasses.fields(self.effect)]
         return tuple((name, getattr(self.effect, name)) for name in sorted(fields) if name != "value")
@@ -59,7 +59,7 @@ class Placed:
         modules[self.axle - 1] = modules[self.axle - 1].with_effects(self.effect)  # type: ignore[arg-type]
         return dataclasses.replace(train, modules=tuple(modules))
 
-    def more(self, train: TrainDescription) -> tuple["TrainDescription", float]:
+    def enlarged(self, train: TrainDescription) -> tuple["TrainDescription", float]:
         """Return the train with a little more of this effect than it has, and how much more.
 
         A train that has it gets it larger, or less large where it cannot be any larger, and what is there or not is
@@ -69,7 +69,7 @@ class Placed:
         effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
         for k, effect in enumerate(effects):
             placed = Placed(effect, self.axle)
-            if effect.name == self.effect.name and placed.same(self):
+            if effect.name == self.effect.name and placed.same_but_amplitude(self):
                 for change in (step, -step):
                     try:
                         changed = () if effect.binary else (placed.sized(placed.value + change).effect,)

@@ -223,7 +223,7 @@ def evidence_of(
 ) -> Evidence:
     """Return what logs say of candidates beyond the effects that the train's file has, around a settled motion."""
     built = train.as_built()
-    enlarged = [None if candidate.placed is None else candidate.placed.more(train) for candidate in candidates]
+    enlarged = [None if candidate.placed is None else candidate.placed.enlarged(train) for candidate in candidates]
     said, costs = [], []
     for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):
         problem, zero, weights, ends = _problem(log, built, motion, found.sizes)

@@ -43,8 +43,8 @@ def with_dead_gauges(
         without = seen.log_evidence if len(kept) == len(named) else _log_evidence(look, kept, seen)
         kept_causes, gauges = {effect.candidate for effect in kept}, []
         for candidate in seen.candidates:
-            (other_kind,) = candidate.kinds or (None,)
-            if isinstance(other_kind, DeadGauge) and other_kind.frame == kind.frame and candidate not in kept_causes:
+            (gauge_kind,) = candidate.kinds or (None,)
+            if isinstance(gauge_kind, DeadGauge) and gauge_kind.frame == kind.frame and candidate not in kept_causes:
                 gauges.append(candidate)
         evidences = [_log_evidence(look, [*kept, Sized(gauge, np.ones(1))], seen) for gauge in gauges]
         weights = np.array([without + np.log(NOTHING), *(np.array(evidences) + np.log1p(-NOTHING) - np.log(names))])

@@ -72,10 +72,10 @@ class Sizes:
             return self.gauges[int(kind.removeprefix("gauges"))]
         return float(getattr(self, kind, 1.0))
 
-    def at_most(self, other: "Sizes") -> "Sizes":
+    def at_most(self, bound: "Sizes") -> "Sizes":
         """Return the smaller of the sizes of each kind."""
-        gauges = tuple(min(pair) for pair in zip(self.gauges, other.gauges, strict=True))
-        return Sizes(**{kind: min(self.of(kind), other.of(kind)) for kind in FITTED}, gauges=gauges)
+        gauges = tuple(min(pair) for pair in zip(self.gauges, bound.gauges, strict=True))
+        return Sizes(**{kind: min(self.of(kind), bound.of(kind)) for kind in FITTED}, gauges=gauges)
 
     def with_size(self, kind: str, size: float) -> "Sizes":
         """Return these sizes with that of one kind changed."""

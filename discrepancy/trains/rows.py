@@ -156,13 +156,13 @@ class TrainLog:
                 pose[:, i] = compose(compose(pose[0, i - 1], (-built.frames[i - 1].length, 0.0, 0.0)), path)
             else:
                 pose[:, i] = path
-        none = np.zeros((self.n, 3))
+        zeros = np.zeros((self.n, 3))
         return Motion(
             pose,
             roll,
             np.zeros((self.k, self.f)),
             np.zeros(int(self.gauges[-1])),
-            none,
+            zeros,
             0.0,
             np.zeros(self.n),
             np.zeros(self.f),
@@ -291,8 +291,8 @@ class TrainLog:
         flat = along / longer
         pulls = [steps[:, None] * block + 5 * n + f + 0 * np.arange(n) for f in range(self.f)]
         places = np.stack([pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, *pulls], axis=-1)
-        more = [-by_pull[:, :, 2, f] for f in range(self.f)]
-        values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2, *more], axis=-1)
+        tensions = [-by_pull[:, :, 2, f] for f in range(self.f)]
+        values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2, *tensions], axis=-1)
         found["side"] = self._sparse(places, values, aside.reshape(-1, self.numbers))
         pull = samples[:, None] * block + 5 * n + np.arange(self.f)
         before = np.concatenate([pull[:1], pull[:-1]])
@@ -418,24 +418,24 @@ class TrainLog:
         return slip * self._travelled
 
     def _loads(
-        self, built: TrainDescription, motion: Motion, ends: Array, pull: Array, more: Array | float = 0.0
+        self, built: TrainDescription, motion: Motion, ends: Array, pull: Array, change: Array | float = 0.0
     ) -> Array:
-        """Return what frames do to the axles in each step (K - 1, N, 3), N and N m. more: for relative poses (F, 3)."""
-        relative, middle = motion.relative + more, (ends[1:] + ends[:-1]) / 2
+        """Return what frames do to the axles in each step (K - 1, N, 3), N and N m. change: added to relative poses (F, 3)."""
+        relative, middle = motion.relative + change, (ends[1:] + ends[:-1]) / 2
         return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, bending.newtons(built) * pull[:-1])
 
     def sliding(self, built: TrainDescription, motion: Motion) -> NDArray[np.bool_]:
         """Return the steps (K - 1, N) in which a wheel carries nearly as much as the friction of its contact holds."""
         load = self._loads(built, motion, self.ends(built, motion.relative), motion.pull)
         turning = np.abs(load[..., 2]) / bending.half_track(built)
-        used = np.hypot(np.abs(load[..., 0]) + turning, load[..., 1]) / bending.most(built)
+        used = np.hypot(np.abs(load[..., 0]) + turning, load[..., 1]) / bending.sliding_force(built)
         near = binary_dilation(used > NEARLY, iterations=AROUND, structure=np.array([[0, 1, 0]] * 3, dtype=bool))
         return np.asarray(near, dtype=bool)
 
     def _by_pull(self, built: TrainDescription, motion: Motion, ends: Array) -> Array:
         """Return the derivatives (K - 1, N, 3, F) of slips by the frames' tension."""
-        none, *unit_pulls = (np.broadcast_to(pull, (self.k, self.f)) for pull in (np.zeros(self.f), *np.eye(self.f)))
-        without = self.creep(built, motion, ends, none)
+        no_pull, *unit_pulls = (np.broadcast_to(pull, (self.k, self.f)) for pull in (np.zeros(self.f), *np.eye(self.f)))
+        without = self.creep(built, motion, ends, no_pull)
         return np.stack([self.creep(built, motion, ends, pull) - without for pull in unit_pulls], axis=-1)
 
     def _by_bend(
@@ -450,7 +450,7 @@ class TrainLog:
 
         by_y_phi (K, F, 2, 2): derivatives of `ends`. relative: see `_relative_derivatives`.
         """
-        k, n, none, (by_pose, places) = self.k, self.n, np.zeros_like(motion.pull), relative
+        k, n, no_pull, (by_pose, places) = self.k, self.n, np.zeros_like(motion.pull), relative
         by_relative = np.zeros((k - 1, n, 3, self.f, 2))
         steps = (np.array([0.0, BENT * self.described.frames[0].length, 0.0]), np.array([0.0, 0.0, BENT]))
         for first in range(min(2, self.f)):  # frames that share no axle, all at once
@@ -461,7 +461,7 @@ class TrainLog:
                     moved = ends + chosen * (by_y_phi @ change[1:])
                     load, described_load = (
                         self._loads(train, motion, moved, pull, chosen * change)
-                        for train, pull in ((built, motion.pull), (self.described, none))
+                        for train, pull in ((built, motion.pull), (self.described, no_pull))
                     )
                     creep = (
                         bending.creep(built, load)

@@ -129,9 +129,9 @@ class Case:
         """What is outside the catalogue; None for nothing."""
         return next((hidden.what for hidden in self.hidden if hidden.effect is None), None)
 
-    def motion(self, which: int, duration: float) -> Trajectory:
+    def motion(self, log_number: int, duration: float) -> Trajectory:
         """Return the motion of the log (0) or of the held-out one (1)."""
-        return motion(preset(self.robot), self.course, self.seeds[which], duration)
+        return motion(preset(self.robot), self.course, self.seeds[log_number], duration)
 
 
 def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> Case:

@@ -47,7 +47,7 @@ def name_of(number: int) -> str:
     return f"case-{number:04}"
 
 
-def each(tasks: Sequence[Task], jobs: int | None) -> None:
+def do_all(tasks: Sequence[Task], jobs: int | None) -> None:
     """Do all tasks, `jobs` at a time (None: as many as there are processors), in new processes."""
     if not tasks:
         return

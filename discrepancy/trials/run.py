@@ -30,7 +30,7 @@ from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import BOUNDS, Case, Hidden, hide, motion, setting
 from discrepancy.trials.finders import FINDER, Said, say
-from discrepancy.trials.folder import asked_of, begin, each, name_of
+from discrepancy.trials.folder import asked_of, begin, do_all, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.noise import Noise
 from discrepancy.trials.reading import as_recorded
@@ -95,7 +95,7 @@ def make(
         *((_make_clean, (plan, *clean_log, folder)) for clean_log in clean),
         *((_make_case, (plan, k, folder)) for k in missing),
     ]
-    each(tasks, jobs)
+    do_all(tasks, jobs)
 
 
 def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
@@ -107,7 +107,7 @@ def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
     made = [k for k in range(1, plan.cases + 1) if (folder / "labels" / f"{name_of(k)}.json").exists()]
     missing = [k for k in made if not (outcomes / f"{name_of(k)}.json").exists()]
     missing.sort(key=lambda k: plan.setting(k).robot)  # the finder remembers what it knows of clean logs
-    each([(_judge_case, (folder, name_of(k))) for k in missing], jobs)
+    do_all([(_judge_case, (folder, name_of(k))) for k in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:

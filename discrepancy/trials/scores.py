@@ -162,10 +162,10 @@ class Rate:
     high: float
 
     @classmethod
-    def of(cls, what: str, hits: Iterable[bool]) -> "Rate":
+    def of(cls, statement: str, hits: Iterable[bool]) -> "Rate":
         """Return the rate of what is so."""
         results = list(hits)
-        return cls(what, sum(results), len(results), *wilson(sum(results), len(results)))
+        return cls(statement, sum(results), len(results), *wilson(sum(results), len(results)))
 
     @property
     def share(self) -> float:
@@ -250,7 +250,7 @@ def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
     """Return all rates of some cases."""
-    found = [Rate.of(what, (so(trial) for trial in trials if among(trial))) for what, among, so in RATES]
+    found = [Rate.of(statement, (so(trial) for trial in trials if among(trial))) for statement, among, so in RATES]
     return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 

@@ -26,7 +26,7 @@ from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.posterior import diagnose_train
 from discrepancy.trains.trial.cases import Case, draw, plain
 from discrepancy.trains.trial.simulate import log_at_random
-from discrepancy.trials.folder import asked_of, begin, each, name_of
+from discrepancy.trials.folder import asked_of, begin, do_all, name_of
 
 FORMAT = "castor-train-trial-case/1"
 STANDING = 0.5
@@ -57,7 +57,7 @@ def make(
     load_train(train)
     begin(folder, dataclasses.asdict(plan), ("cases", "labels", "outcomes"))
     missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"{name_of(k)}.json").exists()]
-    each([(_make_case, (plan, k, folder)) for k in missing], jobs)
+    do_all([(_make_case, (plan, k, folder)) for k in missing], jobs)
 
 
 def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
@@ -65,7 +65,7 @@ def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
     folder, outcomes = Path(folder), Path(folder) / "outcomes"
     names = [name_of(k) for k in range(1, plan_of(folder).cases + 1)]
     missing = [name for name in names if not (outcomes / f"{name}.json").exists()]
-    each([(_judge_case, (folder / "cases" / name, outcomes / f"{name}.json")) for name in missing], jobs)
+    do_all([(_judge_case, (folder / "cases" / name, outcomes / f"{name}.json")) for name in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:

@@ -310,13 +310,13 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
         links += _castor(robot, build, i)
         for k in np.flatnonzero(build.castor == i).tolist():
             links.append(_wheel(robot, build, k, float(described.radius[k]) - height))
-    many = not len(skids) and len(build.offset) > 3
+    redundant = not len(skids) and len(build.offset) > 3
     return Parts(
         robot=robot,
         build=build,
         links=links,
         load=loads[: len(build.radius)],
-        sinking=SINKING * (REDUNDANT if many else 1.0),
+        sinking=SINKING * (REDUNDANT if redundant else 1.0),
         skids=skids,
         skid_load=float(loads[-1]),
         height=height,

@@ -116,15 +116,15 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
     w = len(build.radius)
     match effect:
         case PivotGain():
-            return _one(w + build.place(effect.castor), lambda angle: (1 + effect.value) * angle)
+            return _on_channel(w + build.place(effect.castor), lambda angle: (1 + effect.value) * angle)
         case PivotEccentricity():
             channel = w + build.place(effect.castor)
-            return _one(channel, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
+            return _on_channel(channel, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
         case WheelEccentricity():
             channel = build.wheel(effect.castor, effect.wheel)
-            return _one(channel, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
+            return _on_channel(channel, lambda angle: angle + effect.value * np.sin(angle - effect.phase))
         case EncoderReversed():
-            return _one(_channel(build, effect.castor, effect.wheel), np.negative)
+            return _on_channel(_channel(build, effect.castor, effect.wheel), np.negative)
         case EncodersSwapped():
             return _exchanged(build, [build.wheel(effect.castor, 1)], [build.wheel(effect.castor, 2)])
         case CastorOrder():
@@ -263,7 +263,7 @@ class Bursts:
         return angle
 
 
-def _one(channel: int, read: Callable[[Array], Array]) -> Stage:
+def _on_channel(channel: int, read: Callable[[Array], Array]) -> Stage:
     def stage(t: Array, angle: Array) -> Array:
         angle = angle.copy()
         angle[:, channel] = read(angle[:, channel])

@@ -125,13 +125,13 @@ class StrengthMetric:
                 found.setdefault(class_of(effect), []).append(signature / length)
         return {name: np.stack(signature, axis=-1) for name, signature in found.items()}
 
-    def separation(self, signal: Array, class_name: str, *others: Array) -> tuple[float, str]:
+    def separation(self, signal: Array, class_name: str, *nuisances: Array) -> tuple[float, str]:
         """Return z_sep of a signal of the class `class_name`, and the class that comes nearest.
 
-        others: signals of effects that are there too; they are projected out.
+        nuisances: signals of further effects in the log; they are projected out.
         """
         left = {
-            name: float(np.linalg.norm(without(signal, signature, *others)))
+            name: float(np.linalg.norm(without(signal, signature, *nuisances)))
             for name, signature in self.signatures.items()
             if name != class_name
         }
@@ -186,9 +186,9 @@ class StrengthMetric:
         return self._whitening.whitened(moved - self._base) / SMALL
 
 
-def gaussian_strength(more: Array) -> float:
-    """Return sqrt(2 KL) of N(0, diag(1 + more)) from N(0, 1)."""
-    return float(np.sqrt(np.sum(more - np.log1p(more))))
+def gaussian_strength(excess: Array) -> float:
+    """Return sqrt(2 KL) of N(0, diag(1 + excess)) from N(0, 1)."""
+    return float(np.sqrt(np.sum(excess - np.log1p(excess))))
 
 
 def without(signal: Array, *spans: Array) -> Array:

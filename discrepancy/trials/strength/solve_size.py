@@ -54,11 +54,11 @@ class TrialRun:
     """
 
     def __init__(
-        self, case: Case, which: int, generator: Generator, duration: float, like: "TrialRun | None" = None
+        self, case: Case, log_number: int, generator: Generator, duration: float, like: "TrialRun | None" = None
     ) -> None:
         self._like = like
-        self.robot, self.seed, self.reference = preset(case.robot), case.seeds[which], case.reference
-        self._motion, self._drive, self._duration = case.motion(which, duration), generator.drive, duration
+        self.robot, self.seed, self.reference = preset(case.robot), case.seeds[log_number], case.reference
+        self._motion, self._drive, self._duration = case.motion(log_number, duration), generator.drive, duration
         self._driven: dict[Any, Log] = {}
 
     def drive(self, *effects: Any, outside: Any = None, faster: float = 0.0) -> Log:
