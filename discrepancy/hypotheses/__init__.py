@@ -1,1 +1,1 @@
-"""What may be missing in a description."""
+"""The hypotheses: what a robot's description may be missing."""

@@ -1,7 +1,8 @@
 """Cables and thresholds on the floor, as lines that make every wheel roll more where it crosses them.
 
-The squarer it crosses, the more: a scan over directions and offsets (as Hough's transform), then a refinement. One
-event may lie anywhere, and any two lie on a line: what counts is what is left without the largest ones.
+A wheel rolls most where it crosses at a right angle. Lines are found by a scan over directions and offsets (as Hough's
+transform), then refined. As a single event may lie anywhere, and any two events lie on a line, a line is judged by its
+deviance without the largest events.
 """
 
 import dataclasses
@@ -24,22 +25,22 @@ from discrepancy.hypotheses.wheel_tracks import Steps, placed, steps_of
 from estimators.calibration.maximum_likelihood import State
 
 DIRECTIONS, BIN = 180, 0.01
-"""Of the scan for lines: directions in half a turn, and offsets, m."""
+"""Grid of the scan for lines: directions in half a turn, and spacing of offsets, m."""
 
 BANDS = 3, 5, 9
-"""Bins that a line is taken to be wide in the scan."""
+"""Width of a line in the scan, bins."""
 
 PEAKS, MOST = 6, 2
 """Lines of the scan that are refined, and that are proposed."""
 
 THIN, THICK = 5e-4, 0.03
-"""m: the diameters that are looked for."""
+"""m: the range of diameters."""
 
 APART, TURNED = 0.1, 0.1
-"""m and rad: lines that lie and point alike to this much, where they are crossed, are one."""
+"""m and rad: lines closer than this in place, where they are crossed, and in direction are the same line."""
 
 BUMP_GAIN, PASSES, LARGEST = 20.0, 6, 2
-"""Deviance that a line must take away from the slips without its `LARGEST` passes, and how many it must have."""
+"""Least deviance that a line must explain without its `LARGEST` passes, and least number of passes over it."""
 
 NEAR = 0.05
 """m: a line has no more passes than there are this near to it in the scan."""
@@ -49,7 +50,7 @@ NEAR = 0.05
 class Line:
     """A straight cable through (x, y) along `direction` (rad, in N, 0 to pi) of some diameter, m.
 
-    lasting: deviance that it takes away from the slips without the `LARGEST` passes; passes: over it.
+    lasting: deviance that it explains without the `LARGEST` passes; passes: number of passes over it.
     """
 
     x: float
@@ -61,10 +62,10 @@ class Line:
 
 
 def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> list[Candidate]:
-    """Return the cables or thresholds that logs speak for, the best first; none where nothing stands out.
+    """Return the cables or thresholds for which logs give evidence, the best first; empty where there are none.
 
-    motions: with poses in the reference's frame. slips (K - 1, w) of each: of wheels beyond what is expected, m; NaN
-    where they are not known.
+    motions: with poses in the reference's frame. slips: for each log those of wheels beyond prediction (K - 1, w), m;
+    NaN where unknown.
     """
     lines = lines_of(steps_of(robot, motions, slips))
     return [candidate_of(line) for line in lines if line.passes >= PASSES]
@@ -73,9 +74,9 @@ def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence
 def with_cables(
     known: Sequence[Candidate], robot: RobotDescription, logs: Sequence[Log], at: State, slips: Sequence[Array]
 ) -> list[Candidate]:
-    """Return the cables known and those that logs speak for beside them, at their most likely state.
+    """Return the cables known and those for which logs give evidence beside these, at the most likely states of logs.
 
-    slips: as `slips_of` of each log. Logs without reference poses tell no places.
+    slips: of each log, from `slips_of`. Logs without reference poses are skipped, as they determine no places.
     """
     motions, slips = placed(robot, logs, at, slips)
     if not motions:
@@ -94,7 +95,7 @@ def _lines_in(effects: Sequence[Effect]) -> list[Bump]:
 
 
 def candidate_of(line: Line) -> Candidate:
-    """Return a line as a candidate that tells its place."""
+    """Return a line as a candidate, named with its place."""
     x, y, direction = round(line.x, 3), round(line.y, 3), round(line.direction, 3)
     effect = Bump(x=x, y=y, direction=direction, value=line.diameter)
     return Candidate(described(effect), (effect,))
@@ -117,7 +118,7 @@ def lines_of(steps: Steps) -> list[Line]:
 
 
 def same_line(first: Line | Bump, second: Line | Bump) -> bool:
-    """Whether two lines can hardly be told apart: at the points by which they are given, and in direction."""
+    """Whether two lines are practically the same: in place, at the points by which they are given, and in direction."""
     turn = (first.direction - second.direction + math.pi / 2) % math.pi - math.pi / 2
     way = second.x - first.x, second.y - first.y
     off = max(abs(way[1] * math.cos(a) - way[0] * math.sin(a)) for a in (first.direction, second.direction))
@@ -139,7 +140,7 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
         power[k] = np.bincount(at, steps.weight * shape**2, bins)
     if not power.any():  # nothing moves
         return []
-    least = np.median(power[power > 0])  # a line that is hardly crossed tells nothing
+    least = np.median(power[power > 0])  # a line that is hardly crossed has no evidence
     gains = []
     for band in BANDS:
         summed = (uniform_filter1d(sums, band, axis=1, mode="constant") * band for sums in (pull, power))
@@ -161,7 +162,7 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
 
 
 def _refined(steps: Steps, direction: float, offset: float) -> Line:
-    """Return the line that takes away most near one of the scan, with its own shape."""
+    """Return the line near one of the scan that explains the largest deviance, with the exact shape of its bump."""
     middle = (steps.start + steps.end) / 2
     across = middle[:, 1] * math.cos(direction) - middle[:, 0] * math.sin(direction)
     near = np.abs(across - offset) < 0.25
@@ -200,8 +201,8 @@ def _passes_near(steps: Steps, direction: float, offset: float) -> int:
 
 
 def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
-    """Return the deviance that what wheels roll more, `shape` (M,), takes away without the `LARGEST` passes, and how
-    many passes there are."""
+    """Return the deviance that extra roll `shape` (M,) explains without the `LARGEST` passes, and the number of
+    passes."""
     crossed = shape != 0.0
     number = steps.passes(crossed)
     passes = int(number[-1]) + 1 if len(number) else 0
@@ -214,7 +215,7 @@ def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
 
 
 def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: float) -> Array:
-    """Return how much more wheels roll in every step (M,) than their contacts move, with the sign of their path, m.
+    """Return the extra roll of wheels in every step (M,) over the path of their contacts, with the sign of the path, m.
 
     As `Bump.slip`, in closed form: of sqrt(1 + climb^2) - 1 the first two terms, along a straight step.
     """

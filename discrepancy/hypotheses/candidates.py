@@ -1,7 +1,7 @@
-"""What may be missing in a robot's description: the effects of the catalogue, and rivals without a name.
+"""Candidates: the effects of the catalogue that a robot's description may be missing, and unnamed alternatives.
 
-Each candidate has a signature: what it changes in a log for a unit of it, at what truly happened as the log tells it
-(smoothed: the differences of single counts would make one effect look like another).
+Each candidate has a signature: the change of a log per unit of its amplitude, at the fitted state. The state is
+smoothed, as signatures from differences of single counts would resemble each other.
 """
 
 import dataclasses
@@ -28,32 +28,32 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
 SWEPT = np.pi
-"""rad that a castor must sweep for what repeats with its angle to be told from a bias and a gain of its encoder. What
-is in the model stays a candidate: with it, the castor may seem to sweep a little less."""
+"""rad that a castor must sweep so that errors periodic in its angle can be distinguished from a bias and a gain of its
+encoder. What is in the model stays a candidate: with it, the castor may seem to sweep a little less."""
 
 BLOCKS = 4
-"""Parts of equal length that a log is cut into for rivals that come and go."""
+"""Parts of equal length into which a log is cut for intermittent unnamed alternatives."""
 
 ENDS = 0.05
-"""Part of a log at each of its ends in which no jump is looked for: there it is a bias in all but name."""
+"""Part of a log at each end in which no jump is searched: it could not be distinguished from a bias."""
 
 DITHERS = (np.arange(4) - 1.5) / 4
-"""Counts a sample: the signature of an effect that hangs on parts of a count is the mean over such parts."""
+"""Counts per sample: the signature of an effect that depends on fractions of a count is the mean over these drifts."""
 
 
 NEAR = 0.1
 """Part of a cable's diameter over which its derivative is taken."""
 
 NUMBERS = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
-"""Of a geometry, all that may differ between robots of one layout."""
+"""Fields of a geometry that may differ between robots of one layout."""
 
 
 @dataclass(frozen=True)
 class Candidate:
     """A possible cause.
 
-    kinds: of the catalogue, in the size of its step; two that differ by a quarter turn of `phase` are one effect of any
-    phase; none: a rival without a name, as `what`. columns: amplitudes that it takes.
+    kinds: effects of the catalogue, with the value of their step; two that differ by a quarter turn of `phase`
+    represent an effect of any phase; empty: an unnamed alternative, described by `what`. columns: number of amplitudes.
     """
 
     what: str
@@ -62,21 +62,21 @@ class Candidate:
 
     @property
     def family(self) -> str:
-        """The same for all that no log can tell apart: the name to report, and where on the robot."""
+        """The name to report, and the place on the robot: the same for all candidates that no log can distinguish."""
         return family_of(self.kinds[0]) if self.kinds else self.what
 
     @property
     def at_a_place(self) -> bool:
-        """Whether it is at one place on the floor."""
+        """Whether the effect is at one place on the floor."""
         return any(isinstance(kind, Bump) for kind in self.kinds)
 
     @property
     def sought_in_steps(self) -> bool:
-        """Whether its place or time was chosen, among all steps, to suit the logs."""
+        """Whether its place or time was chosen among all steps to suit the logs."""
         return self.at_a_place or " jumps at " in self.what
 
     def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
-        """Return the effect of some amplitudes (columns,); raises ValueError for one that cannot be."""
+        """Return the effect with these amplitudes (columns,); raises ValueError for amplitudes that it cannot have."""
         kind, size = self.kinds[0], float(amplitudes[0])
         if self.kinds[0].binary:
             return kind
@@ -86,7 +86,8 @@ class Candidate:
         return dataclasses.replace(kind, value=math.hypot(*amplitudes), phase=phase)
 
     def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:
-        """Return the robot with the effect of these amplitudes beside its own; raises ValueError for what cannot be."""
+        """Return the robot with the effect of these amplitudes added; raises ValueError for amplitudes that it cannot
+        have."""
         return robot.with_effects(self.effect(amplitudes))
 
     def is_of(self, effect: Effect) -> bool:
@@ -97,12 +98,13 @@ class Candidate:
 
 
 def place_of(effect: Effect) -> dict[str, object]:
-    """Return the fields of an effect that say where it is: all but its name and amplitude."""
+    """Return the fields of an effect that define its place: all but its name and amplitude."""
     return {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in ("name", "value")}
 
 
 def family_of(effect: Effect) -> str:
-    """Return the name to report of all effects that no log can tell from this one, and where on the robot it is."""
+    """Return the name to report for all effects that no log can distinguish from this effect, and the place on the
+    robot."""
     name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
     place = (value for key, value in _place_but_phase(effect).items() if key != "above")
     places = (round(value, 2) if isinstance(value, float) else value for value in place)
@@ -115,18 +117,18 @@ def described(effect: Effect) -> str:
 
 
 def rate_of(effects: Sequence[Effect]) -> float:
-    """Return what the clock of the reference gains by effects, s/s."""
+    """Return the rate that effects add to the clock of the reference, s/s."""
     gains = (np.diff(effect.reference_time(np.array([0.0, 1.0])))[0] - 1 for effect in effects)
     return float(np.round(sum(gains), 12))
 
 
 @dataclass(frozen=True, eq=False)
 class Signatures:
-    """What candidates do to one log, a column each or two.
+    """Signatures of candidates in one log, one or two columns each.
 
-    The first G columns are of `geometries`, changed by `steps` (G,); the others of `readings` (K, s + d, R), counts
-    read more for a unit, `slips`, R of them, and `rates` (R,), what the clock of the reference gains for a unit.
-    places: which of the R are at a place on the floor.
+    The first G columns are of `geometries`, changed by `steps` (G,); the other R of `readings` (K, s + d, R), counts
+    read too much per unit, of `slips`, R of them, and of `rates` (R,), rate of the reference's clock per unit. places:
+    which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -160,13 +162,13 @@ class Channels:
         return wheel, castor
 
     def motion(self, log: Log, state: Array, consistent_wheels: bool = False) -> Motion:
-        """Return the motion that a state (K, 3 + s + d) tells of; consistent_wheels: as `Motion` has it."""
+        """Return the motion of a state (K, 3 + s + d); consistent_wheels: see `Motion`."""
         wheel, castor = self.angles(state[:, 3:])
         return Motion(log.t, state[:, :3], wheel, castor, consistent_wheels)
 
     def read(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
-        """Return what a robot's encoders read (K, s + d), not rounded, of true counts: what its wheels turn more than
-        those built here, as their radii differ, too."""
+        """Return the readings (K, s + d), not rounded, of a robot's encoders for true counts of the robot built here;
+        if its radii differ, its wheels turn by other angles."""
         geometry = self.geometry
         wheel, castor = self.angles(counts)
         turns = 2 * np.pi * np.round(castor[0] / (2 * np.pi))  # a log begins within half a turn of 0
@@ -178,10 +180,11 @@ class Channels:
         return seen * self.per_rev / (2 * np.pi)
 
     def unread(self, robot: RobotDescription, log: Log, seen: Array, counts: Array) -> Array:
-        """Return nearer to the counts (K, s + d) of which a robot's encoders read `seen`, from counts that are near.
+        """Return a better approximation of the counts (K, s + d) for which a robot's encoders read `seen`, from
+        approximate counts.
 
-        What is read more than of these is put right; of an encoder that is late, that much earlier: elsewhere it would
-        make quick motion worse.
+        The difference between `seen` and the reading of these counts is added; for a late encoder it is shifted by the
+        latency, as otherwise the correction would be worse in quick motion.
         """
         excess = seen - self.read(robot, log, counts)
         for column, latency in enumerate(self._latencies(robot)):
@@ -190,7 +193,7 @@ class Channels:
         return counts + excess
 
     def _latencies(self, robot: RobotDescription) -> Array:
-        """Return by how much every encoder is read late (s + d,), s."""
+        """Return the latency of every encoder (s + d,), s."""
         columns = [*(len(robot.wheels) + self.sensed), *self.driven]
         total = np.zeros(len(robot.wheels) + len(robot.castors))
         for effect in robot.effects:
@@ -201,7 +204,8 @@ class Channels:
         return total[columns]
 
     def _rolled(self, robot: RobotDescription, wheel: Array, castor: Array) -> Array:
-        """Return how far a robot's wheels (K, w) turn where those built here turn so far."""
+        """Return the angles of a robot's wheels (K, w) where the wheels of the robot built here turn by `wheel` (K,
+        w)."""
         radii, mean = radii_of(robot), Geometry.of(robot.as_built()).radius
         if radii is None and np.array_equal(mean, self.geometry.radius):
             return wheel
@@ -221,8 +225,8 @@ def signatures_of(
 ) -> Signatures:
     """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
 
-    wanted: as `LogLikelihood.wanted`: it says where a channel jumps, if it does. of: which log it is, for rivals that
-    have their time in it. places: more candidates, of the floor.
+    wanted: from `LogLikelihood.wanted`, the score of readings, which locates jumps of a channel. of: name of the log,
+    for unnamed alternatives at a time in it. places: further candidates, at places of the floor.
     """
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
@@ -230,7 +234,7 @@ def signatures_of(
     rows = np.arange(len(counts))[:, None]
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
-        """Return the counts that are read more, on average."""
+        """Return the excess of the readings, averaged over dithers."""
         total = np.zeros_like(counts)
         for dither in dithers.tolist():
             seen = counts + dither * rows
@@ -294,9 +298,10 @@ def signatures_of(
 
 
 def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> Slip | None:
-    """Return the slip of a unit of an effect; None if there is none.
+    """Return the slip per unit of an effect; None if it causes none.
 
-    Around the size that the robot has of it: what a cable makes wheels roll more is not in proportion to its diameter.
+    It is a derivative at the size that the effect has in the robot, as the extra roll over a cable is not in proportion
+    to its diameter.
     """
     kind = candidate.kinds[0]
     size = next((effect.value for effect in robot.effects if isinstance(effect, Bump) and candidate.is_of(effect)), 0.0)
@@ -314,11 +319,11 @@ def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> S
 
 
 def candidates_of(robot: RobotDescription) -> list[Candidate]:
-    """Return the effects that a robot may have, those of all phases as one.
+    """Return the effects that a robot may have; the two phases of a periodic effect are one candidate.
 
-    Of those of timing only a clock's rate: its offset (all encoders late is the same) is found beside everything else,
-    and jitter has no mean. Nor wrong wiring, which is no small change. Of those that no log tells apart the first: the
-    others would come and go with what else is in the robot.
+    Of timing effects only the rate of a clock: its offset (equivalent to all encoders late) is always fitted, and
+    jitter has mean 0. No wrong wiring, which is no small change. Of effects that no log can distinguish only the first:
+    which of the others are distinguishable would depend on the effects in the robot.
     """
     found: dict[str, list[Effect]] = {}
     for effect in catalogue(robot.as_described()):
@@ -329,7 +334,7 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
 
 
 def without(robot: RobotDescription, kind: type[Effect]) -> RobotDescription:
-    """Return a robot without its effects of some kind."""
+    """Return a robot without its effects of this kind."""
     return dataclasses.replace(robot, effects=tuple(effect for effect in robot.effects if not isinstance(effect, kind)))
 
 
@@ -352,7 +357,8 @@ def _place_but_phase(effect: Effect) -> dict[str, object]:
 
 
 def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candidate, tuple[Slip, ...]]]:
-    """Yield rivals without a name: one wheel or castor that slips as it turns, or more and more."""
+    """Yield unnamed alternatives: one wheel or castor that slips periodically with its angle, or increasingly with
+    time."""
     paths, later, no_slip = contact_paths(robot.as_built(), motion), motion.middle - motion.middle[0], Slip.none(motion)
     wheel_angle = (motion.wheel_angle[1:] + motion.wheel_angle[:-1]) / 2
     swept = motion.body[:, 2:] + motion.turned
@@ -391,7 +397,8 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
 
 
 def _misread(channels: Channels, log: Log, counts: Array, wanted: Array, of: str) -> Iterator[tuple[Candidate, Array]]:
-    """Yield rivals without a name: of one channel at a time, what comes and goes, jumps, repeats, or grows."""
+    """Yield unnamed alternatives of one channel at a time: readings that are wrong in part of the log, jump, repeat, or
+    drift."""
     edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
     speed = np.gradient(counts, log.t, axis=0)
     samples = np.arange(len(counts))

@@ -1,7 +1,7 @@
 """Slippery patches of the floor, as rectangles in which wheels slip far more than elsewhere, of either sign.
 
-A scan over rectangles for two variances. One event may lie anywhere: what counts is what is left without the largest
-pass.
+A scan over rectangles compares the variances inside and outside. As a single event may lie anywhere, a rectangle is
+judged without its largest pass.
 """
 
 import dataclasses
@@ -19,26 +19,28 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.wheel_tracks import Steps, steps_of
 
 CELL, SIDES, TILTS = 0.1, (2, 3, 4, 6, 8, 12), 6
-"""Of the scan for rectangles: m, sides in cells, directions in a quarter turn."""
+"""Grid of the scan for rectangles: cell, m; sides in cells; directions in a quarter turn."""
 
 NARROWEST, FINEST = 0.1, 0.025
 """m: the shortest side of a patch, and the step in which its sides are found."""
 
 SHARPENED = 8
-"""Power of the wheels' slips by which they share what a step slips in all: the smoother spreads one wheel's slip."""
+"""Power of the wheels' slips in proportion to which they share the total squared slip of a step, as the smoother
+spreads one wheel's slip over all wheels."""
 
 CAPPED, FEWEST, LARGEST_PART = 0.99, 20, 1 / 3
-"""Steps count no more than the worst but 1 %; a patch has so many of them, and no larger part of all."""
+"""Squares of slips are clipped at their 99th percentile; least number of steps in a patch, and largest part of all
+steps."""
 
 PATCHES = 3
 """Rectangles of the scan that are proposed."""
 
 
 def patches_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> list[FrictionPatch]:
-    """Return the rectangles in which wheels slip most beyond what they do elsewhere, the best first, in the size of
-    their step: what friction they leave is not told by slips.
+    """Return the rectangles in which wheels slip most compared with elsewhere, the best first, with the value of their
+    step, as slips do not determine the friction that is left.
 
-    As `cables.bumps_of`.
+    Arguments as for `cables.bumps_of`.
     """
     steps = steps_of(robot, motions, slips)
     if len(steps.slip) == 0:
@@ -55,7 +57,8 @@ def patches_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequen
 
 
 def _shared(steps: Steps, w: int) -> Steps:
-    """Return steps with slips whose squares are what each wheel has of what its step slips in all; without weights."""
+    """Return steps with slips whose squares are each wheel's share of the total squared slip of its step; without
+    weights."""
     log_step = (steps.track // w).astype(np.int64) * (int(steps.time.max(initial=0)) + 1) + steps.time
     squares = steps.weight * steps.slip**2
     sharp = (squares / max(float(squares.max(initial=0.0)), 1e-300)) ** (SHARPENED / 2) + 1e-300

@@ -1,6 +1,7 @@
-"""What wheels did in every step of logs: where on the floor, how far, and how much they slipped unexpectedly.
+"""Tracks of wheels in every step of logs: place on the floor, distance, and slip beyond prediction.
 
-Reference poses tell where wheels touch the floor (`contact_places`), and the smoother by how much each wheel slips.
+Reference poses give the places where wheels touch the floor (`contact_places`), and the smoother gives each wheel's
+slip.
 """
 
 import dataclasses
@@ -27,7 +28,7 @@ FLOOR = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """What all wheels did in all steps of logs, M in all: those in which a slip is known.
+    """The tracks of all wheels in all steps of logs, M in all: those in which a slip is known.
 
     start, end (M, 2): where in N a wheel touched the floor, m. path: how far it went along its rolling direction, m.
     heading: of that direction in N, rad. slip: m. weight: over the variance, 1/m2. radius: m. track: a number for every
@@ -56,7 +57,7 @@ class Steps:
 
 
 def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> Steps:
-    """Return the steps of logs; slips (K - 1, w) of each, m, beyond what is expected, NaN where they are not known."""
+    """Return the steps of logs; slips: for each log those beyond prediction (K - 1, w), m, NaN where unknown."""
     parts: list[tuple[NDArray[Any], ...]] = []
     w = len(robot.wheels)
     radius = np.array([wheel.radius for wheel in robot.wheels])
@@ -74,9 +75,9 @@ def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence
 
 
 def slips_of(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array, expected: Array) -> Array:
-    """Return by how much wheels slip in a log at a state (K, m) beyond what is expected (K - 1, rows), m (K - 1, w).
+    """Return the slips of wheels (K - 1, w), m, in a log at a state (K, m) beyond the expected slips (K - 1, rows), m.
 
-    NaN of wheels that nothing is known of, and beside gaps.
+    NaN for wheels without information, and beside gaps.
     """
     slips = np.full((len(log) - 1, len(robot.wheels)), np.nan)
     along = np.flatnonzero(model.rows < len(robot.wheels))

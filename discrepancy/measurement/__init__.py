@@ -1,1 +1,1 @@
-"""What truly happened in logs, and what each candidate does to them around that."""
+"""The states of robots in logs, and the linear effect of each candidate about these."""

@@ -1,6 +1,8 @@
-"""How far a robot's contacts slip as its description predicts: under the forces of a motion, and against each other.
+"""Prediction of how far a robot's contacts creep: under the forces of a motion, and where wheels are driven against
+each other.
 
-What is predicted without the robot's effects on creep is true in part; those effects are so wholly.
+Creep predicted without the robot's effects on contacts is known up to a factor that logs determine (`fit_states`); the
+slip of these effects is taken as predicted.
 """
 
 from dataclasses import replace
@@ -21,16 +23,16 @@ from discrepancy.hypotheses.candidates import Channels, differ, stacked
 from estimators.calibration.log_likelihood import LogLikelihood
 
 CREEPS, FORCED, QUICK = 4, 1, slice(2, 4)
-"""Kinds of creep that are predicted: where wheels disagree, whatever holds them; under the forces of the motion; and
-where wheels disagree from one step to the next, along and to the side."""
+"""Kinds of predicted creep: steady disagreement of wheels; forces of the motion; and disagreement that changes from
+step to step, along and to the side."""
 
 SLOWEST = 0.02
-"""Of the fastest wheel's speed: no contact is taken to roll slower."""
+"""Least rolling speed of a contact, as a part of the fastest wheel's speed."""
 
 
 class Slipping:
-    """A robot's slip in one log, of which a state (K, m) tells what truly happened. yields (K - 1, rows): how easily
-    each contact slips, in any unit."""
+    """A robot's predicted slip in one log with state (K, m). yields (K - 1, rows): compliance of each contact's creep,
+    in any unit."""
 
     def __init__(self, robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> None:
         self._robot, self._model, self._log, self._state = robot, model, log, state
@@ -45,8 +47,8 @@ class Slipping:
         self._creep = self._predicted(self._over)
 
     def sure(self) -> Array:
-        """Return slips (K - 1, rows) that are certain: what wheels roll more on the robot's cables, and its effects on
-        how contacts creep."""
+        """Return the slips (K - 1, rows) that are taken as predicted: the extra roll over the robot's cables, and the
+        creep of its effects on contacts."""
         motion, total = self._channels.motion(self._log, self._state, consistent_wheels=True), self._over
         for effect in self._robot.effects:
             if effect.creep is not None:
@@ -58,8 +60,8 @@ class Slipping:
         return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:
-        """Return slips (K - 1, rows, CREEPS + e): as predicted, each kind; by which wheels would hide each of the
-        robot's effects."""
+        """Return slips known up to factors (K - 1, rows, CREEPS + e): each kind of predicted creep, then the slips that
+        would mask each of the robot's effects."""
         slow, forced = self._creep, self._predicted(consistent=True)
         quick, zeros = self._predicted(self._over, quick=True) - slow, np.zeros_like
         kinds = slow - forced, forced, Slip(quick.rolling, zeros(quick.side)), Slip(zeros(quick.rolling), quick.side)
@@ -67,7 +69,7 @@ class Slipping:
         return np.concatenate([np.stack(rows, axis=-1), self._hiding()], axis=-1)
 
     def seen_as_creep(self, slip: Slip) -> Array:
-        """Return by how much less creep (K - 1, rows) would be predicted if wheels were known to slip by `slip`."""
+        """Return the reduction of predicted creep (K - 1, rows) if wheels are known to slip by `slip`."""
         explained = self._creep - self._predicted(self._over + slip)
         return self._model.rows_of(explained.rolling, explained.side)
 
@@ -91,7 +93,7 @@ class Slipping:
         return total
 
     def _hiding(self) -> Array:
-        """Return the slips (K - 1, rows, e) by which wheels would hide each of the robot's effects altogether."""
+        """Return the slips (K - 1, rows, e) that would mask each of the robot's effects completely."""
         robot, channels, model = self._robot, self._channels, self._model
         counts, slips = self._state[:, 3:], np.zeros((len(self._log) - 1, len(model.rows), 0))
         read = channels.read(robot, self._log, counts)

@@ -1,4 +1,5 @@
-"""What numbers do to logs, around what truly happened: candidates of a size, what wheels hide of them, creep."""
+"""Design matrix of one log about a state: columns of candidates, of the amounts that creep masks of them, and of
+creep."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
@@ -16,18 +17,19 @@ from estimators.calibration.log_likelihood import TIMED, ExtraColumns, LogLikeli
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 
 QUIETER_ROUNDS, SAME = 20, 0.02
-"""Rounds in which noise beside some candidates is found, and a change that ends them."""
+"""Most rounds in which noise beside given candidates is estimated, and the change at which they end."""
 
 UNEVEN = 0.3
-"""Standard deviation, as a part of it, of what each contact creeps otherwise than predicted where wheels disagree."""
+"""Relative standard deviation of each contact's creep about the prediction, where wheels disagree."""
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns of one log's linear problem around a state: of C amplitudes, the first G of `geometries` changed by
-    `steps` (G,), the other R of readings (K, s + d, R) and slips (K - 1, rows, R); fought (K - 1, rows, C): of what
-    wheels hide of each; known_slips (K - 1, rows, e): those that are known in part. rates (R,): what the clock of the
-    reference gains; rate: what it gains by the robot's effects, None where no poses tell."""
+    """The columns of one log's linear problem about a state. Of C amplitudes the first G change the geometry
+    (`geometries`, changed by `steps` (G,)), the other R change readings (K, s + d, R) and slips (K - 1, rows, R).
+    fought (K - 1, rows, C): slips that mask each amplitude; known_slips (K - 1, rows, e): slips known up to a factor.
+    rates (R,): rate of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine
+    it."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -58,7 +60,8 @@ class Columns:
         places: Sequence[Candidate],
         of: str,
     ) -> "Columns":
-        """Return those of candidates, as `signatures_of` has them. known_slips: `slipping.known()`, in these parts."""
+        """Return the columns of candidates, from `signatures_of`. known_slips: `Slipping.known()`; parts: their
+        factors."""
         geometry = Geometry.of(robot.as_built())
         found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
         changed = stacked(geometry, found.geometries)
@@ -66,7 +69,7 @@ class Columns:
         slips = np.zeros((*known_slips.shape[:2], len(found.slips)))
         for k, slip in enumerate(found.slips):
             slips[..., k] = model.rows_of(slip.rolling, slip.side)
-        for k in found.places:  # what wheels disagree by is taken for creep as long as no cable is known
+        for k in found.places:  # the state took this disagreement for creep, while no cable was in the model
             slips[..., k] -= parts[0] * slipping.seen_as_creep(found.slips[k])
         return cls(
             model=model,
@@ -85,8 +88,8 @@ class Columns:
         )
 
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
-        """Return what the log says of amplitudes, of what wheels hide of each, of parts, and of what every wheel and
-        castor may always creep; of `only` some candidates: but for the last."""
+        """Return the log's statistics of amplitudes, masked amounts, factors of known slips, and constant creep of
+        every wheel and castor; with `only`: of these candidates, without constant creep."""
         chosen = [only is None or candidate in only for candidate in self.candidates for _ in range(candidate.columns)]
         columns, always = np.flatnonzero(chosen), self.known_slips[..., :0]
         if only is None:
@@ -105,23 +108,23 @@ class Columns:
         )
 
     def alone(self) -> tuple[Geometry, Geometry, Array, Array, Array, Array]:
-        """Return what `LogLikelihood.missing` asks for, of all candidates."""
+        """Return the arguments of `LogLikelihood.missing` for all candidates."""
         changed = stacked(self.geometry, self.geometries)
         return self.geometry, changed, self.steps, self.state, self.readings, self.slips
 
 
 def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
-    """Return the columns of each of some candidates that follow each other."""
+    """Return the column numbers of each of several candidates in sequence."""
     ends = np.cumsum([candidate.columns for candidate in candidates])
     return tuple(np.arange(end - candidate.columns, end) for candidate, end in zip(candidates, ends, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """Numbers that all logs share, and what was believed of them.
+    """Nuisances that all logs share, with their priors.
 
-    parts (e,): of slips that are known in part; their expected values and standard deviations (e,). mount (3,): where
-    the tracked point is.
+    parts (e,): factors of known slips; expected, doubt (e,): their prior means and standard deviations. mount (3,):
+    place of the tracked point.
     """
 
     parts: Array
@@ -130,8 +133,8 @@ class Shared:
     mount: Array
 
     def believed(self, information: Array, gradient: Array, first: int) -> None:
-        """Add what was believed, of parts from number `first` on, of what contacts creep otherwise than predicted, if
-        that is among the numbers, and of the tracked point, the last."""
+        """Add the priors: of the factors of known slips, from number `first` on; of each contact's deviation from
+        predicted creep, if it is among the numbers; and of the tracked point, the last numbers."""
         end, mount = first + len(self.parts), slice(-len(self.mount), None)
         parts, uneven = slice(first, end), np.arange(end, len(information) - len(self.mount))
         information[parts, parts] += np.diag(self.doubt**-2.0)
@@ -144,8 +147,8 @@ class Shared:
 def together(
     reductions: Sequence[tuple[Sequence[Candidate], Reduced]],
 ) -> tuple[tuple[Candidate, ...], Array, Array, list[NDArray[np.intp]]]:
-    """Return all candidates of several logs, and what these say together of their amplitudes, then of what wheels hide
-    of each, and then of the numbers that all logs share: information, gradient, and which numbers are of which log."""
+    """Return all candidates of several logs, and the joint information and gradient of their amplitudes, then of the
+    masked amounts, then of the numbers that all logs share; and the places of each log's numbers among these."""
     candidates = tuple(dict.fromkeys(candidate for log_candidates, _ in reductions for candidate in log_candidates))
     columns = dict(zip(candidates, columns_of(candidates), strict=True))
     half = sum(candidate.columns for candidate in candidates)
@@ -163,14 +166,14 @@ def together(
 
 
 def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
-    """Return information (n, n) and pull (n,) of the first n numbers, the others eliminated."""
+    """Return information (n, n) and score (n,) of the first n numbers, the others eliminated by a Schur complement."""
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
     told = information[:n, :n] - information[:n, n:] @ solved[:, :n]
     return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ solved[:, n])
 
 
 def quieter(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
-    """Return the sizes of noise that some candidates leave, each as large as the logs want; none larger than before."""
+    """Return the noise re-estimated beside candidates of maximum-likelihood sizes; no size becomes larger."""
     found = noise
     for _ in range(QUIETER_ROUNDS):
         told = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]

@@ -1,6 +1,6 @@
-"""What truly happened in logs, and how contacts crept, which tell of each other: found by turns.
+"""Fits the states of logs and the creep of contacts, which depend on each other, alternately.
 
-How far contacts creep is predicted (`slipping`); what part of the prediction is true is found.
+The shape of creep is predicted (`creep_prediction`); its factors are estimated.
 """
 
 from collections.abc import Sequence
@@ -20,22 +20,23 @@ from estimators.calibration.log_likelihood import ExtraColumns, LogLikelihood, N
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 
 DOUBT = 0.5
-"""Standard deviation of the part of creep that is as predicted, and of what wheels hide of known effects beside it."""
+"""Prior standard deviation of the factors of predicted creep, and of the part that creep masks of effects in the
+model."""
 
 MOST_CREEP = 4.0
-"""Times what is predicted that contacts may creep."""
+"""Largest factor of predicted creep."""
 
 AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
-"""Standard deviations of the part of creep under forces, and of all where clean logs tell it. Contacts that creep by
-less than such a part of what their description says are taken for rigid ones."""
+"""Prior standard deviations: of the factor of creep under forces, and of all factors where clean logs give them. And
+the factor of creep under forces below which contacts are taken for rigid ones."""
 
 SETTLED, SETTLED_AGAIN, SOME = 2, 1, 3
-"""Rounds, of some steps each and then one of as many as it takes, in which these parts, what truly happened and the
-noise that is left settle; and where a state to begin with is known."""
+"""Rounds in which factors, states and noise are fitted alternately, with few steps each, before a last round to
+convergence; and the same where a start is given."""
 
 
 class Slips(NamedTuple):
-    """How one log's contacts slip, as a state of it tells: for certain, and what is known in part."""
+    """Slips of one log's contacts at a state: those taken as predicted, and those known up to factors."""
 
     slipping: Slipping
     certain: Array
@@ -50,17 +51,17 @@ def settled(
     usual: Array | None,
     least: Noise,
 ) -> tuple[State, Noise, Shared, list[Slips]]:
-    """Return what truly happened, sizes of noise, what all logs share, and slips of each, all of which hang together:
+    """Return the states, the noise, the shared nuisances, and the slips of each log.
 
-    what truly happened tells how wheels disagree, and how they creep for that tells what truly happened. start: state
-    and noise to begin with. usual: parts of the creep predicted that clean logs show. least: no noise is less.
+    They are fitted together, as creep depends on how wheels disagree in the fitted state, and the state on creep.
+    start: state and noise to begin with. usual: factors of predicted creep in clean logs. least: lower bounds of noise.
     """
     geometry, no_values = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
         at, sizes, _ = fitted(models, geometry, (), no_values, None, least=least)
     else:
         at, sizes = start
-    off: list[Array | float] = [0.0] * len(models)  # what its sensors make of angles, which is taken off the counts
+    off: list[Array | float] = [0.0] * len(models)  # the errors of its sensors, which are subtracted from the counts
     if robot.effects:
         off = _corrected(robot, models, logs, at, off)
         if start is None:
@@ -90,7 +91,8 @@ def _corrected(
     at: State,
     off: Sequence[Array | float],
 ) -> list[Array | float]:
-    """Take off the counts what a robot's sensors make of the angles of a state, for what was taken off before."""
+    """Subtract the errors of a robot's sensors at a state from the counts, in place of those subtracted before
+    (`off`)."""
     channels, corrections = Channels(robot), []
     for model, log, state, before in zip(models, logs, at.states, off, strict=True):
         seen = model.counts + before
@@ -105,14 +107,14 @@ def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Arra
 
 
 def _limits(e: int) -> tuple[Array, Array]:
-    """Return the least and the most (e,) that these parts can be."""
+    """Return the bounds (e,) of the factors of known slips."""
     upper = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
     return np.where(np.arange(e) < CREEPS, 0.0, -1.0), upper
 
 
 def _foreseen(e: int, usual: Array | None, rigid: bool) -> tuple[Array, Array]:
-    """Return the parts (e,) of creep that there are, and of effects that wheels hide, before any log speaks; and their
-    standard deviations. rigid: whether contacts hardly creep at all under forces."""
+    """Return the prior means and standard deviations of the factors (e,) of predicted creep and of masking slips.
+    rigid: whether contacts hardly creep under forces."""
     expected, doubt = np.zeros(e), np.full(e, DOUBT)
     if usual is None:
         expected[:CREEPS], doubt[FORCED], expected[QUICK] = 1.0, AS_DESCRIBED, 0.5
@@ -131,8 +133,8 @@ def _shared(
     parts: Array,
     usual: Array | None,
 ) -> Shared:
-    """Return what parts (e,) of the creep predicted there are, and what more wheels hide of each of the robot's
-    effects, as far as the logs tell."""
+    """Return the shared nuisances with the most probable factors (e,) of predicted creep and of the slips that mask the
+    robot's effects."""
     unchanged, e = stacked(geometry, []), known[0].shape[-1]
     told: list[tuple[tuple[Candidate, ...], Reduced]] = []
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
@@ -146,7 +148,7 @@ def _shared(
 
 
 def _best(information: Array, gradient: Array, shared: Shared) -> Array:
-    """Return the parts (e,) that logs and what was believed ask for together."""
+    """Return the most probable factors (e,), given logs and priors."""
     information, gradient = information.copy(), gradient.copy()
     shared.believed(information, gradient, 0)
     return shared.parts + np.linalg.solve(*without(information, gradient[:, 0], len(shared.parts)))

@@ -1,4 +1,4 @@
-"""How far odometry is off the reference where the most likely state of logs is known."""
+"""The gap between odometry and reference, given the most likely states of logs."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from estimators.calibration.maximum_likelihood import State
 
 
 def gap_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
-    """Return the rms of what odometry is off the reference, m and rad; None without a reference."""
+    """Return the rms difference between odometry and reference, m and rad; None without a reference."""
     tracked = [log_fit for log_fit in zip(models, at.states, at.clocks, strict=True) if log_fit[0].poses]
     if not tracked:
         return None

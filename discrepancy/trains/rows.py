@@ -420,7 +420,8 @@ class TrainLog:
     def _loads(
         self, built: TrainDescription, motion: Motion, ends: Array, pull: Array, change: Array | float = 0.0
     ) -> Array:
-        """Return what frames do to the axles in each step (K - 1, N, 3), N and N m. change: added to relative poses (F, 3)."""
+        """Return the loads of frames on the axles in each step (K - 1, N, 3), N and N m. change: added to relative
+        poses (F, 3)."""
         relative, middle = motion.relative + change, (ends[1:] + ends[:-1]) / 2
         return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, bending.newtons(built) * pull[:-1])
 

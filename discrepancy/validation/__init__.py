@@ -1,1 +1,1 @@
-"""Whether a diagnosis holds in simulation, on other logs and in use."""
+"""Validation of a diagnosis: in simulation, on other logs and by its cost in use."""

@@ -1,4 +1,4 @@
-"""What an effect costs in use: the error of odometry over 10 m that ignoring it makes."""
+"""Cost of an effect in use: the error of odometry over 10 m if the effect is ignored."""
 
 from collections.abc import Iterable, Sequence
 
@@ -14,14 +14,14 @@ from discrepancy.hypotheses.candidates import Channels
 from estimators.calibration.log_likelihood import LogLikelihood
 
 WAY = 10.0
-"""m: what is driven."""
+"""m: distance over which errors are measured."""
 
 WINDOWS = 40
-"""Stretches of a drive, at most, that the error is the mean of."""
+"""Most stretches of a drive over which the error is averaged."""
 
 
 def cost_of(robot: RobotDescription, effect: Effect, logs: Sequence[Log]) -> float | None:
-    """Return by how far (m, rms) odometry ends elsewhere after 10 m without the effect than with it, on these drives.
+    """Return the rms distance (m) after 10 m between odometry without the effect and with it, on these drives.
 
     Shorter drives are scaled up; None for drives of less than a tenth of the way.
     """
@@ -30,9 +30,10 @@ def cost_of(robot: RobotDescription, effect: Effect, logs: Sequence[Log]) -> flo
 
 
 def apart(path: Array, second_path: Array) -> Array:
-    """Return by how far (m) two paths (N, 3) of one drive come apart over 10 m of the first, from every place on it.
+    """Return the distances (m) between two paths (N, 3) of one drive after 10 m of the first, from every place on it.
 
-    Each is seen from where it is at the start of these 10 m. Empty for a drive of less than a tenth of the way.
+    Each path is taken relative to its pose at the start of these 10 m. Empty for a drive of less than a tenth of the
+    way.
     """
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
     way = min(WAY, float(driven[-1]))
@@ -45,13 +46,13 @@ def apart(path: Array, second_path: Array) -> Array:
 
 
 def rms_of(parts: Iterable[Array]) -> float | None:
-    """Return the root mean square of all values; None of none."""
+    """Return the root mean square of all values; None if there are none."""
     values = np.concatenate([np.zeros(0), *parts])
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
 def odometry(robot: RobotDescription, log: Log) -> Array:
-    """Return the path (N, 3) that a robot's encoders tell, its effects known: least squares over all of them, sample by
+    """Return the path (N, 3) by odometry with a robot's effects known: least squares over all encoders, sample by
     sample."""
     geometry, channels = Geometry.of(robot.as_built()), Channels(robot)
     model = LogLikelihood(geometry, log)
@@ -61,7 +62,7 @@ def odometry(robot: RobotDescription, log: Log) -> Array:
 
 
 def cost_of_sizes(error: Array, pose: Array) -> Array:
-    """Return what errors of odometry's steps come to (2, C), rms: m after `WAY`, and rad after a turn.
+    """Return the accumulated errors of odometry (2, C), rms: m after `WAY`, and rad after a turn.
 
     error (K - 1, 3, C): of each step, in B, m and rad, by C causes. pose (K, 3). Shorter drives are scaled up; 0 where
     a drive is shorter than a tenth of the way, or does not turn by half a turn.

@@ -5,14 +5,14 @@ r dphi. The rolling constraints (castor_envs.motion.kinematics) say, with castor
 
     A(theta) (dx, dy, dpsi) + B dtheta = (r dphi of each wheel with an encoder, 0 for each castor's side slip)
 
-A robot with more such rows than unknowns (an ASOC base of n castors has 3 n against 3) contradicts itself where
-its description is wrong, where a wheel slips, and, by a known amount, where counts are rounded. No reference pose is
-needed. The half-way angle makes the equations exact to second order: what is left of a smooth motion shrinks with the
+A robot with more such rows than unknowns (an ASOC base of n castors has 3 n against 3) contradicts itself where its
+description is wrong, where a wheel slips, and, by a known amount, where counts are rounded. No reference pose is
+needed. The half-way angle makes the equations exact to second order: the residual of a smooth motion shrinks with the
 cube of the sample period.
 
-A wrong description adds up along the way, rounding does not: a count that is read too high now makes one step too
-long and the next too short. So half a percent of a radius, which drowns in the rounding of single samples, stands out
-ninefold in the sums of the residual over a second (`Parity.rolling_drift`).
+Residuals of a wrong description add up along the way; those of rounding do not, as a count that is read too high makes
+one step too long and the next too short. So an error of half a percent of a radius, far below the rounding of single
+samples, is nine times the rounding in sums over a second (`Parity.rolling_drift`).
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from castor_envs.vehicles.robot import RobotDescription
 
 #: Length, s, of the sums in which a wrong description adds up and rounding does not.
 WINDOW = 1.0
-#: The fewest sums that an rms is taken of.
+#: The fewest sums for an rms.
 WINDOWS = 5
 
 BLIND = (
@@ -42,13 +42,14 @@ class Parity:
     """The parity residual of one log. All lengths in m, a sample.
 
     wheels (w,) and castors (c,): the indices (from 0) of the wheels whose rolling and of the castors whose side slip
-    could be used. redundancy: rows beyond what the motion takes; at 0 nothing can be seen. rolling (N - 1, w) and
-    side_slip (N - 1, c): what is left of each row, by least squares with equal weights. moving (N - 1,): whether any
-    count changed. rolling_rounding (w,) and side_slip_rounding (c,): the rms that rounded counts alone would leave
-    while moving. window: the samples in a sum of residuals, up to `WINDOW` s and a fifth of the log; 0 for a log of
-    fewer than `WINDOWS` steps. rolling_drift (w,) and side_slip_drift (c,): the rms of those sums, in units of what
-    rounding and curved motion between samples can leave of them; about 1 or less where nothing is wrong, 0 without
-    motion. explained (castors of the robot,): the part of those sums that errors of this castor's rows alone can leave.
+    could be used. redundancy: number of rows beyond the unknowns of the motion; at 0 no error is visible. rolling (N -
+    1, w) and side_slip (N - 1, c): the residual of each row after least squares with equal weights. moving (N - 1,):
+    whether any count changed. rolling_rounding (w,) and side_slip_rounding (c,): the rms that rounded counts alone
+    would leave while moving. window: the samples in a sum of residuals, up to `WINDOW` s and a fifth of the log; 0 for
+    a log of fewer than `WINDOWS` steps. rolling_drift (w,) and side_slip_drift (c,): the rms of those sums, in units of
+    their expected rms from rounding and curved motion between samples; about 1 or less where the description is right,
+    0 without motion. explained (castors of the robot,): the part of those sums that errors in the rows of this castor
+    alone can explain.
     """
 
     wheels: NDArray[np.intp]
@@ -131,16 +132,17 @@ def _usable_rows(geometry: Geometry) -> _Rows:
 
 
 def _length_of_count(geometry: Geometry) -> Array:
-    """Return what each wheel (w,) rolls in a count, m; NaN without encoder."""
+    """Return the distance that each wheel (w,) rolls per count, m; NaN without encoder."""
     return 2 * np.pi * geometry.radius / geometry.counts_per_rev
 
 
 class _Steps(NamedTuple):
-    """The equations of all steps: residual (s, rows), moving (s,), and what rounded counts do to the residual.
+    """The equations of all steps: residual (s, rows), moving (s,), and the sensitivity of the residual to rounded
+    counts.
 
     start and end (s, rows, sources): change of the residual for a count read one too high, of each wheel and then of
-    each castor, at the start and at the end of the step. pointing (s, rows, castors): the part of both together that
-    comes of the half-way angle and so does not cancel between steps. left (s, rows, rows): the projection on what no
+    each castor, at the start and at the end of the step. pointing (s, rows, castors): the part of both that comes from
+    the half-way angle and so does not cancel between steps. left (s, rows, rows): the projection on residuals that no
     motion explains.
     """
 
@@ -191,14 +193,15 @@ def _steps(geometry: Geometry, rows: _Rows, driven: tuple[int, ...], wheel: Arra
 
 
 def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
-    """Return each row's (rows,) rms sum of residuals over `window` steps, in units of what may be left of it.
+    """Return each row's (rows,) rms sum of residuals over `window` steps, in units of its expected rms.
 
-    A count is off by an even spread of one count, variance 1/12. Taken to be off afresh at each sample, it leaves
-    of a sum what differs between the end of a step and the start of the next. A castor that stands still is off the
-    same way all along, so its pointing is counted as if it always were: too much for one that turns, never too
-    little. What a curved motion leaves grows fourfold in the sums over steps twice as long (`second`), while a wrong
-    description leaves the same: a third of the difference is what the motion left. All of it is allowed for, as a
-    castor that swings round within a few samples does not keep to the fourfold.
+    The rounding error of a count is uniform over one count, variance 1/12. Taken as independent from sample to sample,
+    it contributes to a sum only where the end of a step and the start of the next differ. The rounding error of a
+    castor that stands still is constant, so its pointing error is counted as constant for all castors: too much for a
+    castor that turns, never too little. The residual of a curved motion is four times as large in sums over steps twice
+    as long (`second`), that of a wrong description the same: so a third of the difference is due to the motion. The
+    whole difference is allowed for, as a castor that swings round within a few samples does not follow the factor of
+    four.
     """
     n, rows = len(steps.residual) // window, steps.residual.shape[1]
     size = n * window
@@ -222,10 +225,11 @@ def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
 
 
 def _explained(steps: _Steps, rows: _Rows, window: int, castors: int) -> Array:
-    """Return for each castor how much of the sums over `window` steps errors of its rows alone can leave, 0 to 1.
+    """Return for each castor the part of the sums over `window` steps that errors in its rows alone can explain, 0 to
+    1.
 
-    An error of some rows shows as its projection, by `left` half way through the sum. On a robot with two castors
-    either one can explain all there is.
+    An error of rows appears as its projection by `left`, taken half way through the sum. On a robot with two castors
+    either castor can explain the whole residual.
     """
     n = len(steps.residual) // window
     sums = steps.residual[: n * window].reshape(n, window, -1).sum(axis=1)

@@ -4,9 +4,10 @@ A window begins at a reference pose: the simulated robot is put there, with its 
 (corrected for the robot's effects on sensors), and driven as logged until a later reference pose. The gap is the
 simulated motion minus the reference's, and the simulated counts minus the logged ones.
 
-Two ways to drive. "commands": the logged commands go through the simulated motors, as on the robot; the gap has all
-that the description lacks, also in how wheels follow commands. "counts": wheels turn as their encoders counted,
-whatever torque it takes, and steering motors follow the pivot encoders; the gap has only how turning becomes motion.
+Two ways to drive. "commands": the logged commands go through the simulated motors, as on the robot; the gap then
+contains every error of the description, also in how wheels follow commands. "counts": wheels turn as their encoders
+counted, whatever torque it takes, and steering motors follow the pivot encoders; the gap then contains only errors in
+how turning becomes motion.
 
 A log does not hold the motors' integrators and the deflection of contacts at the start of a window. Both, and the
 velocities, are carried over from the window before, while body and castors are reset to the measured state: forces
@@ -38,28 +39,28 @@ from castor_envs.vehicles.robot import RobotDescription
 Drive = Literal["commands", "counts"]
 
 WINDOW = 5.0
-"""s: of errors that grow with the way, longer windows show more beside the noise of two reference poses."""
+"""s: errors grow with the way, while the noise of two reference poses does not, so longer windows show more of them."""
 
 WARM_UP = 0.5
-"""s: ten times what a motor takes to settle."""
+"""s: ten times the settling time of a motor."""
 
 REMEMBERED = 10.0
-"""s of a log before a window that effects on sensors see: latency and backlash need to know what was before."""
+"""s of a log before a window that is given to effects on sensors: latency and backlash depend on earlier samples."""
 
 LONGEST = 2.0
-"""Windows, of which a window may last up to so many to end at a reference pose."""
+"""Longest duration of a window, in windows, that is extended to end at a reference pose."""
 
 GAP = 3.5
-"""Steps longer than so many median ones are gaps: no window goes over them."""
+"""Steps longer than this many median steps are gaps: no window spans a gap."""
 
 HANDED_ON = ("speed", "integral", "stretch_long", "stretch_lat")
-"""Of wheels, from window to window."""
+"""Factor of wheels from window to window."""
 
 HEAVY = 1e6
-"""kg m2: the spin inertia of a wheel that turns as it is told, whatever the floor does."""
+"""kg m2: the spin inertia of a wheel whose speed is prescribed, so large that the floor does not affect it."""
 
 PARTS = 10
-"""Of a sample, in which such a wheel's speed is constant: were it to change at once, the wheel would slide."""
+"""Part of a sample in which such a wheel's speed is constant: if it changed at once, the wheel would slide."""
 
 SMOOTHED = 5
 """Samples that speeds are taken over, by parabolas."""
@@ -67,13 +68,13 @@ SMOOTHED = 5
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What N windows left. drive: how it was driven; notes: what people should know about that.
+    """The gaps of N windows. drive: how the simulation was driven; notes: remarks on this for the user.
 
     start, end (N,): s, on the log's clock. place (N, 2): where it began, m in the reference's frame, NaN without one.
-    driven (N,): m that the body's origin went by the simulation. body (N, 3): simulated less measured motion from start
-    to end, in the body's frame at the start: along (forward), across (to the left), m, turned, rad; NaN where the
-    reference does not tell. wheels (N, driven wheels): m of roll, by the radius described, and pivots
-    (N, pivot encoders): rad, that the simulated encoders read beyond the measured.
+    driven (N,): m that the body's origin moved in the simulation. body (N, 3): simulated less measured motion from
+    start to end, in the body's frame at the start: along (forward), across (to the left), m, turned, rad; NaN where the
+    reference does not tell. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot
+    encoders): rad, that the simulated encoders read beyond the measured.
     """
 
     drive: Drive
@@ -112,7 +113,8 @@ class Replay:
         }
 
     def expected(self, position: float, heading: float) -> dict[str, float | None]:
-        """Return the gap that reference poses alone leave, off by `position` (m) along each axis and `heading` (rad).
+        """Return the gap that noise of reference poses alone causes: `position` (m) along each axis and `heading`
+        (rad).
 
         Root mean squares as in the summary: of two poses, of which the first also says which way the motion went.
         """
@@ -124,7 +126,7 @@ class Replay:
 
 
 class Measured(NamedTuple):
-    """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as far as the encoders tell, rad,
+    """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as estimated from the encoders, rad,
     unwrapped. read_wheel, read_castor: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering
     (K, driven castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap of the log."""
 
@@ -158,12 +160,12 @@ def replay(
     mount: ArrayLike = (0.0, 0.0, 0.0),
     floor: Floor | None = None,
 ) -> Replay:
-    """Return what a robot, with the effects in its file, does in simulation beyond what the log measured.
+    """Return the gap between the simulation of a robot, with the effects in its file, and a log.
 
     window: s, at least, but at most half the log; each ends at the first reference pose after that. drive: None takes
-    the commands where the log has them. clock: (ahead, rate): the reference in the log's row of time t was taken at
-    t + ahead + rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both beside what
-    the robot's effects make of the reference.
+    the commands where the log has them. clock: (ahead, rate): the reference in the log's row of time t was taken at t +
+    ahead + rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both in addition to
+    the robot's effects on the reference.
     Raises InputError where castors have no pivot encoder, and for logs without a window.
     """
     if window <= 0:
@@ -206,7 +208,7 @@ def joined(replays: Sequence[Replay]) -> Replay:
 
 
 def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
-    """Return how to drive, and what to say about it."""
+    """Return how to drive, and notes about it."""
     commanded = measured.command is not None
     if requested == "commands" and not commanded:
         raise InputError("the log has no commands (cmd_...) to replay; replay it by counts")
@@ -218,7 +220,7 @@ def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None)
 
 
 def measured_in(robot: RobotDescription, log: Log) -> Measured:
-    """Return what a log measured of a robot with its effects; raises InputError for castors without an encoder."""
+    """Return a log of a robot with its effects on an even clock; raises InputError for castors without an encoder."""
     described, geometry = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
     blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
     if blind.size:
@@ -236,8 +238,8 @@ def measured_in(robot: RobotDescription, log: Log) -> Measured:
     castor[:, sensed] = even(np.unwrap(castor_angles(described, log.pivot), axis=0)[:, sensed])
     castor[:, sensed] -= 2 * np.pi * np.round(castor[0, sensed] / (2 * np.pi))  # a run begins within half a turn of 0
 
-    # What encoders read is true but for the robot's effects; those that cannot be undone as they stand are small and
-    # taken at what it turned, smoothed.
+    # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated at
+    # the smoothed angles.
     w = wheel.shape[1]
     plain = true = _undone(robot, described, geometry, t, np.column_stack([wheel, castor]))
     for _ in range(2):
@@ -260,7 +262,7 @@ def measured_in(robot: RobotDescription, log: Log) -> Measured:
 
 
 def _known(commands: Array | None, at: NDArray[np.intp]) -> Array | None:
-    """Return commands at some rows of the log; None where it has none."""
+    """Return commands at these rows of the log; None where it has none."""
     return None if commands is None or not np.isfinite(commands).any() else commands[at]
 
 
@@ -269,7 +271,8 @@ def _smooth(angle: Array) -> Array:
 
 
 def _read(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
-    """Return angles (K, w + n) of wheels and castors as the robot's encoders read them and its description tells."""
+    """Return angles (K, w + n) of wheels and castors as the robot's encoders read them and its description converts
+    them."""
     w = len(robot.wheels)
     wheel, castor = readings(robot, t, angle[:, :w], angle[:, w:])
     gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
@@ -291,7 +294,8 @@ def _undone(robot: RobotDescription, described: Geometry, built: Geometry, t: Ar
 def _windows(
     robot: RobotDescription, log: Log, measured: Measured, window: float, clock: Array, mount: Array, notes: list[str]
 ) -> list[_Window]:
-    """Return windows one after another: from reference to reference where they lie close enough, else just as long."""
+    """Return windows one after another: from reference pose to reference pose where these lie close enough, else of the
+    length asked for."""
     t, unknown = measured.t, np.full(3, np.nan)
     times, poses = poses_in(robot, log, clock, mount)
     if len(times) < 2:
@@ -357,7 +361,7 @@ def _samples(t: Array, window: _Window) -> tuple[int, int]:
 def _runs(
     robot: RobotDescription, floor: Floor, measured: Measured, drive: Drive, windows: list[_Window]
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the body's motion (3,) in each window, and what encoders read too much: wheels (m) and pivots (rad)."""
+    """Yield the body's motion (3,) in each window, and the excess of encoder readings: wheels (m) and pivots (rad)."""
     t = measured.t
     period = float(t[1] - t[0])
     plant, kept = _Plant(robot, floor, period, measured, drive), {}
@@ -387,12 +391,12 @@ def _runs(
 
 
 def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
-    """Return what is handed on: the body's twist (3,) and the wheels' records."""
+    """Return the quantities carried over to the next window: the body's twist (3,) and the wheels' records."""
     return world.twist, world.wheels.copy()
 
 
 class _Plant:
-    """A robot to be driven as a log says, from any of its samples on."""
+    """A robot that is driven as in a log, from any of its samples on."""
 
     def __init__(self, robot: RobotDescription, floor: Floor, period: float, measured: Measured, drive: Drive) -> None:
         self._parts = PARTS if drive == "counts" else 1
@@ -435,7 +439,7 @@ def _at(poses: Array, sample: float) -> Array:
 def _beyond(
     robot: RobotDescription, measured: Measured, first: int, wheels: Array, castors: Array
 ) -> tuple[Array, Array]:
-    """Return what encoders read more than measured, from sample `first` on: of wheels (m) and pivots (rad)."""
+    """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad)."""
     described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
     since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
     before = np.column_stack([measured.wheel[since:first], measured.castor[since:first]])
@@ -455,12 +459,12 @@ def _finite(value: float) -> float | None:
 
 
 def _mean(values: Array) -> float | None:
-    """Return 1000 times the mean of what is known; None where nothing is."""
+    """Return 1000 times the mean of finite values; None where there are none."""
     known = values[np.isfinite(values)]
     return float(1e3 * np.mean(known)) if known.size else None
 
 
 def _root(squares: Array | Sequence[float]) -> float | None:
-    """Return 1000 times the root of the mean of what is known; None where nothing is."""
+    """Return 1000 times the root of the mean of finite values; None where there are none."""
     known = np.asarray(squares)[np.isfinite(squares)]
     return float(1e3 * np.sqrt(np.mean(known))) if known.size else None

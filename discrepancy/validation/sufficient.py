@@ -1,4 +1,4 @@
-"""Whether logs and a robot's encoders tell enough to say anything of what is missing."""
+"""Whether logs and a robot's encoders hold enough information for a diagnosis."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
