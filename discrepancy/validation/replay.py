@@ -48,22 +48,22 @@ REMEMBERED = 10.0
 """s of a log before a window that is given to effects on sensors: latency and backlash depend on earlier samples."""
 
 LONGEST = 2.0
-"""Longest duration of a window, in windows, that is extended to end at a reference pose."""
+"""Longest duration, in windows, to which a window is extended to end at a reference pose."""
 
 GAP = 3.5
 """Steps longer than this many median steps are gaps: no window spans a gap."""
 
 HANDED_ON = ("speed", "integral", "stretch_long", "stretch_lat")
-"""Factor of wheels from window to window."""
+"""State variables of wheels that are carried over from window to window."""
 
 HEAVY = 1e6
 """kg m2: the spin inertia of a wheel whose speed is prescribed, so large that the floor does not affect it."""
 
 PARTS = 10
-"""Part of a sample in which such a wheel's speed is constant: if it changed at once, the wheel would slide."""
+"""Parts of a sample, in each of which such a wheel's speed is constant: at a sudden change it would slide."""
 
 SMOOTHED = 5
-"""Samples that speeds are taken over, by parabolas."""
+"""Samples over which parabolas are fitted for speeds."""
 
 
 @dataclass(frozen=True, eq=False)
