@@ -68,8 +68,8 @@ def test_hidden_effects_are_found_and_the_file_is_written(method, tolerance, log
     assert found.castors[1].pivot_zero == pytest.approx(0.05, abs=0.003)
     for castor, expected in zip(found.castors, true.castors, strict=True):
         assert castor.offset == pytest.approx(expected.offset, rel=0.005)
-        for wheel, other in zip(castor.wheels, expected.wheels, strict=True):
-            assert wheel.radius == pytest.approx(other.radius, rel=tolerance)
+        for wheel, expected_wheel in zip(castor.wheels, expected.wheels, strict=True):
+            assert wheel.radius == pytest.approx(expected_wheel.radius, rel=tolerance)
     rows = {row["name"]: row for row in data["parameters"]}
     assert rows["castor 3 left radius"]["after_m"] == found.castors[2].wheels[0].radius
     assert rows["castor 3 left radius"]["before_m"] == described.castors[2].wheels[0].radius
@@ -85,26 +85,26 @@ def test_people_read_before_and_after(logs, tmp_path, capsys):
 
 
 def test_mistakes_are_one_line_and_nothing_is_written(logs, tmp_path, capsys):
-    out, there = tmp_path / "new.json", tmp_path / "there.json"
-    there.write_text("{}")
-    some = ["--robot", "asoc-prototype", "--out"]
+    out, existing = tmp_path / "new.json", tmp_path / "there.json"
+    existing.write_text("{}")
+    robot_and_out = ["--robot", "asoc-prototype", "--out"]
     for arguments, said in (
-        ([logs[0], *some, out, "--method", "pivoting"], "record one counter-clockwise too"),
-        ([logs[0], *some, out, "--method", "pivotting"], "did you mean"),
-        ([logs[0], *some, out, "--method", "umbmark-correction"], "needs the --side"),
-        ([logs[0], *some, out, "--method", "pivoting", "--pivots"], "--pivots is for maximum likelihood"),
-        ([logs[0], *some, there], "is there already"),
+        ([logs[0], *robot_and_out, out, "--method", "pivoting"], "record one counter-clockwise too"),
+        ([logs[0], *robot_and_out, out, "--method", "pivotting"], "did you mean"),
+        ([logs[0], *robot_and_out, out, "--method", "umbmark-correction"], "needs the --side"),
+        ([logs[0], *robot_and_out, out, "--method", "pivoting", "--pivots"], "--pivots is for maximum likelihood"),
+        ([logs[0], *robot_and_out, existing], "is there already"),
         ([logs[0], "--robot", "cfmmr-3", "--out", out], "is a train"),
         ([logs[0], "--robot", "differential", "--out", out], "has no castor 2; give the robot that made the log"),
-        ([tmp_path / "gone.csv", *some, out], "gone.csv: cannot be read"),
-        ([*logs, *some, tmp_path / "there.json" / "new.json"], "there.json"),
+        ([tmp_path / "gone.csv", *robot_and_out, out], "gone.csv: cannot be read"),
+        ([*logs, *robot_and_out, tmp_path / "there.json" / "new.json"], "there.json"),
     ):
         code, _, err = call(capsys, *arguments)
         assert code == 2, err
         assert err.count("\n") == 1
         assert said in err
     assert not out.exists()
-    assert there.read_text() == "{}"
+    assert existing.read_text() == "{}"
 
 
 @pytest.fixture(scope="module")

@@ -250,8 +250,8 @@ def test_a_built_in_that_serves_no_chosen_task_is_refused_at_once(castor_bench):
 
 def test_a_built_in_is_left_out_of_the_tasks_that_it_does_not_serve(castor_bench, fake_tasks, monkeypatch):
     three = importlib.import_module("castor_envs.vehicles.presets").preset("3-castor")
-    other = type("Other", (fake_tasks.Arcs,), {"robot": three, "record": None})(name="other")
-    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), other))
+    three_castor_task = type("Other", (fake_tasks.Arcs,), {"robot": three, "record": None})(name="other")
+    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), three_castor_task))
     heard = {}
 
     def plan_only(plan, *_):
@@ -395,12 +395,12 @@ def test_a_run_on_another_robot_has_boards_of_its_own(jobs_here, castor_bench):
     assert "differential (not official)" in out
     code, out, _ = castor_bench("leaderboard", "--json")
     assert code == 0
-    official, _, other = json.loads(out)["tasks"]
+    official, _, users_board = json.loads(out)["tasks"]
     assert official["entries"] == []
-    assert other["task"].startswith("umbmark-kinematic-calibrated[differential@")
-    assert [entry["estimator"] for entry in other["entries"]] == ["dead-reckoning-1"]
+    assert users_board["task"].startswith("umbmark-kinematic-calibrated[differential@")
+    assert [entry["estimator"] for entry in users_board["entries"]] == ["dead-reckoning-1"]
     code, out, _ = castor_bench("rescore")
-    assert (code, out) == (0, f"{other['task']}: 0 of 1 rows changed\n")
+    assert (code, out) == (0, f"{users_board['task']}: 0 of 1 rows changed\n")
 
 
 @pytest.mark.parametrize(

@@ -93,9 +93,9 @@ def test_edited_sources_are_not_mixed(board):
 def test_rows_of_another_recording_or_version_are_not_mixed(board, fake_tasks):
     board.put("mine", HARD)
     board.put("mine", [0.5], cases=[8], version=2)
-    other = build([board.task], board.results)
-    assert other.other_versions == (("arcs", 2),)
-    assert len(other.boards[0].cases) == 8
+    arcs_board = build([board.task], board.results)
+    assert arcs_board.other_versions == (("arcs", 2),)
+    assert len(arcs_board.boards[0].cases) == 8
     EpisodeStore(board.results).save(board.task, 3, board.task.record(3))
     assert 3 not in build([board.task], board.results).boards[0].cases
 
@@ -205,8 +205,8 @@ def wide(board):
         board.store.save_time("arcs", 1, name, str(k) * 16, 123.4, provenance())
         for case in CASES:
             row = board.store.load("arcs", 1, name, str(k) * 16, case)
-            more = {"end_point_position": 0.1234, "end_point_heading": 0.01234, "rpe_translation": 0.01234}
-            board.store.save(dataclasses.replace(row, scores={**row.scores, **more}))
+            extra_scores = {"end_point_position": 0.1234, "end_point_heading": 0.01234, "rpe_translation": 0.01234}
+            board.store.save(dataclasses.replace(row, scores={**row.scores, **extra_scores}))
     return build([board.task], board.results)
 
 

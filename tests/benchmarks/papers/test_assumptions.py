@@ -10,7 +10,7 @@ from castor_envs.effects.dimensions import PivotBias
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset
 
-NAMES = tuple(one.name for one in dataclasses.fields(Assumptions))
+NAMES = tuple(field.name for field in dataclasses.fields(Assumptions))
 
 
 def test_every_assumption_is_an_option_with_default_and_reason(castor_bench, monkeypatch):
@@ -120,7 +120,7 @@ def test_other_kinds_of_robots_are_refused(robot, message):
 
 def test_castors_need_a_driven_wheel_on_either_side_and_no_effects(tmp_path):
     base = preset("asoc-prototype")
-    first, *others = base.castors
+    first, *remaining = base.castors
     left, right = first.wheels
 
     def refused(message, **changes):
@@ -129,13 +129,13 @@ def test_castors_need_a_driven_wheel_on_either_side_and_no_effects(tmp_path):
             Assumptions(robot=str(tmp_path / "robot.json"))
 
     def of_wheels(*wheels):
-        return {"castors": (dataclasses.replace(first, wheels=wheels), *others)}
+        return {"castors": (dataclasses.replace(first, wheels=wheels), *remaining)}
 
     refused("two driven wheels", **of_wheels(left))
     refused("two driven wheels", **of_wheels(left, dataclasses.replace(right, counts_per_rev=None)))
     refused("two driven wheels", **of_wheels(left, dataclasses.replace(right, grip="omni")))
     refused("either side", **of_wheels(left, dataclasses.replace(right, lateral=0.01)))
-    refused("pivots apart", castors=(first, first, *others))
+    refused("pivots apart", castors=(first, first, *remaining))
     refused("effects", effects=(PivotBias(castor=1, value=0.01),))
 
 

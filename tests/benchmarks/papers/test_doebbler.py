@@ -29,9 +29,9 @@ def table():
 
 
 @pytest.fixture(scope="module")
-def ours(table):
+def computed(table):
     """Return the computed values, mm, by (simulation, robot file, estimator)."""
-    return {tuple(value for _, value in one.place): one.ours for one in table.comparisons}
+    return {tuple(value for _, value in comparison.place): comparison.ours for comparison in table.comparisons}
 
 
 def followed(estimator, robot, log):
@@ -68,9 +68,9 @@ def test_every_set_is_the_tasks_case_followed_run_by_run(errors, corners, cases)
 
 
 def test_how_many_sets_are_computed_together_changes_nothing():
-    whole = errors_of_sets(Conditions(sets=5), CALIBRATED)
+    together = errors_of_sets(Conditions(sets=5), CALIBRATED)
     for name, found in errors_of_sets(Conditions(sets=5), CALIBRATED, at_a_time=10).items():
-        np.testing.assert_allclose(found, whole[name], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found, together[name], rtol=0, atol=1e-12)
 
 
 def test_mean_and_standard_error_are_those_of_the_sets():
@@ -98,53 +98,53 @@ def test_without_errors_and_with_fine_encoders_little_is_off_but_for_euler_steps
     )
     fine.save(tmp_path / "fine.json")
     assumed = Assumptions(robot=str(tmp_path / "fine.json"))
-    none = ParameterErrors(0.0, 0.0, 0.0, 0.0)
+    no_errors = ParameterErrors(0.0, 0.0, 0.0, 0.0)
     for encoders in ("honest", "lossy"):
-        found = errors_of_sets(Conditions(assumed, sets=2, encoders=encoders), none)
+        found = errors_of_sets(Conditions(assumed, sets=2, encoders=encoders), no_errors)
         assert np.max(found["IPEC-1"]) < 2e-3
         assert max(np.max(found["CAST-1"]), np.max(found["CAST-0"])) < 3e-4
-    floor = errors_of_sets(Conditions(assumed, sets=2, step="euler"), none)
+    floor = errors_of_sets(Conditions(assumed, sets=2, step="euler"), no_errors)
     assert min(np.min(error) for error in floor.values()) > 0.05
 
 
-def test_the_third_castor_helps_and_two_castor_methods_agree(ours):
+def test_the_third_castor_helps_and_two_castor_methods_agree(computed):
     for file in TABLE_2:
-        ipec, cast, all_castors = (ours["honest-arc", file, name] for name in ESTIMATORS)
+        ipec, cast, all_castors = (computed["honest-arc", file, name] for name in ESTIMATORS)
         assert all_castors < 0.9 * cast
         assert ipec == pytest.approx(cast, rel=0.08)
 
 
 def test_uncalibrated_errors_are_the_papers_and_calibrated_ones_far_below(table):
-    for one in table.comparisons:
-        place = dict(one.place)
+    for comparison in table.comparisons:
+        place = dict(comparison.place)
         if place["simulation"] == "honest-arc":
             if place["robot_file"] == "uncalibrated":
-                assert abs(one.ours - one.printed) < 3 * one.standard_error
+                assert abs(comparison.ours - comparison.printed) < 3 * comparison.standard_error
             else:
-                assert one.ratio < 0.2
+                assert comparison.ratio < 0.2
 
 
-def test_lossy_encoders_and_euler_steps_are_ten_times_worse_after_calibration(ours):
+def test_lossy_encoders_and_euler_steps_are_ten_times_worse_after_calibration(computed):
     for name in ESTIMATORS:
-        ratio = ours["lossy-euler", "calibrated", name] / ours["honest-arc", "calibrated", name]
+        ratio = computed["lossy-euler", "calibrated", name] / computed["honest-arc", "calibrated", name]
         assert 7 < ratio < 20
 
 
-def test_how_the_pivots_swing_is_taken_decides_about_the_third_castor(ours):
+def test_how_the_pivots_swing_is_taken_decides_about_the_third_castor(computed):
     """Euler's step turns the swing by the end heading too, or not: two castors hardly notice, three do."""
     for name in ("IPEC-1", "CAST-1"):
-        swung, exact = (ours[step, "calibrated", name] for step in ("lossy-euler", "lossy-euler-axle"))
+        swung, exact = (computed[step, "calibrated", name] for step in ("lossy-euler", "lossy-euler-axle"))
         assert exact == pytest.approx(swung, rel=0.1)
-    assert ours["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=2.0)
-    assert ours["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.2, abs=2.0)
+    assert computed["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=2.0)
+    assert computed["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.2, abs=2.0)
 
 
 def test_phases_do_not_matter_to_lossy_encoders():
-    one, many = (
+    single, several = (
         errors_of_sets(Conditions(Assumptions(runs=runs), sets=2, encoders="lossy"), CALIBRATED) for runs in (1, 3)
     )
     for name in ESTIMATORS:
-        np.testing.assert_allclose(one[name], many[name], rtol=1e-12)
+        np.testing.assert_allclose(single[name], several[name], rtol=1e-12)
 
 
 @pytest.mark.parametrize("times", [1, 2])
@@ -190,11 +190,15 @@ def test_default_rounded_corners_give_the_path_that_the_printed_percentages_impl
 def test_every_percentage_is_of_the_path_that_it_names(corners, length):
     (source,) = select_tables(["doebbler-2"])
     table = source.compute(Effort(2, assumptions=Assumptions(corners=corners, runs=1)))
-    assert {one.name: one.value for one in table.conditions}["path_length"] == pytest.approx(length, abs=1e-3)
-    for one in table.comparisons:
-        shares = dict(one.also)
-        assert shares["ours_percent_of_path_length"] == pytest.approx(0.1 * float(one.ours) / length, rel=1e-3)
-        assert shares["printed_percent_of_implied_path"] == pytest.approx(0.1 * float(one.printed) / 5.73, abs=0.006)
+    assert {condition.name: condition.value for condition in table.conditions}["path_length"] == pytest.approx(
+        length, abs=1e-3
+    )
+    for comparison in table.comparisons:
+        shares = dict(comparison.also)
+        assert shares["ours_percent_of_path_length"] == pytest.approx(0.1 * float(comparison.ours) / length, rel=1e-3)
+        assert shares["printed_percent_of_implied_path"] == pytest.approx(
+            0.1 * float(comparison.printed) / 5.73, abs=0.006
+        )
     (note,) = (note for note in table.notes if "%" in note)
     assert f"of the {length:.3f} m that were driven" in note
     assert "Printed, of the 5.7" in note
@@ -218,7 +222,7 @@ def test_speeds_and_accelerations_are_those_of_the_drive(change, seconds):
 
 
 def test_other_robots_seeds_and_distributions_have_other_errors():
-    others = (
+    variants = (
         Assumptions(),
         Assumptions(robot="asoc-full-scale"),
         Assumptions(seed=1),
@@ -226,8 +230,8 @@ def test_other_robots_seeds_and_distributions_have_other_errors():
         Assumptions(speed=0.2),
         Assumptions(runs=1),
     )
-    found = [errors_of_sets(Conditions(assumed, sets=2), CALIBRATED)["CAST-0"] for assumed in others]
-    assert len({float(value) for one in found for value in one}) == 2 * len(others)
+    found = [errors_of_sets(Conditions(assumed, sets=2), CALIBRATED)["CAST-0"] for assumed in variants]
+    assert len({float(value) for errors in found for value in errors}) == 2 * len(variants)
 
 
 def test_on_a_base_of_three_times_the_size_relative_errors_turn_it_less():

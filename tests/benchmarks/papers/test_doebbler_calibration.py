@@ -68,8 +68,8 @@ def test_twice_the_turns_halve_what_rounding_leaves_of_wheels(tmp_path):
 def test_normal_errors_have_the_same_mean_size_and_seeds_differ():
     uniform, normal = (percent(errors_left(1000, Assumptions(distribution=name))[0]) for name in ("uniform", "normal"))
     np.testing.assert_allclose(normal, uniform, rtol=0.05)
-    one, other = (percent(errors_left(50, Assumptions(seed=seed))[0]) for seed in (0, 1))
-    assert one != other
+    first, second = (percent(errors_left(50, Assumptions(seed=seed))[0]) for seed in (0, 1))
+    assert first != second
 
 
 def test_robots_of_another_size_and_number_of_castors_are_calibrated_too():
@@ -83,5 +83,9 @@ def test_robots_of_another_size_and_number_of_castors_are_calibrated_too():
 def test_the_last_column_names_its_distance_error():
     (source,) = select_tables(["doebbler-1"])
     table = source.compute(Effort(20, assumptions=Assumptions(distance_error=0.2)))
-    assert {one.column for one in table.comparisons} == {"before", "after, D exact", "after, D known to 0.2 %"}
-    assert {one.key: one.value for one in table.conditions}["distance_error_percent"] == 0.2
+    assert {comparison.column for comparison in table.comparisons} == {
+        "before",
+        "after, D exact",
+        "after, D known to 0.2 %",
+    }
+    assert {condition.key: condition.value for condition in table.conditions}["distance_error_percent"] == 0.2

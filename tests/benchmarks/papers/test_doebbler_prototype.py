@@ -29,12 +29,12 @@ def test_estimators_get_the_nominal_robot_and_the_world_another():
 def test_means_over_robots_come_beside_the_paper_and_three_castors_beat_two():
     (source,) = select_tables(["doebbler-3"])
     table = source.compute(Effort(sets=4))
-    ours = {c.row: float(c.ours) for c in table.comparisons}
+    computed = {c.row: float(c.ours) for c in table.comparisons}
     assert {c.row: c.printed for c in table.comparisons} == {name.upper(): float(e) for name, e in TABLE_3.items()}
     for i in (1, 2, 3):
-        assert ours[f"IPEC-{i}"] == pytest.approx(ours[f"CAST-{i}"], rel=0.05)
-    assert ours["CAST-0"] < np.mean([ours[f"CAST-{i}"] for i in (1, 2, 3)])
-    assert all(100 < error < 900 for error in ours.values())
+        assert computed[f"IPEC-{i}"] == pytest.approx(computed[f"CAST-{i}"], rel=0.05)
+    assert computed["CAST-0"] < np.mean([computed[f"CAST-{i}"] for i in (1, 2, 3)])
+    assert all(100 < error < 900 for error in computed.values())
     assert "of 4. CAST-1 to -3 over CAST-0: printed 2.50" in table.notes[1]
 
 
@@ -42,7 +42,7 @@ def test_assumptions_are_those_of_the_drive():
     (source,) = select_tables(["doebbler-3"])
     assumed = Assumptions(robots=2, corners="rounded", corner_radius=0.2)
     table = source.compute(Effort(assumptions=assumed))
-    conditions = {one.key: one.value for one in table.conditions}
+    conditions = {condition.key: condition.value for condition in table.conditions}
     assert (conditions["robots"], conditions["corners"], conditions["corner_radius_m"]) == (2, "rounded", 0.159)
     assert "rounds corners with 0.159 m, and no other radius" in table.notes[-1]
     assert "mean of 2 robots" in table.comparisons[0].column

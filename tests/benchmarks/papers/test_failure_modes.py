@@ -39,8 +39,8 @@ def thetas(a, b):
 
 
 def bends(sweep, ratio):
-    other = sweep.side * ratio * sweep.bend
-    return (sweep.bend, other) if sweep.keeps == 0 else (other, sweep.bend)
+    second_bend = sweep.side * ratio * sweep.bend
+    return (sweep.bend, second_bend) if sweep.keeps == 0 else (second_bend, sweep.bend)
 
 
 def bisect(function, low, high):
@@ -90,7 +90,7 @@ def test_opposite_bends_tie_theta_xy_at_about_67_percent():
     assert 0.658 < tie.ratio < 0.667
     # The test itself sits just beyond, where axle 2, the true one, is selected.
     assert tie.ratio < OPPOSITE.test_ratio < tie.ratio + 0.012
-    assert [one.axle for one in selections(OPPOSITE, "theta_xy")] == [1, 2]
+    assert [selection.axle for selection in selections(OPPOSITE, "theta_xy")] == [1, 2]
     assert OPPOSITE.test.true_axle == 2
 
 
@@ -111,7 +111,7 @@ def test_opposite_bends_of_equal_curvature_tie_theta_phi_and_theta_dev(bend):
     np.testing.assert_allclose(sweep.errors("theta_dev", 1.0), abs(bend) / 2, rtol=0, atol=1e-12)
     np.testing.assert_allclose(sweep.errors("theta_phi", 1.0), np.array([1, 2, 1]) * abs(bend), rtol=0, atol=1e-12)
     for metric in ("theta_phi", "theta_dev"):
-        assert [one.axle for one in selections(sweep, metric)] == [1, 3]
+        assert [selection.axle for selection in selections(sweep, metric)] == [1, 3]
 
 
 @given(ratio=RATIO)
@@ -120,7 +120,7 @@ def test_bends_to_the_same_side_never_change_the_selection(ratio):
         first, second, third = thetas(*bends(SAME, ratio))[metric]
         assert second < min(first, third) - 0.05
         assert SAME.selected(metric, ratio) == 2
-        assert [one.axle for one in selections(SAME, metric)] == [2]
+        assert [selection.axle for selection in selections(SAME, metric)] == [2]
 
 
 def test_equal_curvature_to_the_same_side_ties_only_the_two_wrong_axles():
@@ -143,9 +143,9 @@ def test_selections_cover_the_sweep_without_gaps():
     for sweep in SWEEPS:
         for metric in METRICS:
             found = selections(sweep, metric)
-            assert [one.low for one in found] == [RATIOS[0], *(one.high for one in found[:-1])]
+            assert [selection.low for selection in found] == [RATIOS[0], *(selection.high for selection in found[:-1])]
             assert found[-1].high == RATIOS[1]
-            for one in found:
-                for ratio in np.linspace(one.low + 1e-6, one.high - 1e-6, 7):
+            for selection in found:
+                for ratio in np.linspace(selection.low + 1e-6, selection.high - 1e-6, 7):
                     errors = thetas(*bends(sweep, ratio))[metric]
-                    assert 1 + errors.index(min(errors)) == one.axle
+                    assert 1 + errors.index(min(errors)) == selection.axle

@@ -82,7 +82,9 @@ def thetas(test):
 def all_values(name):
     (source,) = select_tables([name])
     table = source.compute(Effort())
-    return {(*(value for _, value in one.place), one.quantity): one for one in table.comparisons}
+    return {
+        (*(value for _, value in comparison.place), comparison.quantity): comparison for comparison in table.comparisons
+    }
 
 
 def test_odometry_is_that_of_the_captions_front_first():
@@ -103,36 +105,36 @@ def test_the_truth_agrees_with_odometry_at_the_true_axle_and_with_the_frames_eve
 
 
 def test_all_60_values_of_table_1_agree_with_the_paper_and_with_complex_numbers():
-    ours = all_values("vogt-1")
+    computed = all_values("vogt-1")
     printed = printed_values()
     assert len(printed) == 60
     for (test, metric, name), text in printed.items():
-        one = ours[test, metric, name, "error" if isinstance(name, int) else "confidence value"]
-        assert one.printed == float(text)
-        assert one.digits == len(text.partition(".")[2])
+        comparison = computed[test, metric, name, "error" if isinstance(name, int) else "confidence value"]
+        assert comparison.printed == float(text)
+        assert comparison.digits == len(text.partition(".")[2])
         errors = thetas(STATIC_TESTS[test - 1])[metric]
         low, middle, high = sorted(errors)
         confidence = {"CON1": (high - low) / high, "CON2": (middle - low) / middle}
         expected = errors[name - 1] if isinstance(name, int) else confidence[name]
-        assert one.ours == pytest.approx(expected, abs=1e-11)
-        assert abs(expected - float(text)) <= 0.5 * 10**-one.digits
-        assert one.agrees
-    assert sum(one.quantity in ("error", "confidence value") for one in ours.values()) == 60
+        assert comparison.ours == pytest.approx(expected, abs=1e-11)
+        assert abs(expected - float(text)) <= 0.5 * 10**-comparison.digits
+        assert comparison.agrees
+    assert sum(comparison.quantity in ("error", "confidence value") for comparison in computed.values()) == 60
 
 
 def test_the_selected_axle_is_that_of_the_lowest_error_in_print_and_here():
-    ours = all_values("vogt-1")
+    computed = all_values("vogt-1")
     printed = printed_values()
     for test in STATIC_TESTS:
         for metric in METRICS:
-            one = ours[test.number, metric, "selection"]
-            assert one.printed == min((1, 2, 3), key=lambda axle: float(printed[test.number, metric, axle]))
+            selection = computed[test.number, metric, "selection"]
+            assert selection.printed == min((1, 2, 3), key=lambda axle: float(printed[test.number, metric, axle]))
             errors = thetas(test)[metric]
-            assert one.ours == 1 + errors.index(min(errors))
+            assert selection.ours == 1 + errors.index(min(errors))
 
 
 def test_table_2_is_the_mean_distance_from_the_truth():
-    ours = all_values("vogt-2")
+    computed = all_values("vogt-2")
     for test, line in zip(STATIC_TESTS, TABLE_2.strip().splitlines(), strict=True):
         truth = attached(test, test.true_axle - 1)
         cells = line.split()
@@ -140,16 +142,16 @@ def test_table_2_is_the_mean_distance_from_the_truth():
             errors = thetas(test)[metric]
             chosen = attached(test, errors.index(min(errors)))
             mean = sum(abs(p - q) for (p, _), (q, _) in zip(truth, chosen, strict=True)) / 3
-            one, passed = ours[test.number, metric, "position error"], ours[test.number, metric, "verdict"]
-            assert (one.printed, passed.printed) == (float(error), verdict)
-            assert one.ours == pytest.approx(mean, abs=1e-14)
+            value, passed = computed[test.number, metric, "position error"], computed[test.number, metric, "verdict"]
+            assert (value.printed, passed.printed) == (float(error), verdict)
+            assert value.ours == pytest.approx(mean, abs=1e-14)
             assert passed.agrees
-            assert one.agrees == (verdict == "P")
+            assert value.agrees == (verdict == "P")
 
 
 def test_a_value_agrees_up_to_half_a_last_digit():
-    def agrees(ours):
-        return Comparison((), "", "", "error", "m", 0.135, ours, 3).agrees
+    def agrees(computed):
+        return Comparison((), "", "", "error", "m", 0.135, computed, 3).agrees
 
     assert agrees(0.1345)
     assert agrees(0.1355)
@@ -178,9 +180,9 @@ def test_json_is_complete_and_has_its_format_and_units(castor_bench):
     assert tables["vogt-1"]["agreement"]["error"] == {"agree": 36, "of": 36}
     assert tables["vogt-1"]["agreement"]["confidence value"] == {"agree": 24, "of": 24}
     values = tables["vogt-1"]["values"]
-    (one,) = (v for v in values if (v["test"], v["metric"], v.get("axle")) == (3, "theta_dev", 2))
-    assert one["printed_deg"] == 25.0
-    assert one["agrees"] is True
+    (entry,) = (v for v in values if (v["test"], v["metric"], v.get("axle")) == (3, "theta_dev", 2))
+    assert entry["printed_deg"] == 25.0
+    assert entry["agrees"] is True
     differing = [v for v in tables["vogt-2"]["values"] if not v["agrees"]]
     assert [(v["test"], v["metric"], v["printed_m"]) for v in differing] == [
         (3, "theta_phi", 0.065),

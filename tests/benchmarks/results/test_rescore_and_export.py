@@ -50,13 +50,13 @@ def test_scores_that_differ_are_stored_again_unless_it_is_a_dry_run(stored):
         report = rescore_task(results, task, write=write)
         assert report.changed == 1
         assert report.metrics == {("dead-reckoning-1", "E_max_syst"): 1, ("dead-reckoning-1", "ate"): 1}
-        now = {row.case: row for row in store.rows(task.name, task.version)}
-        assert now[1].scores["E_max_syst"] == left
-    assert now[1].scores == before[1].scores
-    assert now[1].origin.created == before[1].origin.created
-    assert now[1].origin.rescored is not None
-    assert now[1].origin.rescored >= now[1].origin.created
-    assert now[0].origin == before[0].origin
+        rescored = {row.case: row for row in store.rows(task.name, task.version)}
+        assert rescored[1].scores["E_max_syst"] == left
+    assert rescored[1].scores == before[1].scores
+    assert rescored[1].origin.created == before[1].origin.created
+    assert rescored[1].origin.rescored is not None
+    assert rescored[1].origin.rescored >= rescored[1].origin.created
+    assert rescored[0].origin == before[0].origin
 
 
 def test_rows_of_another_recording_are_kept_as_they_are(stored):

@@ -55,7 +55,7 @@ def wait_until(condition, process=None):
 @pytest.mark.slow
 def test_a_killed_run_is_continued(tmp_path, plugin, fake_tasks, in_this_process):
     """Kill -9 of all its processes, once while episodes are recorded, once while an estimator runs."""
-    results, whole = tmp_path / "results", tmp_path / "whole"
+    results, uninterrupted = tmp_path / "results", tmp_path / "whole"
     for pattern in ("episodes/*/[0-9]*.npz", "rows/*/*/[0-9]*.npz"):
         process = start(tmp_path, plugin, "followers:Slow")
         wait_until(lambda pattern=pattern: len(list(results.glob(pattern))) >= 4, process)
@@ -69,16 +69,16 @@ def test_a_killed_run_is_continued(tmp_path, plugin, fake_tasks, in_this_process
     plan = [Assignment(task, tuple(range(24)), (entry,))]
     with in_this_process():
         run(plan, results)
-        run(plan, whole)
+        run(plan, uninterrupted)
     store = ResultsStore(results)
     continued = list(store.rows("arcs", 1))
-    straight = {row.case: row for row in ResultsStore(whole).rows("arcs", 1)}
+    straight = {row.case: row for row in ResultsStore(uninterrupted).rows("arcs", 1)}
     assert not store.corrupt
     assert sorted(row.case for row in continued) == list(range(24))
     for row in continued:
         assert row.scores == straight[row.case].scores
-        for one, other in zip(row.estimates, straight[row.case].estimates, strict=True):
-            np.testing.assert_array_equal(one, other)
+        for stored, expected in zip(row.estimates, straight[row.case].estimates, strict=True):
+            np.testing.assert_array_equal(stored, expected)
         assert row.case not in survived or row.origin == survived[row.case]
 
 

@@ -224,8 +224,8 @@ def test_damaged_files_are_named_and_computed_again(tmp_path, fake_tasks, plugin
     after = rows_of(tmp_path, task)
     assert after.keys() == before.keys()
     for key, row in after.items():
-        for one, other in zip(row.estimates, before[key].estimates, strict=True):
-            np.testing.assert_array_equal(one, other)
+        for computed, stored in zip(row.estimates, before[key].estimates, strict=True):
+            np.testing.assert_array_equal(computed, stored)
         assert row.scores == before[key].scores
 
 
@@ -312,21 +312,21 @@ def test_stacks_are_of_alike_runs(fake_tasks, plugin):
         alone = estimate_singly(entry.spec, entry.source_hash, runs)
         assert isinstance(alone, list)
         assert isinstance(found, list)
-        for one, other in zip(alone, found, strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-13)
+        for single, stacked in zip(alone, found, strict=True):
+            np.testing.assert_allclose(single, stacked, atol=1e-13)
 
 
 def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plugin, monkeypatch, jobs_here):
     """Old episodes must not be mixed with edited physics: they are recorded anew, and only what differs is run."""
     plan = [Assignment(fake_tasks.Arcs(), (0, 1), (load_estimator(plugin("followers:Follower")),))]
     run(plan, tmp_path)
-    again, other = Heard(), Heard()
+    again, heard_other_world = Heard(), Heard()
     run(plan, tmp_path, progress=again)
     assert again.stages["recording episodes"] == 0
     monkeypatch.setattr(episodes, "world_digest", lambda: "another world")
-    run(plan, tmp_path, progress=other)
-    assert other.stages["recording episodes"] == 2
-    assert other.stages["running estimators"] == 0  # this world records the same
+    run(plan, tmp_path, progress=heard_other_world)
+    assert heard_other_world.stages["recording episodes"] == 2
+    assert heard_other_world.stages["running estimators"] == 0  # this world records the same
 
 
 def test_a_refusal_declines_the_robot_and_a_value_error_does_not(tmp_path, fake_tasks, jobs_here):
@@ -373,11 +373,11 @@ def test_a_plug_in_cannot_change_the_scores_of_others(tmp_path, fake_tasks, plug
     """One worker process serves one plug-in only: what it does to its process ends with it."""
     task = fake_tasks.Arcs()
     honest = load_estimator("dead-reckoning")
-    others = [load_estimator(plugin(f"saboteur:{kind}")) for kind in ("Saboteur", "Unspeakable", "Surrogate")]
+    saboteurs = [load_estimator(plugin(f"saboteur:{kind}")) for kind in ("Saboteur", "Unspeakable", "Surrogate")]
     with in_this_process():
         run([Assignment(task, (0, 1), (honest,))], tmp_path / "alone")
     prepared(tmp_path / "together", task, 0, 1)
-    run([Assignment(task, (0, 1), (*others, honest))], tmp_path / "together", processes=1)
+    run([Assignment(task, (0, 1), (*saboteurs, honest))], tmp_path / "together", processes=1)
     alone, together = rows_of(tmp_path / "alone", task), rows_of(tmp_path / "together", task)
     for case in (0, 1):
         assert together["dead-reckoning", case].scores == alone["dead-reckoning", case].scores

@@ -59,8 +59,8 @@ def test_umbmark_is_batched():
     together = square_metrics.umbmark(cw, ccw)
     for k in range(7):
         alone = square_metrics.umbmark(cw[k], ccw[k])
-        for whole, one in zip(together, alone, strict=True):
-            np.testing.assert_allclose(whole[k], one)
+        for batch, single in zip(together, alone, strict=True):
+            np.testing.assert_allclose(batch[k], single)
 
 
 def test_return_errors_are_true_minus_odometry():
@@ -72,8 +72,8 @@ def test_return_errors_are_true_minus_odometry():
 @given(poses, poses, poses, poses)
 def test_return_errors_do_not_depend_on_where_the_square_lies(start, end, estimate, motion):
     start, end, estimate = (np.array(pose) for pose in (start, end, estimate))
-    there = square_metrics.return_errors(*(moved(motion, pose) for pose in (start, end, estimate)))
-    np.testing.assert_allclose(there, square_metrics.return_errors(start, end, estimate), atol=1e-12)
+    moved_errors = square_metrics.return_errors(*(moved(motion, pose) for pose in (start, end, estimate)))
+    np.testing.assert_allclose(moved_errors, square_metrics.return_errors(start, end, estimate), atol=1e-12)
 
 
 def test_orientation_error_by_hand():
@@ -180,16 +180,16 @@ def test_moving_the_world_changes_nothing(seed, motion):
         path_metrics.relative_pose_error,
         path_metrics.end_point_error,
     ):
-        there = metric(moved(motion, true), moved(motion, estimate))
-        np.testing.assert_allclose(there, metric(true, estimate), rtol=1e-9, atol=1e-12)
+        moved_score = metric(moved(motion, true), moved(motion, estimate))
+        np.testing.assert_allclose(moved_score, metric(true, estimate), rtol=1e-9, atol=1e-12)
 
 
 @given(st.integers(0, 999), poses)
 def test_relative_error_is_the_same_from_a_wrong_start(seed, motion):
     """Moving the estimate alone changes no relative motion."""
     true, estimate = path(seed), path(seed + 1)
-    there = path_metrics.relative_pose_error(true, moved(motion, estimate))
-    np.testing.assert_allclose(there, path_metrics.relative_pose_error(true, estimate), rtol=1e-9)
+    moved_error = path_metrics.relative_pose_error(true, moved(motion, estimate))
+    np.testing.assert_allclose(moved_error, path_metrics.relative_pose_error(true, estimate), rtol=1e-9)
 
 
 @given(st.integers(0, 999))

@@ -150,14 +150,16 @@ def test_a_stored_episode_comes_back_bit_for_bit(stored):
 
 def test_the_digest_covers_what_scores_depend_on(stored, fake_tasks):
     _, _, episode = stored
-    run, other = episode.runs
+    run, second_run = episode.runs
     changed = [
         Episode(fake_tasks.with_radius_error(episode.robot, 1e-12), episode.runs),
         Episode(episode.robot, (run,)),
-        Episode(episode.robot, (dataclasses.replace(run, direction="ccw"), other)),
-        Episode(episode.robot, (run, dataclasses.replace(other, baseline=False))),
+        Episode(episode.robot, (dataclasses.replace(run, direction="ccw"), second_run)),
+        Episode(episode.robot, (run, dataclasses.replace(second_run, baseline=False))),
         *(
-            Episode(episode.robot, (dataclasses.replace(run, log=dataclasses.replace(run.log, **{part: value})), other))
+            Episode(
+                episode.robot, (dataclasses.replace(run, log=dataclasses.replace(run.log, **{part: value})), second_run)
+            )
             for part, value in {
                 "t": run.log.t * 1.5,
                 "wheel": run.log.wheel + 1e-9,
@@ -166,7 +168,7 @@ def test_the_digest_covers_what_scores_depend_on(stored, fake_tasks):
             }.items()
         ),
     ]
-    assert len({episode.digest, *(one.digest for one in changed)}) == len(changed) + 1
+    assert len({episode.digest, *(changed_episode.digest for changed_episode in changed)}) == len(changed) + 1
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "foreign", "empty"])

@@ -69,13 +69,13 @@ def test_a_snapshot_is_scored_at_its_end_alone():
 def test_which_axle_was_kept_is_counted_where_exactly_one_was():
     belief = off(1, 0.3)
     moved = np.add(belief, [0.01, 0, 0])
-    first, second, all_three, none = moved.copy(), moved.copy(), belief.copy(), moved
+    first, second, all_three, no_axle = moved.copy(), moved.copy(), belief.copy(), moved
     first[0], second[1] = belief[0], belief[1]
     first[1, 2] += 0.5
     snapshots = episode(*[belief] * 5, sound=(2, 3))
-    found = score(snapshots, [e[:, None] for e in (first, second, second, all_three, none)])
+    found = score(snapshots, [e[:, None] for e in (first, second, second, all_three, no_axle)])
     assert found["sound_axle_chosen"] == pytest.approx(2 / 3)
-    for estimate in (all_three, none):
+    for estimate in (all_three, no_axle):
         assert "sound_axle_chosen" not in score(episode(belief, sound=(2, 3)), [estimate[:, None]])
     assert "sound_axle_chosen" not in score(episode(belief), [second[:, None]])
 
@@ -119,9 +119,9 @@ def test_moving_the_world_and_whole_turns_change_nothing(estimate, motion, turns
             ]
         )
 
-    there = moved(STRAIGHT)
-    there[:, 2] += 2 * np.pi
-    np.testing.assert_allclose(errors(there, moved(estimate)), errors(STRAIGHT, estimate), atol=1e-12)
+    moved_poses = moved(STRAIGHT)
+    moved_poses[:, 2] += 2 * np.pi
+    np.testing.assert_allclose(errors(moved_poses, moved(estimate)), errors(STRAIGHT, estimate), atol=1e-12)
     assert train_metrics.axle_heading_errors(STRAIGHT, estimate).max() <= np.pi + 1e-12
 
 

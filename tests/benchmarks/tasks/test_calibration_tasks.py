@@ -94,31 +94,37 @@ SLOW = {"calibration-pivoting", "calibration-physics"}
 def test_a_case_repeats_and_another_differs_in_recordings_too(task, tmp_path, recorded):
     first, second = (recorded(task, case) for case in task.cases(2))
     assert task.record(0).digest == first.digest != second.digest
-    for one, other in zip(first.calibration.recordings, second.calibration.recordings, strict=True):
-        assert not np.array_equal(one.log.wheel, other.log.wheel)
+    for first_recording, second_recording in zip(
+        first.calibration.recordings, second.calibration.recordings, strict=True
+    ):
+        assert not np.array_equal(first_recording.log.wheel, second_recording.log.wheel)
     store = EpisodeStore(tmp_path)
     store.save(task, 0, first)
     again = store.load(task.name, task.version, 0)
     assert again.digest == first.digest == store.digest(task.name, task.version, 0)
     assert again.calibration.true_robot == first.calibration.true_robot
-    for one, other in zip(again.calibration.recordings, first.calibration.recordings, strict=True):
-        assert (one.held, one.side) == (other.held, other.side)
-        np.testing.assert_array_equal(one.log.pivot, other.log.pivot)
+    for first_recording, second_recording in zip(
+        again.calibration.recordings, first.calibration.recordings, strict=True
+    ):
+        assert (first_recording.held, first_recording.side) == (second_recording.held, second_recording.side)
+        np.testing.assert_array_equal(first_recording.log.pivot, second_recording.log.pivot)
 
 
 def test_no_recording_of_turns_has_a_reference_and_squares_have_their_ends_alone(recorded):
     turns = recorded(TurnsCalibration(), 0).calibration
-    assert [one.held for one in turns.recordings] == [1, 1, 2, 2, 3, 3]
-    assert all(one.log.reference is None for one in turns.recordings)
-    for one in recorded(SquaresCalibration(), 0).calibration.recordings:
-        assert one.side == 2.0
-        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(one.log.reference).all(axis=1)), [0, len(one.log) - 1])
+    assert [recording.held for recording in turns.recordings] == [1, 1, 2, 2, 3, 3]
+    assert all(recording.log.reference is None for recording in turns.recordings)
+    for recording in recorded(SquaresCalibration(), 0).calibration.recordings:
+        assert recording.side == 2.0
+        np.testing.assert_array_equal(
+            np.flatnonzero(np.isfinite(recording.log.reference).all(axis=1)), [0, len(recording.log) - 1]
+        )
 
 
 def test_the_squares_slip_as_much_as_stated(recorded):
     """Two recordings of one square differ by slip and phase alone: the variance grows with the rolled distance."""
     recordings = recorded(SquaresCalibration(), 0).calibration.recordings
-    wheel = np.array([one.log.wheel[-1] for one in recordings[:5]]) * 2 * np.pi / 2000 * 0.075
+    wheel = np.array([recording.log.wheel[-1] for recording in recordings[:5]]) * 2 * np.pi / 2000 * 0.075
     rolled = 8.0 + 2 * np.pi * 0.17
     assert np.std(wheel, axis=0, ddof=1).mean() == pytest.approx(SLIP * np.sqrt(rolled), rel=0.7)
 
@@ -126,19 +132,25 @@ def test_the_squares_slip_as_much_as_stated(recorded):
 def test_the_digest_covers_what_a_method_sees(by_arcs):
     episode = by_arcs.record(0)
     known = episode.calibration
-    one, other = known.recordings
+    first_recording, second_recording = known.recordings
     changed = [
         dataclasses.replace(known, odometry="cast-0"),
         dataclasses.replace(known, odometry_source="0" * 16),
         dataclasses.replace(known, true_robot=None),
-        dataclasses.replace(known, recordings=(one,)),
-        dataclasses.replace(known, recordings=(dataclasses.replace(one, held=2), other)),
-        dataclasses.replace(known, recordings=(dataclasses.replace(one, side=2.0), other)),
+        dataclasses.replace(known, recordings=(first_recording,)),
+        dataclasses.replace(known, recordings=(dataclasses.replace(first_recording, held=2), second_recording)),
+        dataclasses.replace(known, recordings=(dataclasses.replace(first_recording, side=2.0), second_recording)),
         dataclasses.replace(
-            known, recordings=(dataclasses.replace(one, log=dataclasses.replace(one.log, wheel=-one.log.wheel)), other)
+            known,
+            recordings=(
+                dataclasses.replace(
+                    first_recording, log=dataclasses.replace(first_recording.log, wheel=-first_recording.log.wheel)
+                ),
+                second_recording,
+            ),
         ),
     ]
-    digests = {Episode(episode.robot, episode.runs, each).digest for each in (None, known, *changed)}
+    digests = {Episode(episode.robot, episode.runs, calibration).digest for calibration in (None, known, *changed)}
     assert len(digests) == len(changed) + 2
 
 
@@ -194,7 +206,7 @@ def test_pivoting_beats_uncalibrated_by_far(turns):
 
 def test_parameter_errors_by_hand():
     true = preset("asoc-prototype")
-    first, *others = true.castors
+    first, *remaining = true.castors
     left, right = first.wheels
     wrong = dataclasses.replace(
         first,
@@ -205,7 +217,7 @@ def test_parameter_errors_by_hand():
             dataclasses.replace(right, lateral=-0.058 * 1.12),
         ),
     )
-    errors = parameter_errors(dataclasses.replace(true, castors=(wrong, *others)), true)
+    errors = parameter_errors(dataclasses.replace(true, castors=(wrong, *remaining)), true)
     assert errors == pytest.approx(dict(zip(ERRORS, (0.01, 0.01, 0.02, 0.1), strict=True)))
     assert set(errors) <= set(BOARD_METRICS)
 
@@ -254,8 +266,8 @@ def test_the_truth_is_nowhere_in_the_process_of_a_method(all_sorts):
 def test_what_a_worker_gets_holds_no_truth(by_arcs):
     seen = observed_calibration(by_arcs.record(0))
     assert vars(seen).keys() == {"robot", "recordings", "runs", "odometry", "odometry_source"}
-    for one in seen.runs:
-        assert vars(one).keys() == {"robot", "start", "observations", "samples"}
+    for seen_run in seen.runs:
+        assert vars(seen_run).keys() == {"robot", "start", "observations", "samples"}
 
 
 def test_scores_follow_from_the_stored_files_and_nothing_is_run_twice(all_sorts, by_arcs):
@@ -272,7 +284,7 @@ def test_the_board_ranks_methods(all_sorts, by_arcs):
     leaderboard = build([by_arcs], results)
     (board,) = leaderboard.boards
     assert board.odometry == "dead-reckoning-1"
-    assert [one.estimator for one in board.declined] == ["calibrators:Refuses"]
+    assert [refusal.estimator for refusal in board.declined] == ["calibrators:Refuses"]
     assert [entry.estimator for entry in board.entries][:1] == ["calibrators:Truth"]
     (data,) = json.loads(json.dumps(as_json(leaderboard)))["tasks"]
     assert data["odometry"] == "dead-reckoning-1"
@@ -314,8 +326,11 @@ def test_the_documented_method_beats_the_first_order_correction(tmp_path, prepar
     run([Assignment(task, (0, 1), entries)], tmp_path / "results")
     rows = rows_of(tmp_path / "results", task)
     for case in (0, 1):
-        mine, theirs = rows["headings:Headings", case].scores, rows["umbmark-correction", case].scores
-        assert mine["E_max_syst"] < theirs["E_max_syst"] / 3
+        headings_scores, umbmark_scores = (
+            rows["headings:Headings", case].scores,
+            rows["umbmark-correction", case].scores,
+        )
+        assert headings_scores["E_max_syst"] < umbmark_scores["E_max_syst"] / 3
 
 
 @pytest.mark.skipif("CASTOR_DATA" not in os.environ, reason="measured data are not here")
@@ -323,9 +338,9 @@ def test_measured_squares_are_held_out():
     task = MeasuredCalibration(Path(os.environ["CASTOR_DATA"]))
     for case in task.cases():
         episode = task.record(case)
-        used = [one.log for one in episode.calibration.recordings]
-        assert (len(used), [one.direction for one in episode.runs]) == (4, ["cw", "ccw"])
-        assert not {id(one.log) for one in episode.runs} & {id(log) for log in used}
+        used = [recording.log for recording in episode.calibration.recordings]
+        assert (len(used), [run.direction for run in episode.runs]) == (4, ["cw", "ccw"])
+        assert not {id(run.log) for run in episode.runs} & {id(log) for log in used}
         assert episode.calibration.true_robot is None
 
 

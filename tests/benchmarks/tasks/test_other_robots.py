@@ -33,8 +33,8 @@ def files(tmp_path):
     wheels = tuple(dataclasses.replace(wheel, radius=wheel.radius + 1e-3) for wheel in axle.wheels)
     edited = dataclasses.replace(robot, castors=(dataclasses.replace(axle, wheels=wheels),))
     paths = []
-    for folder, each in (("a", robot), ("b", edited)):
-        each.save(tmp_path / folder / "mine.json")
+    for folder, described in (("a", robot), ("b", edited)):
+        described.save(tmp_path / folder / "mine.json")
         paths.append(str(tmp_path / folder / "mine.json"))
     return paths
 
@@ -97,8 +97,8 @@ def test_robots_that_cannot_drive_the_square_are_refused(tmp_path):
 
 
 def test_effects_drive_in_physics_and_estimators_do_not_hear_of_them():
-    other = OtherRobot("mine", preset("differential").with_effects(WheelRadius(castor=1, wheel=1, value=0.001)))
-    tasks = {task.name.partition("[")[0]: task for task in tasks_on(other)}
+    users_robot = OtherRobot("mine", preset("differential").with_effects(WheelRadius(castor=1, wheel=1, value=0.001)))
+    tasks = {task.name.partition("[")[0]: task for task in tasks_on(users_robot)}
     assert "effects" in (tasks["umbmark-kinematic-calibrated"].missing or "")
     assert tasks["umbmark-physics-clean"].missing is None
     assert tasks["umbmark-physics-clean"].robot.effects
@@ -120,13 +120,13 @@ def put_row(results, task, error):
 
 
 def test_rows_on_another_robot_are_on_no_official_board(tmp_path, files):
-    others = [OtherRobot.load(path) for path in files]
+    robots = [OtherRobot.load(path) for path in files]
     name = "umbmark-physics-clean"
     (official,) = select_tasks(official_tasks(), [name])
     put_row(tmp_path, official, 0.5)
-    for k, other in enumerate(others):
-        save_robot(tmp_path, other)
-        put_row(tmp_path, select_tasks(tasks_on(other), [name])[0], 0.1 * (1 + k))
+    for k, users_robot in enumerate(robots):
+        save_robot(tmp_path, users_robot)
+        put_row(tmp_path, select_tasks(tasks_on(users_robot), [name])[0], 0.1 * (1 + k))
     tasks = [task for task in with_stored_robots(official_tasks(), tmp_path) if task.name.startswith(name)]
     boards = build(tasks, tmp_path).boards
     means = [[entry.scores["E_max_syst"].mean for entry in board.entries] for board in boards]
@@ -138,9 +138,9 @@ def test_rows_on_another_robot_are_on_no_official_board(tmp_path, files):
 
 
 def test_a_robot_file_that_was_edited_in_the_results_is_named(tmp_path, files):
-    other, edited = (OtherRobot.load(path) for path in files)
-    save_robot(tmp_path, other)
-    path = tmp_path / "robots" / f"{other.key}.json"
+    users_robot, edited = (OtherRobot.load(path) for path in files)
+    save_robot(tmp_path, users_robot)
+    path = tmp_path / "robots" / f"{users_robot.key}.json"
     path.write_text(json.dumps(edited.robot.to_dict()))
     tasks, (error,) = tasks_on_stored_robots(tmp_path)
     assert tasks == ()

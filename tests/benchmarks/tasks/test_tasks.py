@@ -92,10 +92,10 @@ def two_castor_odometry(robot, counts, pivots, chosen):
     first, second = (complex(*robot.castors[i].pivot) for i in chosen)
     at, psi = first, 0.0
     for k in range(1, len(counts)):
-        (_, one), (_, two) = castor_steps(robot, counts, pivots, k, psi, chosen)
-        baseline = (second - first) * cmath.exp(1j * psi) + two - one
+        (_, first_step), (_, second_step) = castor_steps(robot, counts, pivots, k, psi, chosen)
+        baseline = (second - first) * cmath.exp(1j * psi) + second_step - first_step
         psi += cmath.phase(baseline / (second - first) * cmath.exp(-1j * psi))
-        at += one
+        at += first_step
     centre = at - first * cmath.exp(1j * psi)
     return np.array([centre.real, centre.imag, psi])
 
@@ -138,12 +138,12 @@ def test_estimators_agree_with_an_independent_implementation(task, recorded):
             log, robot = square.log, episode.robot
             zeros = np.array([castor.pivot_zero for castor in robot.castors]) * 5143 / (2 * math.pi)
             pivots = log.pivot - zeros
-            for ours, theirs in (
+            for estimator, expected in (
                 (CAST(left_out=0), least_squares_odometry(robot, log.wheel, pivots, [0, 1, 2])),
                 (CAST(left_out=1), least_squares_odometry(robot, log.wheel, pivots, [1, 2])),
                 (IPEC(left_out=1), two_castor_odometry(robot, log.wheel, pivots, [1, 2])),
             ):
-                np.testing.assert_allclose(run(ours, robot, log), theirs, atol=1e-9)
+                np.testing.assert_allclose(run(estimator, robot, log), expected, atol=1e-9)
 
 
 def test_parameter_errors_have_table_ones_means():
@@ -154,7 +154,7 @@ def test_parameter_errors_have_table_ones_means():
         (CALIBRATED, (0.09, 0.04, 0.04, 0.01)),
     ):
         described = [errors.applied(robot, np.random.default_rng(seed)) for seed in range(400)]
-        castors = [castor for one in described for castor in one.castors]
+        castors = [castor for robot in described for castor in robot.castors]
         wheels = [wheel for castor in castors for wheel in castor.wheels]
         means = (
             np.mean([abs(castor.offset / 0.072 - 1) for castor in castors]) * 100,
@@ -166,9 +166,9 @@ def test_parameter_errors_have_table_ones_means():
 
 
 def test_official_tasks_are_named_apart_and_scored_by_a_known_metric():
-    every = official_tasks(None)
-    assert len({task.name for task in every}) == len(every) >= 7
-    for task in every:
+    tasks = official_tasks(None)
+    assert len({task.name for task in tasks}) == len(tasks) >= 7
+    for task in tasks:
         assert task.metric in BOARD_METRICS
         assert (task.missing is not None) == ("measured" in task.name)
 

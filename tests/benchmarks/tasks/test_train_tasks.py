@@ -53,9 +53,9 @@ def complex_poses(poses):
 def estimates_of(estimator, episode):
     """Return what an estimator believes at the end of every snapshot, (N, 1, 3) each."""
     found = []
-    for one in observed_runs(episode):
-        estimator.reset(one.robot, one.start)
-        answers = [estimator.update(one.observations.at(k)) for k in range(len(one.observations))]
+    for observed in observed_runs(episode):
+        estimator.reset(observed.robot, observed.start)
+        answers = [estimator.update(observed.observations.at(k)) for k in range(len(observed.observations))]
         found.append(answers[-1][:, None])
     return found
 
@@ -85,20 +85,20 @@ def test_random_snapshots_are_what_they_say(name):
     assert isinstance(task, snapshots.DeviantAxles)
     noise, readings, distances, turns = [], [], [], []
     for case in task.cases():
-        for one in task.record(case).runs:
-            z, psi = complex_poses(one.truth[:, -1])
+        for recorded in task.record(case).runs:
+            z, psi = complex_poses(recorded.truth[:, -1])
             angle = psi[:-1] - psi[1:]
             seen = (z[:-1] - z[1:]) * np.exp(-1j * psi[1:])
             assert np.abs(angle).max() <= np.radians(60)
             np.testing.assert_allclose(seen, 0.35 * (np.exp(1j * angle) - 1) / (1j * angle), atol=1e-9)
-            (first, last), ages = readings_of(one)
+            (first, last), ages = readings_of(recorded)
             np.testing.assert_array_equal(first, last)
-            assert not one.log.wheel.any()
+            assert not recorded.log.wheel.any()
             assert not ages.any()
-            np.testing.assert_array_equal(one.log.t, [0, 10])
+            np.testing.assert_array_equal(recorded.log.t, [0, 10])
             readings.append(last - np.stack([seen.real, seen.imag, angle], axis=-1))
-            off = belief_of(one) - one.truth[:, -1]
-            sound = np.isin(np.arange(task.axles) + 1, one.sound)
+            off = belief_of(recorded) - recorded.truth[:, -1]
+            sound = np.isin(np.arange(task.axles) + 1, recorded.sound)
             assert sound.sum() == task.axles - task.deviant
             noise.append(off[sound])
             distances.append(np.hypot(*off[~sound, :2].T))
@@ -119,7 +119,7 @@ def test_random_snapshots_are_what_they_say(name):
 
 def test_every_axle_is_deviant_as_often():
     task = TASKS["configuration-two-of-five"]
-    sound = [axle for case in task.cases() for one in task.record(case).runs for axle in one.sound]
+    sound = [axle for case in task.cases() for recorded in task.record(case).runs for axle in recorded.sound]
     expected = 500 * 3 / 5
     np.testing.assert_allclose(np.bincount(sound)[1:], expected, atol=4 * np.sqrt(500 * 0.6 * 0.4))
 
@@ -129,15 +129,15 @@ def test_opposite_bends_sweep_the_ratio_about_axle_two():
     assert isinstance(task, snapshots.OppositeBends)
     ratios = []
     for case in task.cases():
-        for one in task.record(case).runs:
-            z, psi = complex_poses(one.truth[:, -1])
+        for recorded in task.record(case).runs:
+            z, psi = complex_poses(recorded.truth[:, -1])
             a, b = psi[0] - psi[1], psi[1] - psi[2]
             ratios.append(-a / b)
             assert b == pytest.approx(-np.radians(60.8))
-            np.testing.assert_allclose(belief_of(one)[:, 2], 0, atol=np.radians(1))
-            np.testing.assert_allclose(belief_of(one)[:, :2], [[0.7, 0], [0.35, 0], [0, 0]], atol=0.012)
-            assert one.sound == (2,)
-            assert np.abs(belief_of(one)[1] - one.truth[1, -1]).max() < 0.015
+            np.testing.assert_allclose(belief_of(recorded)[:, 2], 0, atol=np.radians(1))
+            np.testing.assert_allclose(belief_of(recorded)[:, :2], [[0.7, 0], [0.35, 0], [0, 0]], atol=0.012)
+            assert recorded.sound == (2,)
+            assert np.abs(belief_of(recorded)[1] - recorded.truth[1, -1]).max() < 0.015
             assert abs(z[1] - 0.35) < 1e-12
     np.testing.assert_allclose(ratios, np.repeat(np.linspace(0.40, 0.95, 20), 25))
     assert task.record(20).digest != task.record(0).digest
@@ -148,15 +148,15 @@ def test_the_static_tests_are_the_papers():
     task = TASKS["configuration-static"]
     assert task.cases() == ["test-1", "test-2", "test-3", "test-4"]
     for case, test in zip(task.cases(), STATIC_TESTS, strict=True):
-        (one,) = task.record(case).runs
-        np.testing.assert_array_equal(one.belief, test.odometry)
-        np.testing.assert_array_equal(one.log.rps, [test.relative.ravel()] * 2)
+        (recorded,) = task.record(case).runs
+        np.testing.assert_array_equal(recorded.belief, test.odometry)
+        np.testing.assert_array_equal(recorded.log.rps, [test.relative.ravel()] * 2)
         z, psi = attached(test.relative, test.odometry[test.true_axle - 1], test.true_axle - 1)
-        found_z, found_psi = complex_poses(one.truth[:, -1])
+        found_z, found_psi = complex_poses(recorded.truth[:, -1])
         np.testing.assert_allclose(found_z, z, atol=1e-12)
         np.testing.assert_allclose(found_psi, psi, atol=1e-12)
-        np.testing.assert_allclose(one.truth[:, -1], test.truth, atol=1e-12)
-        assert test.true_axle in one.sound
+        np.testing.assert_allclose(recorded.truth[:, -1], test.truth, atol=1e-12)
+        assert test.true_axle in recorded.sound
     # In tests 1 and 4 a frame is straight, as odometry says of its two axles; in 2 and 3 no frame is.
     assert [task.record(case).runs[0].sound for case in task.cases()] == [(2, 3), (2,), (2,), (2, 3)]
 
@@ -184,13 +184,13 @@ def test_scores_of_grpec_agree_with_complex_numbers():
     """Attach to every axle, take the one whose places differ least from odometry's (Vogt, eqs. 2, 3 and 5)."""
     episode = TASKS["configuration-two-of-five"].record(3)
     errors, chosen = [], []
-    for one in episode.runs:
-        relative, belief = readings_of(one)[0][-1], belief_of(one)
+    for recorded in episode.runs:
+        relative, belief = readings_of(recorded)[0][-1], belief_of(recorded)
         od, _ = complex_poses(belief)
         candidates = [attached(relative, belief[axle], axle)[0] for axle in range(5)]
         best = min(range(5), key=lambda axle: np.abs(candidates[axle] - od).sum())
-        errors.append(np.abs(candidates[best] - complex_poses(one.truth[:, -1])[0]).mean())
-        chosen.append(best + 1 in one.sound)
+        errors.append(np.abs(candidates[best] - complex_poses(recorded.truth[:, -1])[0]).mean())
+        chosen.append(best + 1 in recorded.sound)
     scores = score(episode, estimates_of(GRPECXY(), episode))
     assert scores["mean_axle_position"] == pytest.approx(np.mean(errors), abs=1e-12)
     assert scores["share_within_5cm"] == np.mean(np.array(errors) < 0.05)
@@ -215,26 +215,26 @@ def test_a_belief_fits_its_train():
 
 def test_workers_see_a_trains_observations_and_the_belief():
     episode = TASKS["configuration-one-of-three"].record(0)
-    (seen, *_), (one, *_) = observed_runs(episode), episode.runs
-    np.testing.assert_array_equal(seen.start, one.belief)
-    for k, expected in enumerate(one.log.observations()):
+    (seen, *_), (recorded, *_) = observed_runs(episode), episode.runs
+    np.testing.assert_array_equal(seen.start, recorded.belief)
+    for k, expected in enumerate(recorded.log.observations()):
         got = seen.observations.at(k)
         assert got.keys() == expected.keys() == {"wheel", "time", "rps", "rps_age"}
         for key in expected:
             np.testing.assert_array_equal(got[key], expected[key])
     # No number of the truth is in what a worker gets.
     held = np.concatenate([np.ravel(part) for part in vars(seen.observations).values() if part is not None])
-    assert not np.isin(one.truth, [*held, *seen.start.ravel()]).any()
+    assert not np.isin(recorded.truth, [*held, *seen.start.ravel()]).any()
 
 
 def test_a_driving_train_starts_from_the_truth_and_is_followed(fake_trains):
     episode = fake_trains.moving_train()
-    (one,) = observed_runs(episode)
-    np.testing.assert_array_equal(one.start, [[0.7, 0, 0], [0.35, 0, 0], [0, 0, 0]])
+    (observed,) = observed_runs(episode)
+    np.testing.assert_array_equal(observed.start, [[0.7, 0, 0], [0.35, 0, 0], [0, 0, 0]])
     assert episode.runs[0].truth.shape == (3, 5, 3)
     np.testing.assert_allclose(episode.runs[0].truth[0, :, 0], 0.7 + 0.4 * np.array([0, 0.5, 1, 1.5, 2]))
     entry = load_estimator("estimators.trains.odometry:TrainOdometry")
-    answer = estimate_singly(entry.spec, entry.source_hash, [one])
+    answer = estimate_singly(entry.spec, entry.source_hash, [observed])
     assert isinstance(answer, list)
     (estimate,) = answer
     np.testing.assert_allclose(estimate, episode.runs[0].truth, atol=1e-12)
@@ -243,7 +243,7 @@ def test_a_driving_train_starts_from_the_truth_and_is_followed(fake_trains):
     assert scores[STANDING_STILL] == pytest.approx(0.4 * np.sqrt(np.mean(np.array([0, 0.5, 1, 1.5, 2]) ** 2)))
     assert scores["ate"] < 1e-12
     assert scores["contradiction"] < 1e-12
-    time = time_updates(entry.spec, entry.source_hash, [one])
+    time = time_updates(entry.spec, entry.source_hash, [observed])
     assert isinstance(time, float)
     assert time > 0
 
@@ -273,27 +273,27 @@ def test_a_stored_train_episode_comes_back_bit_for_bit(tmp_path):
     again = store.load(task.name, task.version, 1)
     assert again.robot == episode.robot
     assert again.digest == episode.digest
-    for one, before in zip(again.runs, episode.runs, strict=True):
-        assert one.sound == before.sound
-        np.testing.assert_array_equal(one.belief, before.belief)
-        np.testing.assert_array_equal(one.log.rps, before.log.rps)
-        np.testing.assert_array_equal(one.log.rps_age, before.log.rps_age)
+    for loaded, before in zip(again.runs, episode.runs, strict=True):
+        assert loaded.sound == before.sound
+        np.testing.assert_array_equal(loaded.belief, before.belief)
+        np.testing.assert_array_equal(loaded.log.rps, before.log.rps)
+        np.testing.assert_array_equal(loaded.log.rps_age, before.log.rps_age)
 
 
 def test_the_digest_covers_what_a_trains_scores_depend_on():
-    (one,) = TASKS["configuration-static"].record("test-2").runs
-    log, train, belief = one.log, cfmmr(3), belief_of(one)
+    (recorded,) = TASKS["configuration-static"].record("test-2").runs
+    log, train, belief = recorded.log, cfmmr(3), belief_of(recorded)
     rps, age = np.array(log.rps), np.array(log.rps_age)
     changed = [
-        one,
-        dataclasses.replace(one, belief=belief + 1e-12),
-        dataclasses.replace(one, belief=None, sound=()),
-        dataclasses.replace(one, sound=(1,)),
-        dataclasses.replace(one, log=dataclasses.replace(log, rps=rps + 1e-12)),
-        dataclasses.replace(one, log=dataclasses.replace(log, rps_age=age + 1)),
-        dataclasses.replace(one, log=dataclasses.replace(log, rps=None, rps_age=None)),
+        recorded,
+        dataclasses.replace(recorded, belief=belief + 1e-12),
+        dataclasses.replace(recorded, belief=None, sound=()),
+        dataclasses.replace(recorded, sound=(1,)),
+        dataclasses.replace(recorded, log=dataclasses.replace(log, rps=rps + 1e-12)),
+        dataclasses.replace(recorded, log=dataclasses.replace(log, rps_age=age + 1)),
+        dataclasses.replace(recorded, log=dataclasses.replace(log, rps=None, rps_age=None)),
     ]
-    assert len({Episode(train, (each,)).digest for each in changed}) == len(changed)
+    assert len({Episode(train, (changed_run,)).digest for changed_run in changed}) == len(changed)
 
 
 def test_digests_of_robots_are_as_before_there_were_trains():
@@ -389,7 +389,7 @@ def test_a_plug_in_runs_on_a_trains_task(castor_bench):
     code, out, _ = castor_bench("leaderboard", "--json", "--task", "configuration-static")
     (board,) = json.loads(out)["tasks"]
     assert code == 0
-    (entry,) = [one for one in board["entries"] if one["estimator"] == "mine:Attaches"]
+    (entry,) = [board_entry for board_entry in board["entries"] if board_entry["estimator"] == "mine:Attaches"]
     assert entry["rank"] == 1
     assert not entry["stands_still"]
     assert entry["scores"]["share_within_5cm"]["mean"] == 1.0
@@ -450,11 +450,11 @@ def test_an_exported_snapshot_reads_back(castor_bench):
     assert beliefs.pop("format") == "castor-beliefs/1"
     assert sorted(path.name for path in folder.glob("*.csv")) == sorted(beliefs)
     assert len(beliefs) == 25
-    for k, one in enumerate(episode.runs, start=1):
+    for k, recorded in enumerate(episode.runs, start=1):
         log = read_log(folder / f"run-{k:02d}.csv", train)
-        np.testing.assert_array_equal(log.reference, one.log.reference)
-        np.testing.assert_array_equal(log.rps, one.log.rps)
-        np.testing.assert_array_equal(beliefs[f"run-{k:02d}.csv"], one.belief)
+        np.testing.assert_array_equal(log.reference, recorded.log.reference)
+        np.testing.assert_array_equal(log.rps, recorded.log.rps)
+        np.testing.assert_array_equal(beliefs[f"run-{k:02d}.csv"], recorded.belief)
 
 
 def test_a_metric_of_which_more_is_better_ranks_nothing(tmp_path, fake_trains):
