@@ -141,9 +141,9 @@ def records(process, folder):
 
 
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="needs /proc")
-@pytest.mark.parametrize(("moment", "whole"), [(imports, True), (records, True), (records, False)])
-def test_ctrl_c_ends_a_run_and_all_its_processes(tmp_path, moment, whole):
-    """whole: the signal goes to all processes of the terminal, as from the keyboard, else to the command alone."""
+@pytest.mark.parametrize(("moment", "whole_group"), [(imports, True), (records, True), (records, False)])
+def test_ctrl_c_ends_a_run_and_all_its_processes(tmp_path, moment, whole_group):
+    """whole_group: the signal goes to all processes of the terminal, as from a keyboard, else to the command alone."""
     said = "stopped; what is done is kept in kept: the same command continues\n" if moment is records else ""
     mark = f"MARK_OF_{tmp_path}"
     command = [SCRIPTS / "castor-bench", "run", "--jobs", "1", "--results", "kept"]
@@ -160,7 +160,7 @@ def test_ctrl_c_ends_a_run_and_all_its_processes(tmp_path, moment, whole):
     )
     try:
         wait_until(lambda: moment(process, tmp_path), process)
-        (os.killpg if whole else os.kill)(process.pid, signal.SIGINT)
+        (os.killpg if whole_group else os.kill)(process.pid, signal.SIGINT)
         out, err = process.communicate()
     finally:
         process.kill()

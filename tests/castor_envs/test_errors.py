@@ -8,12 +8,12 @@ from castor_envs.errors import Declined, InputError, message_of, one_line, short
 
 @settings(deadline=None, max_examples=50)
 @given(st.text(), st.integers(3, 60))
-def test_a_shortened_text_is_a_printable_line_of_whole_words(text, most):
-    line = shortened(text, most)
-    assert len(line) <= most
+def test_a_shortened_text_is_a_printable_line_of_whole_words(text, limit):
+    line = shortened(text, limit)
+    assert len(line) <= limit
     assert line.isprintable()
     words = "".join(c if c.isprintable() else "?" for c in " ".join(text.split())).split(" ")
-    if line.endswith(" …") and len(words[0]) <= most - 2:
+    if line.endswith(" …") and len(words[0]) <= limit - 2:
         assert words[: line.count(" ")] == line.split(" ")[:-1]
     elif not line.endswith(" …"):
         assert line.split(" ") == words

@@ -25,9 +25,9 @@ def outcomes(*jobs, processes=2):
     return {job.subject: outcome for job, outcome in run_jobs(Jobs(*jobs), processes)}
 
 
-def code(text, subject: object = "job", **more):
+def code(text, subject: object = "job", **options):
     """Return a job that runs Python code and returns what it leaves as `answer`."""
-    return Job(eval, (f"(found := {{}}, exec({text!r}, found), found.get('answer'))[2]",), subject, **more)
+    return Job(eval, (f"(found := {{}}, exec({text!r}, found), found.get('answer'))[2]",), subject, **options)
 
 
 def alive_in(group):

@@ -128,8 +128,8 @@ def test_every_effect_says_what_it_is():
         assert kind.unit
         assert kind.step > 0
         assert kind.__doc__
-        for other in kind.indistinguishable_from:
-            assert EFFECTS[other].indistinguishable_from == kind.indistinguishable_from
+        for twin in kind.indistinguishable_from:
+            assert EFFECTS[twin].indistinguishable_from == kind.indistinguishable_from
         assert not kind.indistinguishable_from or name in kind.indistinguishable_from
 
 
@@ -139,7 +139,7 @@ def test_the_catalogue_of_a_robot_has_what_it_can_have(name, tmp_path):
     effects = catalogue(robot)
     assert len(set(effects)) == len(effects)
     pose = np.column_stack([T, np.sin(T), T / 3])
-    for effect in (*effects, *(each for each in PLACED.values() if name == "asoc-prototype")):
+    for effect in (*effects, *(placed for placed in PLACED.values() if name == "asoc-prototype")):
         assert effect.value == effect.step
         real = robot.with_effects(effect)
         built = real.as_built()
@@ -225,10 +225,12 @@ def test_what_an_effect_says_of_itself_is_so(kind):
         twice = readings(ROBOT.with_effects(effect, effect), T[:5], angles[:, :6], angles[:, 6:])
         np.testing.assert_allclose(np.hstack(twice), angles, atol=1e-12)
     if kind.timing:  # constant angles and poses show nothing of it
-        ones = np.ones((len(T), 9))
+        unit_angles = np.ones((len(T), 9))
         built = ROBOT.with_effects(effect)
-        np.testing.assert_allclose(np.hstack(readings(built, T, ones[:, :6], ones[:, 6:])), ones, atol=1e-12)
-        shown = reference(built, T, ones[:, :3])
+        np.testing.assert_allclose(
+            np.hstack(readings(built, T, unit_angles[:, :6], unit_angles[:, 6:])), unit_angles, atol=1e-12
+        )
+        shown = reference(built, T, unit_angles[:, :3])
         assert np.all((shown == 1.0) | np.isnan(shown))
     if kind.creep == "compliance":
         assert effect.apply(ROBOT).contact != ROBOT.contact or effect.creep_compliance() > 0
@@ -269,21 +271,21 @@ def test_what_the_robot_does_not_have_is_refused_by_name(robot, effect, said, tm
 @pytest.mark.parametrize("name", sorted(set(EFFECTS) - THERE_OR_NOT))
 def test_at_value_0_nothing_changes_bit_for_bit(name):
     effects = EFFECTS[name].variants(ROBOT) or (PLACED[name],)
-    none = tuple(dataclasses.replace(effect, value=0.0) for effect in effects)
-    for plain, row in zip(PLAIN, drive(ROBOT.with_effects(*none))[1], strict=True):
+    zero_effects = tuple(dataclasses.replace(effect, value=0.0) for effect in effects)
+    for plain, row in zip(PLAIN, drive(ROBOT.with_effects(*zero_effects))[1], strict=True):
         for key, value in plain[0].items():
             np.testing.assert_array_equal(row[0][key], value)
         for k in range(1, 6):
             np.testing.assert_array_equal(row[k], plain[k])
         np.testing.assert_array_equal(row[6]["pose"], plain[6]["pose"])
     pose = np.cumsum(np.random.default_rng(1).normal(size=(len(T), 3)), axis=0)
-    np.testing.assert_array_equal(reference(ROBOT.with_effects(*none), T, pose), pose)
+    np.testing.assert_array_equal(reference(ROBOT.with_effects(*zero_effects), T, pose), pose)
 
 
 @pytest.mark.parametrize("name", [*SENSORS, "all of them", "geometry with sensors"])
 def test_the_simulated_sensors_and_the_prediction_are_one(name):
     if name == "all of them":
-        effects = [larger(BY_NAME[each]) for each in SENSORS]
+        effects = [larger(BY_NAME[name]) for name in SENSORS]
     elif name == "geometry with sensors":
         effects = [WheelRadius(castor=1, wheel=1, value=0.02), LostRemainders(castor=1, wheel=1, value=1.0)]
         effects += [CountsPerRev(castor=1, wheel=1, value=0.1), PivotBias(castor=2, value=0.1)]
@@ -312,16 +314,16 @@ def test_a_reader_touches_only_its_own_channels_and_no_input(name):
     random = np.random.default_rng(2)
     wheel, castor = (np.cumsum(random.normal(size=(len(T), k)), axis=0) for k in (6, 3))
     before = wheel.copy(), castor.copy()
-    one = readings(ROBOT.with_effects(effect), T, wheel, castor)
+    changed = readings(ROBOT.with_effects(effect), T, wheel, castor)
     np.testing.assert_array_equal(wheel, before[0])
     np.testing.assert_array_equal(castor, before[1])
-    for a, b in zip(one, readings(ROBOT.with_effects(effect), T, wheel, castor), strict=True):
+    for a, b in zip(changed, readings(ROBOT.with_effects(effect), T, wheel, castor), strict=True):
         np.testing.assert_array_equal(a, b)
-    own = {getattr(effect, "castor", None), getattr(effect, "exchanged_with", None)}
+    own_castors = {getattr(effect, "castor", None), getattr(effect, "exchanged_with", None)}
     if hasattr(effect, "castor"):
-        for i in {1, 2, 3} - own:
-            np.testing.assert_array_equal(one[0][:, 2 * i - 2 : 2 * i], wheel[:, 2 * i - 2 : 2 * i])
-            np.testing.assert_array_equal(one[1][:, i - 1], castor[:, i - 1])
+        for i in {1, 2, 3} - own_castors:
+            np.testing.assert_array_equal(changed[0][:, 2 * i - 2 : 2 * i], wheel[:, 2 * i - 2 : 2 * i])
+            np.testing.assert_array_equal(changed[1][:, i - 1], castor[:, i - 1])
 
 
 @pytest.mark.parametrize("name", sorted(set(SENSORS) - THERE_OR_NOT - {"pivot_backlash"}))
@@ -359,13 +361,13 @@ def test_geometry_effects_build_what_they_say(effect, change):
             part = part[key]
         part[last] *= scale
     built = ROBOT.with_effects(effect).as_built().to_dict()
-    for one, other in zip(built["castors"], expected["castors"], strict=True):
-        assert one.pop("pivot") == pytest.approx(other.pop("pivot"))
-        assert one.pop("offset") == pytest.approx(other.pop("offset"))
-        for wheel, expected_wheel in zip(one.pop("wheels"), other.pop("wheels"), strict=True):
+    for built_castor, expected_castor in zip(built["castors"], expected["castors"], strict=True):
+        assert built_castor.pop("pivot") == pytest.approx(expected_castor.pop("pivot"))
+        assert built_castor.pop("offset") == pytest.approx(expected_castor.pop("offset"))
+        for wheel, expected_wheel in zip(built_castor.pop("wheels"), expected_castor.pop("wheels"), strict=True):
             assert {wheel.pop("grip"), expected_wheel.pop("grip")} == {"standard"}
             assert wheel == pytest.approx(expected_wheel)
-        assert one == other
+        assert built_castor == expected_castor
     del built["castors"], expected["castors"]
     assert built == expected
 
@@ -376,8 +378,8 @@ def test_common_effects_build_what_they_say():
         assert wheel.radius == pytest.approx(1.02 * before.radius)
         assert dataclasses.replace(wheel, radius=before.radius) == before
     assert built.contact == dataclasses.replace(ROBOT.contact, slip_stiffness_long=120.0)
-    each = [WheelRadius(castor=i, wheel=j, value=0.02) for i in (1, 2, 3) for j in (1, 2)]
-    assert ROBOT.with_effects(*each).as_built() == ROBOT.with_effects(AllWheelRadius(value=0.02)).as_built()
+    radii = [WheelRadius(castor=i, wheel=j, value=0.02) for i in (1, 2, 3) for j in (1, 2)]
+    assert ROBOT.with_effects(*radii).as_built() == ROBOT.with_effects(AllWheelRadius(value=0.02)).as_built()
 
 
 @given(value=st.floats(-0.1, 0.9), speed=st.floats(-10, 10))
@@ -395,11 +397,11 @@ def test_latency_at_constant_speed_is_speed_times_value(value, speed):
 
 
 def test_latency_of_all_is_latency_of_each():
-    each = tuple(effect for effect in catalogue(ROBOT) if effect.name == "encoder_latency")
-    for one, other in zip(
-        seen(each, T, np.sin(T), np.cos(T)), seen(AllLatency(value=1e-3), T, np.sin(T), np.cos(T)), strict=True
+    latencies = tuple(effect for effect in catalogue(ROBOT) if effect.name == "encoder_latency")
+    for by_each, by_all in zip(
+        seen(latencies, T, np.sin(T), np.cos(T)), seen(AllLatency(value=1e-3), T, np.sin(T), np.cos(T)), strict=True
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(by_each, by_all)
 
 
 def test_jitter_at_constant_speed_is_white_with_the_size_it_says():
@@ -410,8 +412,8 @@ def test_jitter_at_constant_speed_is_white_with_the_size_it_says():
     assert np.mean(early) == pytest.approx(0.0, abs=1e-4)
     assert np.corrcoef(early[1:], early[:-1])[0, 1] == pytest.approx(0.0, abs=0.03)
     np.testing.assert_allclose((castor[1:, 2] + 4.0 * t[1:]) / -4.0, early, atol=1e-9)
-    other = seen(SampleJitter(value=0.003, seed=6), t, 2.0 * t)[0]
-    assert np.any(other != wheel)
+    other_seed = seen(SampleJitter(value=0.003, seed=6), t, 2.0 * t)[0]
+    assert np.any(other_seed != wheel)
     wild = seen(SampleJitter(value=0.1, seed=5), t, 2.0 * t)[0][:, 0]
     assert np.all(np.diff(wild) > -1e-9)  # samples keep their order
 
@@ -448,12 +450,12 @@ def test_eccentricity_is_a_sine_once_a_turn_of_its_amplitude(phase, value):
 
 def test_two_quarters_make_an_eccentricity_of_any_phase():
     angle = np.linspace(-5, 5, len(T))
-    one = seen(WheelEccentricity(castor=1, wheel=1, value=0.01, phase=0.7), T, angle)[0][:, 0] - angle
+    eccentric = seen(WheelEccentricity(castor=1, wheel=1, value=0.01, phase=0.7), T, angle)[0][:, 0] - angle
     parts = [
         seen(WheelEccentricity(castor=1, wheel=1, value=0.01, phase=phase), T, angle)[0][:, 0] - angle
         for phase in (0.0, math.pi / 2)
     ]
-    np.testing.assert_allclose(one, math.cos(0.7) * parts[0] + math.sin(0.7) * parts[1], atol=1e-12)
+    np.testing.assert_allclose(eccentric, math.cos(0.7) * parts[0] + math.sin(0.7) * parts[1], atol=1e-12)
 
 
 def test_a_gain_scales_theta():
@@ -499,7 +501,7 @@ def test_wiring_exchanges_and_reverses_counts():
     np.testing.assert_array_equal(turned[1], [[-0.1, 0.2, 0.3]])
     order = readings(robot.with_effects(CastorOrder(castor=1, exchanged_with=2)), [0.0], wheel, castor)
     np.testing.assert_array_equal(order[0], [[2, 3, 0, 1, 4, 5]])
-    first, second = (own.pivot_counts_per_rev for own in castors[:2])
+    first, second = (castor.pivot_counts_per_rev for castor in castors[:2])
     assert order[1][0, 0] * first == pytest.approx((0.2 + 0.3) * second)
     assert (order[1][0, 1] + 0.3) * second == pytest.approx(0.1 * first)
     again = robot.with_effects(CastorOrder(castor=1, exchanged_with=2), CastorOrder(castor=2, exchanged_with=1))
@@ -509,18 +511,18 @@ def test_wiring_exchanges_and_reverses_counts():
 def test_readers_act_in_the_order_of_the_file():
     angle = np.linspace(0, 3, len(T))
     gain, wave = PivotGain(castor=1, value=0.2), PivotEccentricity(castor=1, value=0.1)
-    one = seen((gain, wave), T, 0.0, angle)[1][:, 0]
-    np.testing.assert_allclose(one, 1.2 * angle + 0.1 * np.sin(1.2 * angle))
-    other = seen((wave, gain), T, 0.0, angle)[1][:, 0]
-    np.testing.assert_allclose(other, 1.2 * (angle + 0.1 * np.sin(angle)))
+    gain_first = seen((gain, wave), T, 0.0, angle)[1][:, 0]
+    np.testing.assert_allclose(gain_first, 1.2 * angle + 0.1 * np.sin(1.2 * angle))
+    wave_first = seen((wave, gain), T, 0.0, angle)[1][:, 0]
+    np.testing.assert_allclose(wave_first, 1.2 * (angle + 0.1 * np.sin(angle)))
 
 
 def test_a_reader_starts_anew_for_each_run():
     robot = ROBOT.with_effects(TickLoss(castor=1, wheel=1, value=0.1, above=0.0), AllLatency(value=0.01))
-    one, other = sensor_model_of(robot), sensor_model_of(robot)
+    first_model, second_model = sensor_model_of(robot), sensor_model_of(robot)
     for t in (0.0, 0.05, 0.1):
-        one(np.array([t]), np.full((1, 6), 9 * t), np.zeros((1, 3)))
-    np.testing.assert_array_equal(other(np.zeros(1), np.full((1, 6), 7.0), np.ones((1, 3)))[0], 7.0)
+        first_model(np.array([t]), np.full((1, 6), 9 * t), np.zeros((1, 3)))
+    np.testing.assert_array_equal(second_model(np.zeros(1), np.full((1, 6), 7.0), np.ones((1, 3)))[0], 7.0)
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -528,13 +530,13 @@ def test_samples_may_be_read_one_or_many_at_once(name):
     effect = larger(BY_NAME[name])
     random, t = np.random.default_rng(5), np.sort(np.concatenate([T, T[::7] + 0.013]))
     wheel, castor = (np.cumsum(random.normal(size=(len(t), k)), axis=0) for k in (6, 3))
-    whole = readings(ROBOT.with_effects(effect), t, wheel, castor)
+    at_once = readings(ROBOT.with_effects(effect), t, wheel, castor)
     for cuts in (range(1, len(t)), (2, 30, 31), ()):
         read = sensor_model_of(ROBOT.with_effects(effect))
-        blocks = zip(*(np.split(one, cuts) for one in (t, wheel, castor)), strict=True)
+        blocks = zip(*(np.split(angles, cuts) for angles in (t, wheel, castor)), strict=True)
         parts = [read(*block) for block in blocks]
-        for k, one in enumerate(whole):
-            np.testing.assert_array_equal(np.concatenate([part[k] for part in parts]), one)
+        for k, block in enumerate(at_once):
+            np.testing.assert_array_equal(np.concatenate([part[k] for part in parts]), block)
 
 
 def test_radius_and_counts_of_a_wheel_leave_one_trace():
@@ -561,8 +563,8 @@ def test_late_encoders_are_an_early_reference():
     late = seen(AllLatency(value=0.12), T, 4.0 * T)[0][:, 0] / 4.0 - pose[:, 0] / 0.3
     early = reference(ROBOT.with_effects(ClockOffset(value=0.12)), T, pose)
     assert np.all(np.isnan(early[-3:-1]))
-    there = (T > 0.12) & ~np.isnan(early[:, 0])
-    np.testing.assert_allclose((T - early[:, 0] / 0.3)[there], late[there], atol=1e-9)
+    known = (T > 0.12) & ~np.isnan(early[:, 0])
+    np.testing.assert_allclose((T - early[:, 0] / 0.3)[known], late[known], atol=1e-9)
 
 
 def test_a_recorded_reference_carries_the_clock_and_the_rest_of_the_log_does_not():
@@ -575,15 +577,15 @@ def test_a_recorded_reference_carries_the_clock_and_the_rest_of_the_log_does_not
         logs.append(env.log())
     plain, moved = logs
     taken = 1.05 * plain.t - 0.03
-    there = taken <= plain.t[-1]
-    assert not np.all(there)
+    within_log = taken <= plain.t[-1]
+    assert not np.all(within_log)
     np.testing.assert_array_equal(plain.wheel, moved.wheel)
     np.testing.assert_array_equal(plain.pivot, moved.pivot)
     np.testing.assert_array_equal(plain.t, moved.t)
     for k in range(3):
         expected = np.interp(taken, plain.t, plain.reference[:, k])
-        np.testing.assert_allclose(moved.reference[there, k], expected[there], atol=1e-12)
-        assert np.all(np.isnan(moved.reference[~there, k]))
+        np.testing.assert_allclose(moved.reference[within_log, k], expected[within_log], atol=1e-12)
+        assert np.all(np.isnan(moved.reference[~within_log, k]))
 
 
 def test_modules_of_a_train_have_sensor_effects_too():
@@ -591,8 +593,8 @@ def test_modules_of_a_train_have_sensor_effects_too():
     worn = train.modules[1].with_effects(EncoderReversed(castor=1, wheel=2))
     changed = dataclasses.replace(train, modules=(train.modules[0], worn))
     counts = []
-    for each in (train, changed):
-        sensed = SensedTrain(each, Floor())
+    for vehicle in (train, changed):
+        sensed = SensedTrain(vehicle, Floor())
         sensed.reset(np.random.default_rng(0))
         np.testing.assert_array_equal(sensed.observation["wheel"], 0.0)
         total = np.zeros(4)

@@ -121,16 +121,16 @@ def test_wheels_slide_in_a_patch_and_nowhere_else():
     """Starting hard from a patch all wheels spin; beyond it they roll."""
     robot = dataclasses.replace(ASOC, sample_period=0.01)
     effect = FrictionPatch(x=0.0, y=0.0, length=1.2, width=2.0, value=0.97)
-    worlds = [RobotWorld(each) for each in (robot.with_effects(effect), robot)]
+    worlds = [RobotWorld(vehicle) for vehicle in (robot.with_effects(effect), robot)]
     slid = []
     for world in worlds:
         angle, path = world.wheel_angles, world.pose[0]
         lost = []
         for _ in range(400):
             world.advance(np.full(6, 0.4 / 0.0381))
-            now, way = world.wheel_angles, world.pose[0]
-            lost.append((way, np.mean(0.0381 * (now - angle)) - (way - path)))
-            angle, path = now, way
+            angles, way = world.wheel_angles, world.pose[0]
+            lost.append((way, np.mean(0.0381 * (angles - angle)) - (way - path)))
+            angle, path = angles, way
         slid.append(np.array(lost))
     within = slid[0][:, 0] < 0.3  # the front wheels leave it at 0.43
     assert slid[0][within, 1].sum() > 0.02
@@ -187,10 +187,12 @@ def test_the_reference_shows_another_point_and_other_axes(x, y, yaw):
 
 def test_a_lever_goes_with_a_clock():
     lever, clock = ReferenceLeverX(value=0.3), ClockOffset(value=0.1)
-    one, other = (reference(ASOC.with_effects(*order), T, POSE) for order in ((lever, clock), (clock, lever)))
-    np.testing.assert_array_equal(one, other)
-    np.testing.assert_allclose(one[:-2], compose(POSE, [0.3, 0, 0])[2:], atol=1e-12)
-    assert np.all(np.isnan(one[-1]))
+    lever_first, clock_first = (
+        reference(ASOC.with_effects(*order), T, POSE) for order in ((lever, clock), (clock, lever))
+    )
+    np.testing.assert_array_equal(lever_first, clock_first)
+    np.testing.assert_allclose(lever_first[:-2], compose(POSE, [0.3, 0, 0])[2:], atol=1e-12)
+    assert np.all(np.isnan(lever_first[-1]))
 
 
 def changed_pivots(move):

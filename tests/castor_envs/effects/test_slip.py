@@ -66,8 +66,8 @@ def weaving(t):
 
 
 def to_and_fro(t):
-    both = 6 * math.sin(1.3 * t)
-    return np.array([both + 2 * math.sin(2.9 * t), both - 2 * math.cos(2.1 * t) + 2])
+    common = 6 * math.sin(1.3 * t)
+    return np.array([common + 2 * math.sin(2.9 * t), common - 2 * math.cos(2.1 * t) + 2])
 
 
 def straight(t):
@@ -107,13 +107,13 @@ def test_physics_slips_by_what_the_effect_predicts(effect, drive):
     predicted = slip_of(ContactMotion(real, sampled(motion)))
     first = np.searchsorted(Geometry.of(robot).wheel_castor, np.arange(len(robot.castors)))
     before, after = slipped(robot, plain(drive)), slipped(robot, motion)
-    for own, other, said in (
+    for with_effect, without_effect, said in (
         (after[0], before[0], predicted.rolling),
         (after[1][:, first], before[1][:, first], predicted.side),
     ):
         sums = every_second(said, EACH * FINE)
         within = 0.04 * np.max(np.abs(sums)) + 4e-7
-        np.testing.assert_allclose(every_second(own - other, FINE), sums, rtol=0, atol=within)
+        np.testing.assert_allclose(every_second(with_effect - without_effect, FINE), sums, rtol=0, atol=within)
     assert max(np.max(np.abs(predicted.rolling)), np.max(np.abs(predicted.side))) > 1e-7 or drive == "straight"
 
 
@@ -281,8 +281,8 @@ def test_a_braked_robot_on_a_slope_creeps_down_by_force_times_value(across):
     weight = 46.0 * G * 0.05 / math.sqrt(1 + 0.05**2)
     expected = -value * weight / 2
     held, creeping = (
-        driven(robot.with_effects(slope, *more), lambda t: np.zeros(2), 4.0)
-        for more in ((), (ContactCreep(value=value),))
+        driven(robot.with_effects(slope, *effects), lambda t: np.zeros(2), 4.0)
+        for effects in ((), (ContactCreep(value=value),))
     )
     axis = 1 if across else 0
     half = len(held.t) // 2
@@ -313,14 +313,14 @@ def test_nothing_slips_at_rest_without_force_or_effect():
 def test_effects_add_up_in_order():
     """Twice as stiff, then half of that: none; and a slope on softer tyres slips more."""
     robot, motion = preset("asoc-prototype"), accelerating(preset("asoc-prototype"), 0.3)
-    both = slip_of(ContactMotion(robot.with_effects(SlipStiffness(value=1.0), SlipStiffness(value=-0.5)), motion))
-    np.testing.assert_allclose(both.rolling, 0.0, atol=1e-15)
+    summed = slip_of(ContactMotion(robot.with_effects(SlipStiffness(value=1.0), SlipStiffness(value=-0.5)), motion))
+    np.testing.assert_allclose(summed.rolling, 0.0, atol=1e-15)
     slope = FloorSlope(direction="x", value=0.02)
     soft = SlipStiffness(value=-0.5)
-    one, of_soft, with_slope = (
+    single, of_soft, with_slope = (
         slip_of(ContactMotion(robot.with_effects(*e), motion)).rolling for e in ((slope,), (soft,), (soft, slope))
     )
-    np.testing.assert_allclose(with_slope - of_soft, 2 * one, rtol=1e-9)
+    np.testing.assert_allclose(with_slope - of_soft, 2 * single, rtol=1e-9)
 
 
 def test_idle_wheels_of_unknown_angle_do_no_harm():
@@ -343,8 +343,8 @@ def test_both_steppers_agree_bit_for_bit_on_contacts_that_creep(name):
         for k in range(10):
             world.advance(np.full(len(robot.driven_wheels), 3.0 * math.sin(k)))
         ends.append((world.pose, world.wheel_angles, world.wheels["stretch_lat"].copy()))
-    for one, other in zip(*ends, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for reference, compiled in zip(*ends, strict=True):
+        np.testing.assert_array_equal(reference, compiled)
 
 
 def test_wheels_that_are_taken_to_agree_creep_under_forces_alone():

@@ -148,9 +148,9 @@ def test_the_return_is_minus_the_error_at_the_end():
 
 def test_estimates_do_not_move_the_robot():
     env = gym.make("castor/UMBmark-v0", side=0.3)
-    _, one = run_umbmark(env, lambda info: np.zeros(3))
-    _, other = run_umbmark(env, lambda info: np.array([1.0, -2.0, 3.0]))
-    np.testing.assert_array_equal(one["pose"], other["pose"])
+    _, at_rest = run_umbmark(env, lambda info: np.zeros(3))
+    _, moved = run_umbmark(env, lambda info: np.array([1.0, -2.0, 3.0]))
+    np.testing.assert_array_equal(at_rest["pose"], moved["pose"])
 
 
 def test_observations_do_not_hold_the_truth():
@@ -266,18 +266,18 @@ def test_a_video_is_recorded_without_a_display(name, videos):
 @pytest.mark.parametrize("name", IDS)
 def test_a_vector_is_its_members_bit_for_bit(name):
     small = {"train": "cfmmr-2"} if name in TRAIN_IDS else {"robot": "differential"}
-    many = gym.make_vec(name, num_envs=3, vectorization_mode="vector_entry_point", **small)
-    ones = [gym.make(name, **small) for _ in range(3)]
-    observations, infos = many.reset(seed=[4, 5, 6])
-    singles = [env.reset(seed=4 + i) for i, env in enumerate(ones)]
-    many.action_space.seed(0)
+    vector = gym.make_vec(name, num_envs=3, vectorization_mode="vector_entry_point", **small)
+    members = [gym.make(name, **small) for _ in range(3)]
+    observations, infos = vector.reset(seed=[4, 5, 6])
+    singles = [env.reset(seed=4 + i) for i, env in enumerate(members)]
+    vector.action_space.seed(0)
     for _ in range(30):
         for i, (observation, info) in enumerate(singles):
             assert all(np.array_equal(observations[key][i], observation[key]) for key in observation)
             assert np.array_equal(infos["pose"][i], info["pose"])
-        actions = many.action_space.sample()
-        observations, rewards, _, _, infos = many.step(actions)
-        answers = [env.step(action) for env, action in zip(ones, actions, strict=True)]
+        actions = vector.action_space.sample()
+        observations, rewards, _, _, infos = vector.step(actions)
+        answers = [env.step(action) for env, action in zip(members, actions, strict=True)]
         assert np.array_equal(rewards, [answer[1] for answer in answers])
         singles = [(answer[0], answer[4]) for answer in answers]
 
@@ -311,14 +311,14 @@ def test_pictures_show_the_error_of_the_estimate_that_was_given(name):
 
 @pytest.mark.parametrize("name", IDS)
 def test_many_environments_at_once_are_the_single_ones_and_their_spec_is_data(name):
-    many = gym.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
-    observation, info = many.reset(seed=5)
+    vector = gym.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
+    observation, info = vector.reset(seed=5)
     for k in range(2):
         alone, alone_info = gym.make(name).reset(seed=5 + k)
         for key, values in alone.items():
             np.testing.assert_array_equal(observation[key][k], values)
         np.testing.assert_array_equal(info["pose"][k], alone_info["pose"])
-    many.close()
+    vector.close()
     assert gym.envs.registration.EnvSpec.from_json(gym.spec(name).to_json()).id == name
 
 

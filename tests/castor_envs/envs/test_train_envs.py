@@ -44,9 +44,9 @@ def test_the_return_is_minus_the_mean_axle_error_at_the_end(axles):
 
 def test_estimates_do_not_move_the_train_and_may_come_as_poses():
     env = gym.make("castor/Configuration-v0", path=SHORT)
-    _, one, _ = estimate_all(env, lambda info: np.zeros(9))
-    _, other, _ = estimate_all(env.unwrapped, lambda info: np.ones((3, 3)))
-    np.testing.assert_array_equal(one["pose"], other["pose"])
+    _, flat, _ = estimate_all(env, lambda info: np.zeros(9))
+    _, poses, _ = estimate_all(env.unwrapped, lambda info: np.ones((3, 3)))
+    np.testing.assert_array_equal(flat["pose"], poses["pose"])
 
 
 def test_observations_hold_what_sensors_say_and_not_the_truth():

@@ -61,9 +61,9 @@ def test_a_robot_follows_a_drive_from_a_file(tmp_path, robot, trajectory):
 
 def test_trajectories_one_after_the_other_begin_where_the_last_one_ended():
     first, second = umbmark("cw"), wander(np.random.default_rng(3), duration=5)
-    both = chained("both", [first, second])
-    assert both.duration == pytest.approx(first.duration + second.duration)
-    np.testing.assert_allclose(both.at(first.duration + 2.0)[1], second.at(2.0)[1], atol=1e-9)
+    chain = chained("both", [first, second])
+    assert chain.duration == pytest.approx(first.duration + second.duration)
+    np.testing.assert_allclose(chain.at(first.duration + 2.0)[1], second.at(2.0)[1], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def robots_and_logs(draw):
     )
 
 
-def same(a, b):
+def same_values(a, b):
     if a is None or b is None:
         return a is b
     return np.array_equal(a, b, equal_nan=True)
@@ -74,7 +74,7 @@ def test_a_log_that_was_written_is_read_back_bit_for_bit(robot_and_log):
         write_log(path, log, robot)
         again = read_log(path, robot)
     for part in ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro"):
-        assert same(getattr(again, part), getattr(log, part)), part
+        assert same_values(getattr(again, part), getattr(log, part)), part
     assert again.extra == log.extra
 
 
@@ -111,10 +111,10 @@ def test_a_trains_log_is_read_back_bit_for_bit(train_and_log):
         write_log(path, log, train)
         again = read_log(path, train)
     for part in ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age"):
-        assert same(getattr(again, part), getattr(log, part)), part
+        assert same_values(getattr(again, part), getattr(log, part)), part
     for seen, expected in zip(again.observations(), log.observations(), strict=True):
         assert sorted(seen) == ["rps", "rps_age", "time", "wheel"]
-        assert all(same(seen[key], expected[key]) for key in seen)
+        assert all(same_values(seen[key], expected[key]) for key in seen)
 
 
 TRAIN = cfmmr(3)
@@ -205,7 +205,7 @@ def test_a_train_log_that_could_not_be_read_is_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def some_log(n=6):
+def sample_log(n=6):
     k = np.arange(n, dtype=float)
     reference = np.column_stack([0.1 * k, -0.2 * k, 0.3 * k])
     reference[2] = np.nan
@@ -213,18 +213,18 @@ def some_log(n=6):
 
 
 def test_the_order_of_columns_and_blank_lines_do_not_matter(tmp_path):
-    write_log(tmp_path / "a.csv", some_log(), DIFFERENTIAL)
+    write_log(tmp_path / "a.csv", sample_log(), DIFFERENTIAL)
     lines = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
     backwards = "\r\n\r\n".join(",".join(f' "{cell}"'.strip() for cell in reversed(line)) for line in lines)
     (tmp_path / "b.csv").write_text("\ufeff" + backwards)
     a, b = (read_log(tmp_path / name, DIFFERENTIAL) for name in ("a.csv", "b.csv"))
-    assert same(a.t, b.t)
-    assert same(a.wheel, b.wheel)
-    assert same(a.reference, b.reference)
+    assert same_values(a.t, b.t)
+    assert same_values(a.wheel, b.wheel)
+    assert same_values(a.reference, b.reference)
 
 
 def test_whole_counts_are_written_as_whole_numbers(tmp_path):
-    write_log(tmp_path / "a.csv", some_log(), DIFFERENTIAL)
+    write_log(tmp_path / "a.csv", sample_log(), DIFFERENTIAL)
     assert (tmp_path / "a.csv").read_text().splitlines()[:3] == [
         HEADER,
         "0.0,0,0,0.0,-0.0,0.0",
@@ -306,7 +306,7 @@ def test_a_jump_of_over_half_a_turn_in_an_unwrapped_pivot_column_is_refused(tmp_
 
 
 def test_what_could_not_be_read_is_not_written(tmp_path):
-    good = some_log()
+    good = sample_log()
     times, wheel, pose = good.t.copy(), good.wheel.copy(), np.zeros((6, 3))
     times[3], wheel[2, 1], pose[4, 0] = times[1], np.nan, np.nan
     wrong = [
@@ -336,7 +336,7 @@ def test_observations_are_increments_and_hold_no_truth():
     )
     seen = list(log.observations())
     assert [sorted(observation) for observation in seen] == [["gyro", "pivot", "time", "wheel"]] * n
-    assert all(value.dtype == np.float64 and value.ndim == 1 for each in seen for value in each.values())
+    assert all(value.dtype == np.float64 and value.ndim == 1 for observation in seen for value in observation.values())
     assert not seen[0]["wheel"].any()
     np.testing.assert_array_equal(
         log.wheel[0] + np.cumsum([observation["wheel"] for observation in seen], axis=0), log.wheel
@@ -372,7 +372,7 @@ def test_exports_are_rigid_motions_with_the_pose_in_them(pose):
 
 
 def test_rows_without_a_pose_are_left_out_of_tum_and_refused_by_kitti(tmp_path):
-    log = some_log()
+    log = sample_log()
     assert log.reference is not None
     export_tum(tmp_path / "tum.txt", log.t, log.reference)
     assert len(np.loadtxt(tmp_path / "tum.txt")) == len(log) - 1
@@ -381,7 +381,7 @@ def test_rows_without_a_pose_are_left_out_of_tum_and_refused_by_kitti(tmp_path):
 
 
 def test_a_trajectory_is_exported_in_the_format_asked_for(tmp_path):
-    log = some_log()
+    log = sample_log()
     assert log.reference is not None
     export_trajectory(tmp_path / "a", log.t, log.reference)
     export_tum(tmp_path / "b", log.t, log.reference)
@@ -400,7 +400,7 @@ def test_a_trajectory_is_exported_in_the_format_asked_for(tmp_path):
 
 @pytest.mark.skipif(shutil.which("evo_traj") is None, reason="the program evo_traj (pip install evo) is not there")
 def test_evo_reads_the_exports(tmp_path):
-    log = some_log()
+    log = sample_log()
     assert log.reference is not None
     export_tum(tmp_path / "tum.txt", log.t, log.reference)
     export_kitti(tmp_path / "kitti.txt", log.reference[3:])

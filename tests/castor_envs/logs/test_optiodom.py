@@ -279,8 +279,8 @@ def test_the_omni_wheels_are_taken_in_the_only_order_and_sense_that_follow_the_p
     farthest = {}  # distance between odometry, with nominal numbers, and truth, over the length of the path
     for order in itertools.permutations(range(3)):
         for sense in itertools.product((1, -1), repeat=3):
-            other = dataclasses.replace(run, wheel=run.wheel[:, order] * np.array(sense))
-            away = (LogLikelihood(geometry, other).odometry(geometry) - truth)[:, :2]
+            rewired = dataclasses.replace(run, wheel=run.wheel[:, order] * np.array(sense))
+            away = (LogLikelihood(geometry, rewired).odometry(geometry) - truth)[:, :2]
             farthest[order, sense] = np.linalg.norm(away, axis=1).max() / length
     assert farthest.pop(((0, 1, 2), (1, 1, 1))) == pytest.approx(0.0184, abs=2e-4)
     assert len(farthest) == 47

@@ -46,12 +46,12 @@ def places_on(path, n, t):
         s = covered - LENGTH * i
         x, y, psi = min(s, 0.0), 0.0, 0.0
         for length, curvature in path.legs:
-            here = min(max(s, 0.0), length)
-            steps = max(1, math.ceil(here / 0.03))
+            distance = min(max(s, 0.0), length)
+            steps = max(1, math.ceil(distance / 0.03))
             for _ in range(steps):
-                ds, middle = here / steps, psi + 0.5 * curvature * here / steps
+                ds, middle = distance / steps, psi + 0.5 * curvature * distance / steps
                 x, y, psi = x + ds * math.cos(middle), y + ds * math.sin(middle), psi + curvature * ds
-            s -= here
+            s -= distance
         places.append([x, y, psi])
     return np.array(places)
 
@@ -222,5 +222,5 @@ def test_a_constant_error_of_the_sensors_is_taken_for_their_zero():
     for t in (0.0, 1.0, 3.0):
         places = places_on(BEND, 3, t)
         seen = relative_pose(places[1:], places[:-1]) + (t > 0) * np.array([0.0, 0.01, 0.02])
-        one = sound.commands(t, seen, np.zeros(2))
-        np.testing.assert_allclose(shifted.commands(t, seen + off, np.zeros(2)), one, atol=1e-9)
+        commands = sound.commands(t, seen, np.zeros(2))
+        np.testing.assert_allclose(shifted.commands(t, seen + off, np.zeros(2)), commands, atol=1e-9)

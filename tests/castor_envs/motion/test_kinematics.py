@@ -129,9 +129,9 @@ def test_a_batch_of_robots_is_its_members(seed):
     twists = forward(batch, theta, rate, motion.rate)
     runs = inverse(batch.expand(1), theta[:, None], rate[:, None], twist[:, None])
     for k, member in enumerate(robots):
-        one = Geometry.of(member)
-        np.testing.assert_array_equal(rate[k], castor_rates(one, theta[k], twist[k]))
-        np.testing.assert_array_equal(motion.rate[k], inverse(one, theta[k], rate[k], twist[k]).rate)
+        geometry = Geometry.of(member)
+        np.testing.assert_array_equal(rate[k], castor_rates(geometry, theta[k], twist[k]))
+        np.testing.assert_array_equal(motion.rate[k], inverse(geometry, theta[k], rate[k], twist[k]).rate)
         np.testing.assert_allclose(twists[k], twist[k], atol=1e-10)
         np.testing.assert_array_equal(runs.rate[k, 0], motion.rate[k])
 

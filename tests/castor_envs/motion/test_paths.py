@@ -43,9 +43,9 @@ def test_a_path_is_a_curve_by_its_length_with_the_curvature_of_its_legs(legs):
 def test_a_path_has_no_jumps_where_legs_meet(legs):
     path = TrainPath("any", tuple(legs))
     joints = np.concatenate([[0.0], np.cumsum([length for length, _ in legs])])
-    (before, _), (here, _), (after, _) = (path.at(joints + d) for d in (-1e-9, 0.0, 1e-9))
-    np.testing.assert_allclose(before, here, atol=1e-8)
-    np.testing.assert_allclose(after, here, atol=1e-8)
+    (before, _), (at_joint, _), (after, _) = (path.at(joints + d) for d in (-1e-9, 0.0, 1e-9))
+    np.testing.assert_allclose(before, at_joint, atol=1e-8)
+    np.testing.assert_allclose(after, at_joint, atol=1e-8)
     np.testing.assert_allclose(path.at(0.0)[0], 0.0, atol=1e-12)
 
 
@@ -93,8 +93,8 @@ def test_named_paths_lead_where_their_names_say():
     for name, make in PATHS.items():
         assert named_path(name) == make()
     assert {"straight", "arc", "s-bend"} <= set(PATHS)
-    mine = TrainPath("mine", ((1.0, 0.3),))
-    assert named_path(mine) is mine
+    path = TrainPath("mine", ((1.0, 0.3),))
+    assert named_path(path) is path
 
 
 @given(seed=st.integers(0, 2**32 - 1), sharpest=st.floats(0.1, 3.0))
@@ -110,9 +110,9 @@ def test_random_paths_are_arcs_of_the_lengths_and_curvatures_described(seed, sha
 
 def test_a_random_path_is_drawn_from_the_generator_given():
     random = np.random.default_rng(4)
-    one, other = named_path("random", random), named_path("random", random)
-    assert one != other
-    assert named_path("random", np.random.default_rng(4)) == one
+    first, second = named_path("random", random), named_path("random", random)
+    assert first != second
+    assert named_path("random", np.random.default_rng(4)) == first
 
 
 @pytest.mark.parametrize(

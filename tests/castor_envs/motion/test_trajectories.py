@@ -79,11 +79,11 @@ def test_pivoting_holds_the_pivot():
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), holonomic=st.booleans())
 def test_wandering_stays_in_the_arena_and_repeats(seed, holonomic):
-    one = wander(np.random.default_rng(seed), duration=30, holonomic=holonomic)
-    assert one == wander(np.random.default_rng(seed), duration=30, holonomic=holonomic)
-    pose, twist = one.at(np.linspace(0, one.duration, 400))
+    trajectory = wander(np.random.default_rng(seed), duration=30, holonomic=holonomic)
+    assert trajectory == wander(np.random.default_rng(seed), duration=30, holonomic=holonomic)
+    pose, twist = trajectory.at(np.linspace(0, trajectory.duration, 400))
     assert np.max(np.hypot(pose[:, 0], pose[:, 1])) <= 2.05
-    assert one.duration >= 30
+    assert trajectory.duration >= 30
     if not holonomic:
         assert np.all(twist[:, 1] == 0.0)
 
@@ -136,7 +136,7 @@ def test_swerve_modules_point_along_their_pivots_paths():
     rolled = roll(robot, pivoting((0.5, 0.0), angle=turn))
     for i, castor in enumerate(robot.castors):
         arm = np.hypot(castor.pivot[0] - 0.5, castor.pivot[1])
-        wheel = sum(len(each.wheels) for each in robot.castors[:i])
+        wheel = sum(len(castor.wheels) for castor in robot.castors[:i])
         assert abs(rolled.wheel_angle[-1, wheel]) * castor.wheels[0].radius == pytest.approx(arm * turn)
 
 

@@ -135,11 +135,11 @@ def test_contact_forces_stay_in_the_friction_circle(name, seed, slippery, drive)
         substeps=1,
     )
     bodies = world._simulation.space.bodies
-    most = robot.max_wheel_speed if drive == "servo" else 1.0
+    limit = robot.max_wheel_speed if drive == "servo" else 1.0
     wheel_command, steering_command = np.zeros(len(robot.driven_wheels)), np.zeros(len(robot.driven_castors))
     for k in range(300):
         if k % 40 == 0:
-            wheel_command = random.uniform(-most, most, len(wheel_command))
+            wheel_command = random.uniform(-limit, limit, len(wheel_command))
             steering_command = random.uniform(-5, 5, len(steering_command))
         before = np.sum([body.mass * np.array(body.velocity) for body in bodies], axis=0)
         points = contact_points(robot, world)

@@ -26,9 +26,9 @@ from castor_envs.vehicles.presets import preset
 STEERING_BANDWIDTH = 2000.0  # rad/s: how fast a steering motor within its torque limit takes up its commanded rate
 
 
-def unsaturated(wanted, most):
+def unsaturated(wanted, limit):
     """1 within a motor's limit, 0 beyond, steep instead of sudden between: so a solver can follow the limit."""
-    return np.clip((most - np.abs(wanted)) / (1e-3 * most), 0.0, 1.0)
+    return np.clip((limit - np.abs(wanted)) / (1e-3 * limit), 0.0, 1.0)
 
 
 class Model:
@@ -110,14 +110,14 @@ class Model:
         force, pull, d_long, d_lat = self.tyres(long, lat, velocity[bodies:], direction[self.of], spin)
         loads = np.real(np.conj(by_q).T @ np.concatenate([push, force]))
         late, gain = steering_command - rates[self.steering], STEERING_BANDWIDTH * self.steering_inertia
-        wanted, most = gain * (late + STEERING_BANDWIDTH / 4 * steered), self.robot.max_steering_torque
-        loads[self.steering] += np.clip(wanted, -most, most)
-        d_steered = late * unsaturated(wanted, most)
+        wanted, limit = gain * (late + STEERING_BANDWIDTH / 4 * steered), self.robot.max_steering_torque
+        loads[self.steering] += np.clip(wanted, -limit, limit)
+        d_steered = late * unsaturated(wanted, limit)
         error = (wheel_command - spin) * self.motor
-        wanted, most = self.p_gain * error + self.i_gain * integral, self.robot.max_wheel_torque
-        torque = np.clip(wanted, -most, most)
+        wanted, limit = self.p_gain * error + self.i_gain * integral, self.robot.max_wheel_torque
+        torque = np.clip(wanted, -limit, limit)
         d_spin = (torque - self.radius * pull) / self.spin_inertia
-        d_integral = error * unsaturated(wanted, most)
+        d_integral = error * unsaturated(wanted, limit)
         return np.concatenate([rates, np.linalg.solve(mass, loads), d_steered, d_spin, d_integral, d_long, d_lat])
 
 

@@ -86,8 +86,8 @@ def episode(name, stepper, samples, substeps):
     rows = []
     for k in range(samples // 10):
         drive = DRIVES[k % 4]
-        most = 0.5 if drive == "voltage" else 0.4 * robot.max_wheel_speed
-        wheels = random.uniform(-most, most, len(robot.driven_wheels))
+        limit = 0.5 if drive == "voltage" else 0.4 * robot.max_wheel_speed
+        wheels = random.uniform(-limit, limit, len(robot.driven_wheels))
         steering = random.uniform(-4, 4, len(robot.driven_castors))
         for _ in range(10):
             world.advance(wheels, steering, drive)
@@ -136,9 +136,9 @@ print(digest.hexdigest())
 
 
 def test_another_process_repeats_a_run_bit_for_bit(tmp_path):
-    here = {}
-    exec(compile(DIGEST.replace("print(digest", "result = (digest"), "digest", "exec"), here)
+    namespace = {}
+    exec(compile(DIGEST.replace("print(digest", "result = (digest"), "digest", "exec"), namespace)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "12345"}
     command = [sys.executable, "-c", DIGEST]
-    there = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    assert there.stdout.strip() == here["result"]
+    completed = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert completed.stdout.strip() == namespace["result"]

@@ -28,7 +28,7 @@ def changed(train, frame=None, **contact):
     modules = tuple(
         dataclasses.replace(module, contact=dataclasses.replace(module.contact, **contact)) for module in train.modules
     )
-    frames = tuple(dataclasses.replace(own, **(frame or {})) for own in train.frames)
+    frames = tuple(dataclasses.replace(described, **(frame or {})) for described in train.frames)
     return dataclasses.replace(train, modules=modules, frames=frames)
 
 
@@ -185,11 +185,11 @@ def test_left_and_right_exchanged_a_train_drives_the_mirrored_path():
 
 @pytest.mark.parametrize(("shift", "turn"), [((3.0, -2.0), 0.0), ((0.0, 0.0), 2.1), ((-1.0, 4.0), -0.9)])
 def test_a_train_started_elsewhere_drives_the_same_path_there(shift, turn):
-    train, there = lopsided(3), np.array([*shift, turn])
+    train, start = lopsided(3), np.array([*shift, turn])
     pose, bends = np.array([0.0, 0.05, 0.3]), [0.5, -0.2]
-    here = ride(train, Floor(), pose, bends, np.arange(6))
-    moved = ride(train, Floor(), compose(there, pose), bends, np.arange(6))
-    np.testing.assert_allclose(moved, compose(there, here), rtol=0, atol=1e-9)
+    path = ride(train, Floor(), pose, bends, np.arange(6))
+    moved = ride(train, Floor(), compose(start, pose), bends, np.arange(6))
+    np.testing.assert_allclose(moved, compose(start, path), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("n", [2, 3])
@@ -201,8 +201,8 @@ def test_reference_and_compiled_stepper_agree(n):
         world = TrainWorld(lopsided(n), FLOOR, bends=0.3, stepper=stepper, substeps=100)
         for k in range(18):
             drive = ("servo", "voltage", "off")[k // 3 % 3]
-            most = 6.0 if drive == "servo" else 0.4
-            world.advance(random.uniform(0, most, 2 * n), drive)
+            limit = 6.0 if drive == "servo" else 0.4
+            world.advance(random.uniform(0, limit, 2 * n), drive)
             rows.append([*world.poses.ravel(), *world.wheel_angles, *np.concatenate(world.joint_angles)])
         paths.append(np.array(rows))
     assert np.ptp(paths[0][:, 0]) > 0.1
@@ -210,8 +210,8 @@ def test_reference_and_compiled_stepper_agree(n):
 
 
 def test_the_same_drive_is_the_same_bit_for_bit():
-    one, other = (ride(lopsided(3), FLOOR, (0.0, 0.0, 0.0), 0.3, np.arange(6), samples=20) for _ in range(2))
-    assert one.tobytes() == other.tobytes()
+    first, second = (ride(lopsided(3), FLOOR, (0.0, 0.0, 0.0), 0.3, np.arange(6), samples=20) for _ in range(2))
+    assert first.tobytes() == second.tobytes()
 
 
 @pytest.mark.parametrize("friction", [0.8, 0.15])
@@ -465,7 +465,7 @@ class Ideal:
         front_and_rear = rows[::-1], rows_rate[::-1]
         sides = np.array([-HALF_TRACK, HALF_TRACK])
         by_wheel, by_wheel_rate = (
-            np.reshape([one[0] + side * one[2] for one in axles for side in sides], (4, -1)) / RADIUS
+            np.reshape([axle[0] + side * axle[2] for axle in axles for side in sides], (4, -1)) / RADIUS
             for axles in front_and_rear
         )
         by_wheel_rate, spinning = by_wheel_rate[:, 0], by_wheel @ rate
@@ -507,11 +507,11 @@ def test_an_independent_integration_with_ideal_rolling_agrees_within_half_a_mill
 
 
 def test_a_command_beyond_a_motor_s_speed_is_as_its_highest():
-    one, other = TrainWorld(cfmmr(2)), TrainWorld(cfmmr(2))
+    beyond, highest = TrainWorld(cfmmr(2)), TrainWorld(cfmmr(2))
     for _ in range(5):
-        one.advance([1e3, 1e3, 1e3, 1e3])
-        other.advance([10.0, 10.0, 10.0, 10.0])
-    np.testing.assert_array_equal(one.poses, other.poses)
+        beyond.advance([1e3, 1e3, 1e3, 1e3])
+        highest.advance([10.0, 10.0, 10.0, 10.0])
+    np.testing.assert_array_equal(beyond.poses, highest.poses)
 
 
 def test_physics_that_goes_wrong_says_so():

@@ -48,11 +48,11 @@ def new_renderer():
         renderer.close()
 
 
-def picture(renderer, pose, angles=None, **more):
+def picture(renderer, pose, angles=None, **options):
     """Return a picture without history, as signed integers."""
     renderer.reset()
     angles = np.zeros(len(renderer.vehicle.castors)) if angles is None else angles
-    return renderer.draw(pose, angles, **more).astype(int)
+    return renderer.draw(pose, angles, **options).astype(int)
 
 
 def robot_mask(renderer, pose, angles=None):
@@ -148,8 +148,8 @@ def test_same_calls_make_the_same_pixels(new_renderer):
             pose = np.array([math.cos(4 * t) / 2, t - 0.5, 5 * t])
             yield renderer.draw(pose, (t, 2 * t, 3 * t), estimate=pose + 0.02 * t, target=pose, time=t)
 
-    for one, other in zip(film(), film(), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for first, second in zip(film(), film(), strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 def test_same_pixels_in_another_process_without_a_display(new_renderer, tmp_path):
@@ -218,17 +218,17 @@ def test_a_mirrored_robot_makes_a_mirrored_picture(new_renderer, name):
     angles = np.linspace(0.4, 2.0, len(renderer.vehicle.castors))
     rows = round(renderer.view.bottom)
     frame = picture(renderer, (0.2, 0.15, 0.6), angles)[40 : rows - 40]
-    other = picture(reflected, (0.2, -0.15, -0.6), -angles)[40 : rows - 40]
+    mirror_picture = picture(reflected, (0.2, -0.15, -0.6), -angles)[40 : rows - 40]
     robot = np.any(frame != picture(renderer, FAR, angles)[40 : rows - 40], axis=-1)
     assert robot.sum() > 1000
-    assert np.mean(np.abs(frame - other[::-1])[robot]) < 0.15 * np.mean(np.abs(frame - other)[robot])
+    assert np.mean(np.abs(frame - mirror_picture[::-1])[robot]) < 0.15 * np.mean(np.abs(frame - mirror_picture)[robot])
 
 
 def test_castors_turn_by_their_angles(new_renderer):
     renderer = new_renderer("1-castor")
     half_turn = picture(renderer, (0.0, 0.0, math.pi), (0.0,))
     same_castor = picture(renderer, (0.0, 0.0, 0.0), (math.pi,))
-    other_castor = picture(renderer, (0.0, 0.0, 0.0), (0.5,))
+    turned_castor = picture(renderer, (0.0, 0.0, 0.0), (0.5,))
     x, y = renderer.view.pixel((0.0, 0.0)).astype(int)
     reach = int(0.115 * renderer.view.scale)  # the castor alone, without the chassis' edge and nose
 
@@ -236,7 +236,7 @@ def test_castors_turn_by_their_angles(new_renderer):
         return frame[y - reach : y + reach, x - reach : x + reach]
 
     assert np.mean(np.abs(castor(half_turn) - castor(same_castor))) < 1.0
-    assert np.mean(np.abs(castor(half_turn) - castor(other_castor))) > 10.0
+    assert np.mean(np.abs(castor(half_turn) - castor(turned_castor))) > 10.0
 
 
 def test_wheels_stand_where_the_rolling_constraints_put_them():
@@ -317,11 +317,11 @@ def test_the_trail_stays_until_reset(new_renderer):
 
 def test_a_whole_target_looks_like_one_that_grew(new_renderer):
     way = np.stack([np.linspace(-0.8, 0.8, 30), np.full(30, -0.7), np.zeros(30)], axis=1)
-    grown, whole = new_renderer(), new_renderer()
+    grown, redrawn = new_renderer(), new_renderer()
     last = [grown.draw((0.0, 0.0, 0.0), np.zeros(3), target=place) for place in way][-1]
-    np.testing.assert_array_equal(last, whole.draw((0.0, 0.0, 0.0), np.zeros(3), target=way))
+    np.testing.assert_array_equal(last, redrawn.draw((0.0, 0.0, 0.0), np.zeros(3), target=way))
     without = new_renderer().draw((0.0, 0.0, 0.0), np.zeros(3))
-    y = round(whole.view.pixel((0.0, -0.7))[1])
+    y = round(redrawn.view.pixel((0.0, -0.7))[1])
     assert np.any(last[y - 2 : y + 3] != without[y - 2 : y + 3])
 
 
@@ -426,10 +426,10 @@ def test_pygame_comes_quietly(tmp_path):
 def test_without_pygame_the_remedy_is_named(new_renderer, monkeypatch):
     real = builtins.__import__
 
-    def without_pygame(name, *rest):
+    def without_pygame(name, *arguments):
         if name.partition(".")[0] == "pygame":
             raise ImportError(name)
-        return real(name, *rest)
+        return real(name, *arguments)
 
     monkeypatch.setattr(builtins, "__import__", without_pygame)
     with pytest.raises(DependencyNotInstalled, match="pip install pygame"):

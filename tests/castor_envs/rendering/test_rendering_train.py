@@ -52,10 +52,10 @@ def _cosc(psi):
     return np.sin(psi / 2) * np.sinc(psi / 2 / np.pi)
 
 
-def picture(renderer, poses, frames, **more):
+def picture(renderer, poses, frames, **options):
     """Return a picture without history, without the caption, as signed integers."""
     renderer.reset()
-    return renderer.draw(poses, frames, **more).astype(int)[: round(renderer.view.bottom)]
+    return renderer.draw(poses, frames, **options).astype(int)[: round(renderer.view.bottom)]
 
 
 def near(frame, color):
@@ -111,8 +111,8 @@ def test_same_calls_make_the_same_pixels(new_renderer):
             yield renderer.draw(poses, frames, estimate=poses + 0.03 * t, target=poses[0], time=t)
 
     pictures = list(film())
-    for one, other in zip(pictures, film(), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for first, second in zip(pictures, film(), strict=True):
+        np.testing.assert_array_equal(first, second)
     assert np.any(pictures[0] != pictures[-1])
 
 
@@ -235,11 +235,11 @@ def test_paths_of_front_and_last_axle_stay_until_reset(new_renderer):
 
 def test_a_whole_target_looks_like_one_that_grew(new_renderer):
     way = np.stack([np.linspace(-0.8, 0.8, 30), np.full(30, -0.7), np.zeros(30)], axis=1)
-    grown, whole = new_renderer(2), new_renderer(2)
+    grown, redrawn = new_renderer(2), new_renderer(2)
     train = arc(2, 0.3)
     last = [grown.draw(*train, target=place) for place in way][-1]
-    np.testing.assert_array_equal(last, whole.draw(*train, target=way))
-    assert np.any(last[: round(whole.view.bottom)] != picture(new_renderer(2), *train))
+    np.testing.assert_array_equal(last, redrawn.draw(*train, target=way))
+    assert np.any(last[: round(redrawn.view.bottom)] != picture(new_renderer(2), *train))
 
 
 def test_places_far_outside_do_no_harm(new_renderer):

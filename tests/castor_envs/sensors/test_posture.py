@@ -154,8 +154,8 @@ def test_noise_is_white_and_offsets_are_constant_of_the_size_described():
 
 
 def test_sensors_of_a_train_err_independently():
-    both = readings(quiet_train(3, gauge_noise=0.2), even(0.0, 0.0), np.arange(3000) * 0.05)[0][..., 2]
-    assert abs(np.corrcoef(both.T)[0, 1]) < 0.08
+    headings = readings(quiet_train(3, gauge_noise=0.2), even(0.0, 0.0), np.arange(3000) * 0.05)[0][..., 2]
+    assert abs(np.corrcoef(headings.T)[0, 1]) < 0.08
 
 
 def test_the_noise_effect_adds_in_the_sum_of_squares():
@@ -272,6 +272,6 @@ def test_an_effect_changes_its_own_frame_s_readings_alone(effect):
 
 def test_the_same_seed_gives_the_same_readings_and_another_one_others():
     times = np.arange(20) * 0.05
-    one, again, other = (readings(cfmmr(3), even(0.4, -0.2), times, seed)[0] for seed in (5, 5, 6))
-    np.testing.assert_array_equal(one, again)
-    assert np.abs(one - other).min(axis=(0, 1)).min() > 0.0
+    first, again, other_seed = (readings(cfmmr(3), even(0.4, -0.2), times, seed)[0] for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other_seed).min(axis=(0, 1)).min() > 0.0

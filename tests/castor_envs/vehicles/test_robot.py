@@ -180,9 +180,9 @@ def test_papers_numbers_stand_in_the_presets():
     assert 360 / prototype.wheels[0].counts_per_rev == pytest.approx(0.3)
     assert 360 / prototype.castors[0].pivot_counts_per_rev == pytest.approx(0.07, rel=1e-4)
     assert full.mass + sum(castor.mass for castor in full.castors) == pytest.approx(300.0)
-    for one, three in zip(prototype.castors, full.castors, strict=True):
-        assert three.offset == pytest.approx(3 * one.offset)
-        assert three.wheels[0].radius == pytest.approx(3 * one.wheels[0].radius)
+    for small, large in zip(prototype.castors, full.castors, strict=True):
+        assert large.offset == pytest.approx(3 * small.offset)
+        assert large.wheels[0].radius == pytest.approx(3 * small.wheels[0].radius)
     caster = preset("powered-caster")
     assert {(abs(c.pivot[0]), abs(c.pivot[1])) for c in caster.castors} == {(0.19015, 0.17015)}
     assert {(c.offset, c.wheels[0].lateral, c.wheels[0].radius) for c in caster.castors} == {(0.014, -0.00375, 0.0508)}

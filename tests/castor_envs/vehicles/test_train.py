@@ -288,7 +288,7 @@ def test_the_hash_knows_every_number_and_not_the_name():
         numbers += 1
     assert numbers > 60
     frame = train.frames[0]
-    others = [
+    changes = [
         {"links": 7},
         {"damping": 0.0},
         {"gauges": (0.1, 0.2)},
@@ -297,9 +297,9 @@ def test_the_hash_knows_every_number_and_not_the_name():
         {"gauge_gains": (1.0, 1.0, 1.0, 1.1)},
         {"rps_stops": 0.0},
     ]
-    for other in others:
-        changed = dataclasses.replace(train, frames=(dataclasses.replace(frame, **other), train.frames[1]))
-        assert changed.hash() not in seen, other
+    for change in changes:
+        changed = dataclasses.replace(train, frames=(dataclasses.replace(frame, **change), train.frames[1]))
+        assert changed.hash() not in seen, change
         seen.add(changed.hash())
     slower = tuple(dataclasses.replace(module, sample_period=0.1) for module in train.modules)
     assert dataclasses.replace(train, modules=slower).hash() not in seen
