@@ -17,19 +17,19 @@ def test_every_file_of_the_page_is_found_without_a_change_elsewhere(tmp_path):
         shutil.copytree(ROOT / package, copy / package, ignore=shutil.ignore_patterns("__pycache__"))
     checks, added = [], 0
     for block in BLOCKS:
-        first, rest = block.split("\n", 1)
+        first, body = block.split("\n", 1)
         if first == "# then":
-            checks.append(rest)
+            checks.append(body)
             continue
-        what, _, name = first.rpartition(" ")
+        label, _, name = first.rpartition(" ")
         path = copy / name
-        if what == "# file:":
+        if label == "# file:":
             assert not path.exists()
-            path.write_text(rest, encoding="utf-8")
+            path.write_text(body, encoding="utf-8")
         else:
-            assert what == "# at the end of"
+            assert label == "# at the end of"
             with path.open("a", encoding="utf-8") as file:
-                file.write("\n\n" + rest)
+                file.write("\n\n" + body)
         added += 1
     assert added == len(checks) == 10
     done = subprocess.run(

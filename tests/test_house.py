@@ -86,7 +86,7 @@ def test_rooms_of_the_world_have_an_order(imports):
     for name, named in imports.items():
         package, *room = name.split(".")
         if package == "castor_envs" and room:
-            below = {other.split(".")[1] for other in named if other.startswith("castor_envs.")}
+            below = {module.split(".")[1] for module in named if module.startswith("castor_envs.")}
             rooms[room[0]] = rooms.get(room[0], set()) | below - {room[0]}
     assert {"effects", "vehicles", "physics"} <= set(rooms)
     assert circle_in(rooms) is None

@@ -59,7 +59,7 @@ def off(line, cable):
 def test_the_scan_finds_the_line_on_which_wheels_roll_more(direction, diameter):
     cable = Bump(x=0.2, y=0.1, direction=direction, value=diameter)
     slip = noisy(cable.slip(ContactMotion(ROBOT, rolled())).rolling)
-    (found,) = (one.kinds[0] for one in bumps_of(ROBOT, [rolled()], [slip]))
+    (found,) = (candidate.kinds[0] for candidate in bumps_of(ROBOT, [rolled()], [slip]))
     away, turned = off(found, cable)
     assert away < 0.005
     assert turned < math.radians(0.5)
@@ -70,9 +70,9 @@ def test_the_scan_finds_the_line_on_which_wheels_roll_more(direction, diameter):
 def test_two_cables_are_two_candidates():
     cables = Bump(x=0.2, y=0.1, direction=0.3, value=0.004), Bump(x=-0.2, y=-0.3, direction=1.8, value=0.004)
     slip = noisy(sum(cable.slip(ContactMotion(ROBOT, rolled())).rolling for cable in cables))
-    found = [one.kinds[0] for one in bumps_of(ROBOT, [rolled()], [slip])]
+    found = [candidate.kinds[0] for candidate in bumps_of(ROBOT, [rolled()], [slip])]
     assert len(found) == 2
-    assert all(any(same_line(one, cable) for one in found) for cable in cables)
+    assert all(any(same_line(line, cable) for line in found) for cable in cables)
 
 
 def test_a_squarely_crossed_cable_costs_what_is_known_in_closed_form():
@@ -85,8 +85,8 @@ def test_a_squarely_crossed_cable_costs_what_is_known_in_closed_form():
     motion = Motion(t, pose, wheel, castor)
     steps = steps_of(ROBOT, [motion], [np.zeros((120, 6))])
     for diameter in (0.002, 0.008):
-        more = _rolls_more(steps, 0.05, 0.0, math.pi / 2, diameter)
-        by_wheel = np.bincount(steps.track, more)
+        excess = _rolls_more(steps, 0.05, 0.0, math.pi / 2, diameter)
+        by_wheel = np.bincount(steps.track, excess)
         np.testing.assert_allclose(by_wheel, cable_extra_roll(0.0381, diameter), rtol=0.03)
 
 
@@ -107,15 +107,17 @@ def test_steps_that_are_not_known_do_not_count():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_logs_of_an_even_floor_speak_for_no_line(seed):
-    assert not [one for one in linearise(ROBOT, [driven(None, seed, 60.0)]).candidates if one.at_a_place]
+    assert not [
+        candidate for candidate in linearise(ROBOT, [driven(None, seed, 60.0)]).candidates if candidate.at_a_place
+    ]
 
 
 def test_logs_without_reference_poses_tell_no_place():
     log = driven(CABLE, 1)
-    lines = [one.kinds[0] for one in linearise(ROBOT, [log]).candidates if one.at_a_place]
+    lines = [candidate.kinds[0] for candidate in linearise(ROBOT, [log]).candidates if candidate.at_a_place]
     assert any(same_line(line, CABLE) for line in lines)
     blind = Log(log.t, log.wheel, log.pivot, log.command)
-    assert not [one for one in linearise(ROBOT, [blind]).candidates if one.at_a_place]
+    assert not [candidate for candidate in linearise(ROBOT, [blind]).candidates if candidate.at_a_place]
 
 
 def test_a_cable_is_named_with_its_place():

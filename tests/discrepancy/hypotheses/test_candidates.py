@@ -31,7 +31,7 @@ def test_a_jump_is_looked_for_where_it_is_and_never_near_the_ends(at):
     log = driven()
     pivot = log.pivot + np.where(log.t >= at, 8.0, 0.0)[:, None] * [0, 1, 0]
     seen = linearise(ROBOT, [dataclasses.replace(log, pivot=pivot)])
-    (jump,) = [one.what for one in seen.candidates if one.what.startswith("pivot_2 jumps at ")]
+    (jump,) = [candidate.what for candidate in seen.candidates if candidate.what.startswith("pivot_2 jumps at ")]
     time = float(jump.split()[3])
     assert time == at if at == 12.0 else 1.0 <= time <= 19.0
 

@@ -69,8 +69,8 @@ def test_noise_beside_an_effect_is_what_it_leaves():
     """Where encoders cannot contradict each other an effect that is not in the model passes for slip."""
     robot, radius = preset("differential"), WheelRadius(castor=1, wheel=1, value=0.002)
     motion = wander(np.random.default_rng([11, 1]), duration=30.0, holonomic=False)
-    logs = [drive(robot.with_effects(*some), motion, 11, duration=30.0) for some in ((radius,), ())]
-    (candidate,) = [one for one in candidates_of(robot) if one.is_of(radius)]
+    logs = [drive(robot.with_effects(*effects), motion, 11, duration=30.0) for effects in ((radius,), ())]
+    (candidate,) = [candidate for candidate in candidates_of(robot) if candidate.is_of(radius)]
     with_it, without = (linearise(robot, [log], among=[candidate]) for log in logs)
     assert with_it.noise.along > 4 * without.noise.along
     left, least = (seen.quieter([candidate]).noise.along for seen in (with_it, without))

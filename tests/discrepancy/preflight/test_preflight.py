@@ -83,7 +83,7 @@ def test_a_reading_undoes_the_effects_that_made_it(name):
 
 
 @pytest.mark.parametrize("poses", [True, False], ids=["reference", "no-reference"])
-@pytest.mark.parametrize("effect", wiring_of(ASOC), ids=lambda one: "-".join(map(str, dataclasses.astuple(one))))
+@pytest.mark.parametrize("effect", wiring_of(ASOC), ids=lambda effect: "-".join(map(str, dataclasses.astuple(effect))))
 def test_wrong_wiring_is_named(effect, poses):
     found = preflight(ASOC, [log_of(ASOC, effect, poses=poses)])
     mistake = only(found)
@@ -117,7 +117,9 @@ def test_castors_shifted_around_are_put_in_order():
     mistake = only(preflight(ASOC, [log]))
     assert "order" in mistake.what
     channels = Channels(ASOC)
-    named, made = (reduce(channels.read, some, channels.nominal()) for some in (mistake.effects, effects))
+    named, made = (
+        reduce(channels.read, wiring_effects, channels.nominal()) for wiring_effects in (mistake.effects, effects)
+    )
     assert named == made
 
 
@@ -181,7 +183,7 @@ def test_a_reference_in_other_units_or_senses_is_named(name, change, said):
     log = log_of(robot)
     found = preflight(robot, [dataclasses.replace(log, reference=log.reference * change)])
     mistake = only(found)
-    assert any(said in one for one in (mistake.what, *mistake.alternatives))
+    assert any(said in sentence for sentence in (mistake.what, *mistake.alternatives))
     if robot is ASOC:
         assert said in mistake.what
 
@@ -225,7 +227,7 @@ def test_a_mistake_that_stands_out_alone_is_told_though_wheels_slide_at_every_tu
     slip = np.random.default_rng(1).normal(scale=0.45 * step, size=log.wheel.shape)
     sliding = dataclasses.replace(log, wheel=np.round(log.wheel + np.cumsum(slip, axis=0)))
     found = search(ASOC, Misfits(ASOC, [sliding]))
-    assert [one.effects for one in found.best.mistakes] == [(effect,)]
+    assert [mistake.effects for mistake in found.best.mistakes] == [(effect,)]
     assert found.nominal.left / BETTER_OF_MUCH < found.best.left < found.nominal.left / ALONE
 
 
@@ -296,8 +298,8 @@ def test_short_and_still_logs_are_told_and_nothing_is_named(rows):
     log = log_of(ASOC)
     short = Log(*(getattr(log, name)[:rows] for name in ("t", "wheel", "pivot")))
     still = dataclasses.replace(log, wheel=log.wheel * 0, pivot=log.pivot * 0)
-    for one, said in ((short, "little can be seen"), (still, "nothing moves")):
-        found = preflight(ASOC, [one])
+    for checked, said in ((short, "little can be seen"), (still, "nothing moves")):
+        found = preflight(ASOC, [checked])
         assert found.mistakes == ()
         assert any(said in remark for remark in found.remarks)
 

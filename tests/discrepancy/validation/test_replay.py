@@ -141,8 +141,8 @@ def test_radius_and_track_of_a_differential_robot_show_against_the_reference():
         real = DIFFERENTIAL.with_effects(effect)
         log, plain = (drive(robot, umbmark("cw", "rounded")) for robot in (real, DIFFERENTIAL))
         floor, nominal, right = (
-            sizes(replay(robot, one, WINDOW))
-            for robot, one in ((DIFFERENTIAL, plain), (DIFFERENTIAL, log), (real, log))
+            sizes(replay(robot, log_used, WINDOW))
+            for robot, log_used in ((DIFFERENTIAL, plain), (DIFFERENTIAL, log), (real, log))
         )
         assert np.all(right[:3] <= 1.2 * floor[:3] + 0.05)
         assert nominal[1] > 5 * right[1]
@@ -167,8 +167,8 @@ def test_steering_motors_follow_commands_or_counts(name):
     trajectory = umbmark("cw", "rounded") if name == "tricycle" else wander(np.random.default_rng(5), duration=20.0)
     log = drive(robot, trajectory)
     unsteered = dataclasses.replace(log, steering_command=None)
-    for one in (log, unsteered):
-        position, heading, _, pivots = sizes(replay(robot, one, WINDOW))
+    for log_used in (log, unsteered):
+        position, heading, _, pivots = sizes(replay(robot, log_used, WINDOW))
         assert position < 3
         assert heading < 3
         assert pivots < 6
@@ -236,18 +236,18 @@ def test_the_tracked_point_and_its_clock_are_taken_as_given(plain):
 def test_where_the_log_begins_on_the_clock_and_in_the_plane_does_not_matter():
     log = asoc()
     elsewhere = dataclasses.replace(seen_from(log, np.array([3.0, -2.0, 1.0]), np.zeros(3)), t=log.t + 1e3)
-    one, other = replay(ASOC, log, WINDOW), replay(ASOC, elsewhere, WINDOW)
-    assert other.body == pytest.approx(one.body, abs=1e-6)
-    assert other.start == pytest.approx(one.start + 1e3)
+    original, moved = replay(ASOC, log, WINDOW), replay(ASOC, elsewhere, WINDOW)
+    assert moved.body == pytest.approx(original.body, abs=1e-6)
+    assert moved.start == pytest.approx(original.start + 1e3)
 
 
 def test_no_window_goes_over_a_gap_and_rows_missing_here_and_there_are_bridged():
     log = asoc()
     rows = np.arange(len(log))
 
-    def kept(which):
+    def kept(rows):
         parts = ("t", "wheel", "pivot", "command", "reference")
-        return dataclasses.replace(log, **{part: getattr(log, part)[which] for part in parts})
+        return dataclasses.replace(log, **{part: getattr(log, part)[rows] for part in parts})
 
     found = replay(ASOC, kept((rows < 130) | (rows > 190)), 2.0)
     assert len(found.start) > 3
@@ -256,9 +256,9 @@ def test_no_window_goes_over_a_gap_and_rows_missing_here_and_there_are_bridged()
 
 
 def test_several_logs_make_one_replay(replayed):
-    both = joined([replayed, replayed])
-    assert len(both.start) == 2 * len(replayed.start)
-    assert sizes(both) == pytest.approx(sizes(replayed))
+    joint = joined([replayed, replayed])
+    assert len(joint.start) == 2 * len(replayed.start)
+    assert sizes(joint) == pytest.approx(sizes(replayed))
 
 
 def test_a_summary_is_json_with_channels_by_name(replayed):

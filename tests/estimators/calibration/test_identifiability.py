@@ -82,7 +82,7 @@ def unseen_with_pivots(with_pivots):
 
 @pytest.mark.slow
 def test_four_changes_are_seen_by_no_encoder_and_have_names(with_pivots, unseen_with_pivots):
-    left = {one.what: one.shown_by for one in unseen_with_pivots}
+    left = {change.what: change.shown_by for change in unseen_with_pivots}
     assert set(left) == {
         "the scale (all lengths together)",
         "the direction of the body's axes",
@@ -117,8 +117,8 @@ def test_what_nobody_saw_is_in_no_interval_unsaid(with_pivots, unseen_with_pivot
     assert missed.any()
     assert all(rests[i] for i in np.flatnonzero(missed))
     lengths = [i for i, p in enumerate(found.parameters) if p.kind in ("radius", "lateral", "offset")]
-    assert all("the scale (all lengths together)" in [each.what for each in rests[i]] for i in lengths)
-    wide = np.sqrt(found.standard_errors**2 + np.sum([(each.moves * scale) ** 2 for each in unseen], axis=0))
+    assert all("the scale (all lengths together)" in [change.what for change in rests[i]] for i in lengths)
+    wide = np.sqrt(found.standard_errors**2 + np.sum([(change.moves * scale) ** 2 for change in unseen], axis=0))
     assert np.all(off < 4 * wide)
 
 
@@ -179,13 +179,13 @@ def test_a_straight_line_shows_radii_against_each_other_and_nothing_of_offsets()
     scale = np.array([p.scale for p in found.parameters])
     np.testing.assert_allclose(found.unseen @ ((found.after - found.before) / scale), 0.0, atol=1e-9)
     left = unseen_of(found)
-    words = {one.shown_by for one in left}
+    words = {change.shown_by for change in left}
     assert left
     assert None not in words
-    for one in words:
-        again = calibrate(described, [line, *proposed(true, one)], noise=SLIP)
-        still = {other.what for other in unseen_of(again)}
-        assert not still & {other.what for other in left if other.shown_by == one}
+    for drive in words:
+        again = calibrate(described, [line, *proposed(true, drive)], noise=SLIP)
+        still = {change.what for change in unseen_of(again)}
+        assert not still & {change.what for change in left if change.shown_by == drive}
 
 
 def test_a_differential_robot_is_told_which_drive_to_add():
@@ -193,8 +193,8 @@ def test_a_differential_robot_is_told_which_drive_to_add():
     logs = [rolled(robot, straight(), poses=[0, -1])]
     found = calibrate(robot, logs, noise=SLIP)
     left = unseen_of(found)
-    helped = [one.shown_by for one in left if one.shown_by is not None]
+    helped = [change.shown_by for change in left if change.shown_by is not None]
     assert helped
     assert all("with reference poses" in words for words in helped)
     again = calibrate(robot, [*logs, *(log for words in helped for log in proposed(robot, words))], noise=SLIP)
-    assert {one.what for one in unseen_of(again)} == {"the place of the body's origin, y"}
+    assert {change.what for change in unseen_of(again)} == {"the place of the body's origin, y"}

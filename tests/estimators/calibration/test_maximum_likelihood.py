@@ -34,9 +34,9 @@ def log_of(motion, period, *, rounded=False, random=None, slip=0.0, reference=No
     random = np.random.default_rng(0) if random is None else random
     poses, seen = motion.sampled(round(motion.duration / period))
     per_metre = np.array([w.counts_per_rev / (2 * np.pi * w.radius) for w in motion.robot.wheels])
-    rolled = np.array([one["wheel"] for one in seen]) / per_metre
+    rolled = np.array([observation["wheel"] for observation in seen]) / per_metre
     rolled += slip * np.sqrt(np.abs(rolled)) * random.normal(size=rolled.shape)
-    wheel, pivot = np.cumsum(rolled, axis=0) * per_metre, np.array([one["pivot"] for one in seen])
+    wheel, pivot = np.cumsum(rolled, axis=0) * per_metre, np.array([observation["pivot"] for observation in seen])
     if rounded:
         wheel, pivot = np.round(wheel + random.uniform(size=wheel.shape[1])), np.round(pivot)
     if reference is not None:
@@ -359,11 +359,14 @@ def test_tracked_point_axes_and_clock_of_the_reference_are_found(sign, inside, t
     if inside:
         log.reference[[*range(10), *range(-10, 0)]] = np.nan
     found = calibrate(n_castor(3), [log])
-    for one, place, late in ((plain, 0.0, 0.0), (found, mount, clock)):
-        assert np.abs((one.after - numbers_of(true, one.parameters)) / one.standard_errors).max() < 4
-        np.testing.assert_allclose(one.mount, place, atol=3e-3)
-        assert np.all(np.abs(one.clocks - late) < [0.02, 5e-4])
-        assert one.noise.position == pytest.approx(1e-3, rel=0.4)
+    for calibration, place, late in ((plain, 0.0, 0.0), (found, mount, clock)):
+        assert (
+            np.abs((calibration.after - numbers_of(true, calibration.parameters)) / calibration.standard_errors).max()
+            < 4
+        )
+        np.testing.assert_allclose(calibration.mount, place, atol=3e-3)
+        assert np.all(np.abs(calibration.clocks - late) < [0.02, 5e-4])
+        assert calibration.noise.position == pytest.approx(1e-3, rel=0.4)
     assert np.abs((found.after - plain.after) / plain.standard_errors).max() < 0.5
 
 
@@ -399,13 +402,13 @@ def test_mirror_images_orders_of_logs_and_of_castors_change_nothing(exact_motion
         )
         for log in logs
     ]
-    other = [
+    reordered = [
         dataclasses.replace(log, wheel=log.wheel[:, columns[order].ravel()], pivot=log.pivot[:, order]) for log in logs
     ]
     for robot, given, back in (
         (described, logs[::-1], lambda r: r),
         (mirrored(described), image, mirrored),
-        (permuted(described, order), other, lambda r: permuted(r, np.argsort(order))),
+        (permuted(described, order), reordered, lambda r: permuted(r, np.argsort(order))),
     ):
         again = numbers_of(back(calibrate(robot, given, noise=KNOWN).calibrated), found.parameters)
         assert np.abs((again - found.after) / found.standard_errors).max() < 1e-4

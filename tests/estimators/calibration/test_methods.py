@@ -70,11 +70,11 @@ def test_pivoting_finds_the_robot_and_the_held_castor_where_nobody_named_it(turn
     true, recordings = turns
     wheels = with_first_radius(true, 0.04)
     named = PivotingMethod().calibrate(wheels, recordings)
-    assert PivotingMethod().calibrate(wheels, [Recording(one.log) for one in recordings]) == named
+    assert PivotingMethod().calibrate(wheels, [Recording(recording.log) for recording in recordings]) == named
     for castor, expected in zip(named.castors, true.castors, strict=True):
         assert castor.offset == pytest.approx(expected.offset, rel=5e-3)
-        for wheel, other in zip(castor.wheels, expected.wheels, strict=True):
-            assert wheel.radius == pytest.approx(other.radius, rel=1e-3)
+        for wheel, expected_wheel in zip(castor.wheels, expected.wheels, strict=True):
+            assert wheel.radius == pytest.approx(expected_wheel.radius, rel=1e-3)
 
 
 def with_first_radius(robot, radius):

@@ -79,8 +79,8 @@ def off(found: RobotDescription, true: RobotDescription):
     for a, b in zip(found.castors, true.castors, strict=True):
         lengths.append(a.offset / b.offset - 1)
         zeros.append(np.angle(np.exp(1j * (a.pivot_zero - b.pivot_zero))))
-        for one, other in zip(a.wheels, b.wheels, strict=True):
-            lengths += [one.radius / other.radius - 1, one.lateral / other.lateral - 1]
+        for first, second in zip(a.wheels, b.wheels, strict=True):
+            lengths += [first.radius / second.radius - 1, first.lateral / second.lateral - 1]
     return np.max(np.abs(lengths)), np.max(np.abs(zeros))
 
 
@@ -123,7 +123,7 @@ def test_rounded_encoders_leave_what_a_recomputation_says_and_standard_errors_co
         d = np.array([[abs(wheel.lateral) for wheel in castor.wheels] for castor in true.castors])
         beta = np.array([castor.pivot_zero for castor in true.castors])
         away = [part - truth for part, truth in zip(found.parameters, (r_c, beta, r_w, d), strict=True)]
-        sizes.append([np.mean(np.abs(part / whole)) for part, whole in zip(away, (r_c, 1.0, r_w, d), strict=True)])
+        sizes.append([np.mean(np.abs(part / size)) for part, size in zip(away, (r_c, 1.0, r_w, d), strict=True)])
         standard.append([np.mean((part / error) ** 2) for part, error in zip(away, found.errors, strict=True)])
     r_c, beta, r_w, d = np.mean(sizes, axis=0) * [100, 180 / np.pi, 100, 100]
     assert r_c == pytest.approx(0.089, rel=0.35)

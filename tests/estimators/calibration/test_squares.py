@@ -39,9 +39,9 @@ def taped(log, random, position=1e-3, heading=2e-3):
     return dataclasses.replace(log, reference=reference)
 
 
-def squares(robot, random, each=1, side=1.0, **measured):
+def squares(robot, random, repeats=1, side=1.0, **measured):
     """Squares both ways."""
-    paths = [umbmark(way, side=side) for way in ("cw", "ccw") for _ in range(each)]
+    paths = [umbmark(way, side=side) for way in ("cw", "ccw") for _ in range(repeats)]
     return [taped(driven(robot, path, random), random, **measured) for path in paths]
 
 
@@ -107,7 +107,7 @@ def test_a_tracked_point_off_the_origin_is_found_where_the_reference_shows_it():
 def test_slip_of_repeated_squares_is_what_went_in():
     """Ends measured exactly: 24 numbers, of which two parameters take two, tell it to 15 % (standard deviation)."""
     described, true = differential(5)
-    found = calibrate(described, squares(true, np.random.default_rng(5), each=4, position=0.0, heading=0.0))
+    found = calibrate(described, squares(true, np.random.default_rng(5), repeats=4, position=0.0, heading=0.0))
     assert 0.55 * SLIP < found.noise.along < 1.45 * SLIP
 
 

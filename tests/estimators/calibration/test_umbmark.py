@@ -110,9 +110,9 @@ def misses(factor):
 
 
 def test_known_errors_are_recovered_to_first_order():
-    whole, half, quarter = misses(1), misses(0.5), misses(0.25)
-    assert np.all(whole < [2.2e-3, 6e-4])
-    assert whole / half == pytest.approx([4, 4], rel=0.25)
+    full, half, quarter = misses(1), misses(0.5), misses(0.25)
+    assert np.all(full < [2.2e-3, 6e-4])
+    assert full / half == pytest.approx([4, 4], rel=0.25)
     assert half / quarter == pytest.approx([4, 4], rel=0.15)
 
 
@@ -133,11 +133,11 @@ def test_a_mirrored_robot_gives_the_mirrored_correction():
     mirrored = [
         dataclasses.replace(log, wheel=log.wheel[:, ::-1], reference=truth_of(log) * [1, -1, -1]) for log in logs
     ]
-    one, other = from_logs(ROBOT, logs, WAYS, SIDE), from_logs(ROBOT, mirrored, WAYS[::-1], SIDE)
-    assert (other.alpha, other.beta) == pytest.approx((one.alpha, -one.beta), rel=1e-9)
-    assert other.wheel_base_factor == pytest.approx(one.wheel_base_factor, rel=1e-12)
-    assert other.diameter_ratio == pytest.approx(1 / one.diameter_ratio, rel=1e-12)
-    assert other.axle.diameters == pytest.approx(one.axle.diameters[::-1], rel=1e-12)
+    found, mirror_found = from_logs(ROBOT, logs, WAYS, SIDE), from_logs(ROBOT, mirrored, WAYS[::-1], SIDE)
+    assert (mirror_found.alpha, mirror_found.beta) == pytest.approx((found.alpha, -found.beta), rel=1e-9)
+    assert mirror_found.wheel_base_factor == pytest.approx(found.wheel_base_factor, rel=1e-12)
+    assert mirror_found.diameter_ratio == pytest.approx(1 / found.diameter_ratio, rel=1e-12)
+    assert mirror_found.axle.diameters == pytest.approx(found.axle.diameters[::-1], rel=1e-12)
 
 
 def test_the_place_of_the_axle_in_the_body_does_not_matter():
@@ -151,12 +151,12 @@ def test_the_place_of_the_axle_in_the_body_does_not_matter():
     robot = dataclasses.replace(ROBOT, castors=(idle, moved))
     seat = compose([0.3, -0.1, 0.5], [0, 0.02, 0])
     moved_logs = [dataclasses.replace(log, reference=compose(truth_of(log), inverse(seat))) for log in logs]
-    one, other = from_logs(ROBOT, logs, WAYS, SIDE), from_logs(robot, moved_logs, WAYS, SIDE)
-    assert (other.alpha, other.beta) == pytest.approx((one.alpha, one.beta), rel=1e-9)
-    left, right = corrected(robot, other).castors[1].wheels
+    found, moved_found = from_logs(ROBOT, logs, WAYS, SIDE), from_logs(robot, moved_logs, WAYS, SIDE)
+    assert (moved_found.alpha, moved_found.beta) == pytest.approx((found.alpha, found.beta), rel=1e-9)
+    left, right = corrected(robot, moved_found).castors[1].wheels
     assert left.lateral + right.lateral == pytest.approx(0.04, rel=1e-9)
-    assert left.lateral - right.lateral == pytest.approx(one.axle.wheel_base, rel=1e-9)
-    assert corrected(robot, other).castors[0] == idle
+    assert left.lateral - right.lateral == pytest.approx(found.axle.wheel_base, rel=1e-9)
+    assert corrected(robot, moved_found).castors[0] == idle
 
 
 def test_the_corrected_robot_closes_its_square_and_a_second_time_better():
@@ -188,17 +188,26 @@ def test_standard_errors_cover():
     def numbers(result):
         return np.hstack(tuple(result))
 
-    def values(one):
+    def values(calibration):
         return numbers(
-            (one.alpha, one.beta, one.wheel_base_factor, one.diameter_ratio, one.axle.wheel_base, one.axle.diameters)
+            (
+                calibration.alpha,
+                calibration.beta,
+                calibration.wheel_base_factor,
+                calibration.diameter_ratio,
+                calibration.axle.wheel_base,
+                calibration.axle.diameters,
+            )
         )
 
-    off = np.array([values(one) - values(truth) for one in found])
-    said = np.array([numbers(one.standard_errors) for one in found])
+    off = np.array([values(calibration) - values(truth) for calibration in found])
+    said = np.array([numbers(calibration.standard_errors) for calibration in found])
     np.testing.assert_allclose(np.sqrt(np.mean(off**2, axis=0)), np.sqrt(np.mean(said**2, axis=0)), rtol=0.12)
     covered = np.mean(np.abs(off) < 2 * said, axis=0)
     assert np.all((covered > 0.91) & (covered < 0.985))
-    covariance = np.mean([one.covariance for one in found if one.covariance is not None], axis=0)
+    covariance = np.mean(
+        [calibration.covariance for calibration in found if calibration.covariance is not None], axis=0
+    )
     np.testing.assert_allclose(np.cov(off[:, 2:4].T), covariance, rtol=0.25)
 
 

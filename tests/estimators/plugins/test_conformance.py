@@ -325,9 +325,9 @@ def test_gyro_of_a_robot_that_has_one_is_observed():
 def test_robot_that_cannot_drive_straight_is_refused():
     robot = preset("differential")
     fixed = robot.castors[0]
-    both = (fixed, dataclasses.replace(fixed, pivot=(1.0, 0.0), angle=1.0))
+    castors = (fixed, dataclasses.replace(fixed, pivot=(1.0, 0.0), angle=1.0))
     with pytest.raises(InputError, match="cannot drive ahead"):
-        check(entry(Careful), dataclasses.replace(robot, castors=both))
+        check(entry(Careful), dataclasses.replace(robot, castors=castors))
 
 
 class ForDifferential(Careful):

@@ -48,8 +48,8 @@ class WrongFrame(Careful):
 
     def update(self, observation):
         x, y, phi = observation["rps"].reshape(-1, 3).T
-        other = np.stack([x, -y, -phi], axis=-1)
-        return super().update({**observation, "rps": other.ravel()})
+        mirrored = np.stack([x, -y, -phi], axis=-1)
+        return super().update({**observation, "rps": mirrored.ravel()})
 
 
 class SpoiltByNaN(TrainOdometry):

@@ -158,13 +158,15 @@ def test_consistent_castors_are_followed_exactly_by_all_with_any_subset(n, seed)
 
 def test_body_origin_only_moves_the_point_that_is_reported(odd_robot, exact_motion, winding, drive):
     """The fitted motion of the body is one thing, whichever of its points is called the origin (arc variant)."""
-    here = odd_robot(3)
+    original = odd_robot(3)
     shift = complex(0.4, -0.7)
-    castors = (dataclasses.replace(c, pivot=(c.pivot[0] - shift.real, c.pivot[1] - shift.imag)) for c in here.castors)
-    there = dataclasses.replace(here, castors=tuple(castors))
-    _, observations = exact_motion(here, winding, 3.0).sampled(60)
+    castors = (
+        dataclasses.replace(c, pivot=(c.pivot[0] - shift.real, c.pivot[1] - shift.imag)) for c in original.castors
+    )
+    moved = dataclasses.replace(original, castors=tuple(castors))
+    _, observations = exact_motion(original, winding, 3.0).sampled(60)
     for estimator in (CASTArc(), IPEC(2)):
-        a, b = (drive(estimator, robot, observations) for robot in (here, there))
+        a, b = (drive(estimator, robot, observations) for robot in (original, moved))
         origin_b = (a[:, 0] + 1j * a[:, 1] + shift * np.exp(1j * a[:, 2])) - shift
         np.testing.assert_allclose(b[:, 2], a[:, 2], atol=1e-12)
         np.testing.assert_allclose(b[:, 0] + 1j * b[:, 1], origin_b, atol=1e-12)

@@ -22,9 +22,9 @@ def shifted(robot, x, y):
     return dataclasses.replace(robot, castors=tuple(castors))
 
 
-def weaving(speed, most, rate=6.0):
+def weaving(speed, amplitude, rate=6.0):
     """Ahead at `speed`, m/s, turning to and fro at up to `most`, rad/s: at that rate by less than 0.3 rad."""
-    return lambda t: (speed, 0.0, most * np.cos(rate * t))
+    return lambda t: (speed, 0.0, amplitude * np.cos(rate * t))
 
 
 def away(estimate, true):

@@ -19,8 +19,8 @@ def with_castor_two(**changes):
     return dataclasses.replace(robot, castors=tuple(castors))
 
 
-def wheel(lateral, **other):
-    return Wheel(lateral=lateral, radius=0.04, **other)
+def wheel(lateral, **fields):
+    return Wheel(lateral=lateral, radius=0.04, **fields)
 
 
 NO_ENCODER = with_castor_two(pivot_counts_per_rev=None)

@@ -40,9 +40,9 @@ def test_moved_and_turned_start_moves_and_turns_the_path(estimator, odd_robot, n
     robot = odd_robot(3, centred=False)
     observations = noise(robot, seed)
     x, y, psi = drive(estimator, robot, observations).T
-    there = drive(estimator, robot, observations, start)
+    moved = drive(estimator, robot, observations, start)
     z = complex(*start[:2]) + (x + 1j * y) * np.exp(1j * start[2])
-    np.testing.assert_allclose(there, np.stack([z.real, z.imag, psi + start[2]], axis=-1), atol=1e-9)
+    np.testing.assert_allclose(moved, np.stack([z.real, z.imag, psi + start[2]], axis=-1), atol=1e-9)
 
 
 @all_estimators
@@ -53,11 +53,11 @@ def test_mirrored_robot_with_mirrored_counts_goes_the_mirrored_path(estimator, o
         wheels = tuple(dataclasses.replace(wheel, lateral=-wheel.lateral) for wheel in reversed(castor.wheels))
         mirrored = (castor.pivot[0], -castor.pivot[1])
         castors.append(dataclasses.replace(castor, pivot=mirrored, wheels=wheels, pivot_zero=-castor.pivot_zero))
-    other = dataclasses.replace(robot, castors=tuple(castors))
+    mirror_robot = dataclasses.replace(robot, castors=tuple(castors))
     observations = noise(robot)
     swapped = [{**seen, "wheel": seen["wheel"][[1, 0, 3, 2, 5, 4]], "pivot": -seen["pivot"]} for seen in observations]
     path = drive(estimator, robot, observations, (1.0, 2.0, 0.3))
-    mirror = drive(estimator, other, swapped, (1.0, -2.0, -0.3))
+    mirror = drive(estimator, mirror_robot, swapped, (1.0, -2.0, -0.3))
     np.testing.assert_allclose(mirror, path * [1.0, -1.0, -1.0], atol=1e-12)
 
 
@@ -105,7 +105,7 @@ def test_wrapped_and_unwrapped_pivot_counts_are_the_same(estimator, odd_robot, e
 @all_estimators
 def test_batch_gives_what_singles_give(estimator, odd_robot, noise, drive):
     """Robots that differ in every number, runs that differ in data and start: (robots, runs) at once and one by one."""
-    one = odd_robot(3, centred=False)
+    base = odd_robot(3, centred=False)
     random = np.random.default_rng(5)
 
     def changed(castor):
@@ -118,9 +118,9 @@ def test_batch_gives_what_singles_give(estimator, odd_robot, noise, drive):
         zero, offset = castor.pivot_zero * factors[6], castor.offset * factors[7]
         return dataclasses.replace(castor, wheels=wheels, pivot=pivot, pivot_zero=zero, offset=offset)
 
-    robots = [dataclasses.replace(one, castors=tuple(changed(castor) for castor in one.castors)) for _ in range(4)]
+    robots = [dataclasses.replace(base, castors=tuple(changed(castor) for castor in base.castors)) for _ in range(4)]
     starts = random.normal(size=(4, 5, 3))
-    data = [[noise(one, seed=10 * i + j) for j in range(5)] for i in range(4)]
+    data = [[noise(base, seed=10 * i + j) for j in range(5)] for i in range(4)]
     stacked = [
         {
             key: np.array([[data[i][j][k][key] for j in range(5)] for i in range(4)])

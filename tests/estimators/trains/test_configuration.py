@@ -159,7 +159,7 @@ def test_missing_and_wrong_sizes_are_refused(name, key, standing):
     with pytest.raises(InputError, match=rf"'{key}' has shape \({size + 3},\).* needs \({size},\)"):
         estimator.update({**seen, key: np.zeros(size + 3)})
     with pytest.raises(InputError, match=f"has no '{key}'"):
-        estimator.update({other: value for other, value in seen.items() if other != key})
+        estimator.update({name: value for name, value in seen.items() if name != key})
 
 
 @pytest.mark.parametrize("name", CORRECTING)
@@ -178,9 +178,9 @@ def test_the_belief_moves_with_the_start(name, circling):
         estimator.reset(train, start)
         return np.array([estimator.update(seen) for seen in observations])
 
-    there, here = run(moved(start)), moved(run(start))
-    assert np.abs(here[:, :, :2]).max() > 3.0
-    np.testing.assert_allclose(there, here, rtol=0, atol=1e-6 if name == "rmspec" else 1e-9)
+    moved_start, moved_path = run(moved(start)), moved(run(start))
+    assert np.abs(moved_path[:, :, :2]).max() > 3.0
+    np.testing.assert_allclose(moved_start, moved_path, rtol=0, atol=1e-6 if name == "rmspec" else 1e-9)
 
 
 @pytest.mark.parametrize("name", CORRECTING)

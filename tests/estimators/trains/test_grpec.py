@@ -144,8 +144,8 @@ def test_a_common_motion_of_all_axles_changes_no_error(n, seed, x, y, turn):
     relative = random.uniform(-1, 1, (n - 1, 3))
     place = (od[:, 0] + 1j * od[:, 1]) * cmath.exp(1j * turn)
     moved = np.stack([place.real + x, place.imag + y, od[:, 2] + turn], axis=-1)
-    for here, there in zip(errors(od, relative), errors(moved, relative), strict=True):
-        np.testing.assert_allclose(there, here, rtol=0, atol=1e-10)
+    for original, moved_errors in zip(errors(od, relative), errors(moved, relative), strict=True):
+        np.testing.assert_allclose(moved_errors, original, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
@@ -257,5 +257,5 @@ def test_far_places_and_whole_turns_cost_no_tie():
     straight = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [-0.3, 0.0, 0.0]])
     near = errors(straight, relative)
     far = errors(straight + np.array([1024.0, -2048.0, 0.0]), relative)
-    for one, other in zip(near, far, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
+    for near_error, far_error in zip(near, far, strict=True):
+        np.testing.assert_allclose(near_error, far_error, atol=1e-12)

@@ -51,8 +51,8 @@ def test_jacobian_is_the_derivative(n):
     )
     np.testing.assert_allclose(jacobian(poses, np.ones(n)), by_differences, rtol=1e-6, atol=1e-5)
     prior, frame = residuals(poses, od, relative)
-    both = np.concatenate([prior.ravel(), frame.ravel()])
-    np.testing.assert_allclose(both, rows(poses, od, relative), rtol=1e-12, atol=1e-9)
+    residual = np.concatenate([prior.ravel(), frame.ravel()])
+    np.testing.assert_allclose(residual, rows(poses, od, relative), rtol=1e-12, atol=1e-9)
 
 
 @pytest.mark.parametrize("n", [2, 3, 7])
