@@ -115,7 +115,8 @@ class Answer:
     whether this set contains an unnamed alternative. candidate: the likeliest candidate, with its amplitudes (c,),
     their covariance (c, c), and the part of it that wheel creep masks (`hidden`). explained: the deviance (twice the
     log-likelihood ratio) that the effect explains. cost (2,): odometry error that a unit of its amplitudes causes, m
-    after 10 m and rad after a turn. confirmed: log-likelihood ratio of held-out logs with and without the effect, where
+    after 10 m and rad after a turn. alike: names of effects that are the same on this vehicle, whatever it does, as the
+    likeliest. confirmed: log-likelihood ratio of held-out logs with and without the effect, where
     it is not computed from their linear columns. verdict, reason: see `verdicts`.
     """
 
@@ -128,6 +129,7 @@ class Answer:
     hidden: float
     explained: float
     cost: Array
+    alike: tuple[str, ...] = ()
     confirmed: float | None = None
     verdict: Verdict = "named"
     reason: str = ""
@@ -164,10 +166,14 @@ class Answer:
 
 
 def answers_of(
-    seen: Seen, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place]
+    seen: Seen, single: SingleEffects, posterior: Posterior, score: Array, places: Sequence[Place], in_model: Array
 ) -> list[Answer]:
     """Return an answer for every component of a posterior unless its likeliest value is "nothing"; components of one
-    candidate are added into one answer."""
+    candidate are added into one answer.
+
+    in_model (m,): sizes in the model. Of effects that are the same on this vehicle, that in the model gives the name.
+    """
+    modelled = [bool(np.any(in_model[columns])) for columns in seen.columns]
     answers: dict[Cause, Answer] = {}
     for j, component in enumerate(posterior.components):
         credible = posterior.credible_set(component)
@@ -175,15 +181,23 @@ def answers_of(
             continue
         probability = component.probability
         members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
-        best = max(members, key=lambda k: (_is_called(seen, places[k], credible[0]), probability[k]))
+        same = [k for k in members if single.hypotheses[k].name == credible[0]]
+        families = [seen.candidates[places[k].candidate].family for k in same]
+        best = max(
+            same,
+            key=lambda k: (modelled[places[k].candidate], _is_called(seen, places[k], credible[0]), probability[k]),
+        )
+        family = seen.candidates[places[best].candidate].family
         same_candidate = [k for k in members if places[k].candidate == places[best].candidate]
         weight = probability[same_candidate] / probability[same_candidate].sum()
         mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same_candidate])
-        shown = {name: part for name, part in posterior.probabilities(component).items() if part > SHOWN}
+        called = {credible[0]: family} if credible[0] in families else {}
+        shown = {called.get(name, name): p for name, p in posterior.probabilities(component).items() if p > SHOWN}
         columns = seen.columns[places[best].candidate]
         answer = Answer(
             probabilities=shown | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
-            credible=credible,
+            credible=tuple(called.get(name, name) for name in credible),
+            alike=tuple(dict.fromkeys(name for name in families if called and name != family)),
             unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
             candidate=seen.candidates[places[best].candidate],
             amplitudes=mean,

@@ -20,10 +20,11 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.measurement.creep_prediction import CREEPS
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
+from discrepancy.posterior.calibrated import SIGNATURE
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
-from discrepancy.posterior.refit import Look, S, Sized, V, possible, refitted, with_effects
+from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -161,6 +162,8 @@ def _diagnosed(
     beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
     beside += [] if curve is None else [answer_of(robot, curve, logs)]
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
+    called = {name: answer.credible[0] for answer in answers for name in answer.alike}
+    inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
     told = judged(answers, named, held, order, material)
     return Diagnosis(robot, verdict_of(told), told, inclusion, plain, seen, held, creep)
@@ -183,11 +186,20 @@ def named_together(
             families = frozenset(effect.candidate.family for effect in new)
             if families not in tried:
                 break
+        if families not in tried:
+            named, seen = refitted(vehicle, look, worse, named, new, seen)
+        elif (better := exchanged(vehicle, look, worse, named, _large(answers), seen)) is not None:
+            named, seen = better
+            families = frozenset(effect.candidate.family for effect in named)
         if families in tried or len(tried) > LOOKS:
             return named, seen, posterior, answers
         tried.append(families)
-        named, seen = refitted(vehicle, look, worse, named, new, seen)
         seen = look(named, seen, None)
+
+
+def _large(answers: Sequence[Answer]) -> list[Cause]:
+    """Return the effects that explain so much that their linear signatures may be wrong by more than noise."""
+    return [answer.candidate for answer in answers if answer.explained * SIGNATURE**2 > 1]
 
 
 def asked(
@@ -211,7 +223,7 @@ def asked(
         single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
     believed = np.sum([component.mean for component in posterior.components], axis=0)
     single, posterior, score = _posterior(hypotheses, order, seen, in_model, believed - fitted, fitted)
-    return posterior, answers_of(seen, single, posterior, score, places)
+    return posterior, answers_of(seen, single, posterior, score, places, in_model)
 
 
 def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place]) -> list[Cause]:

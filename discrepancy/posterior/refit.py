@@ -13,6 +13,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen
+from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import together
 
@@ -21,6 +22,11 @@ S = TypeVar("S", bound=Seen)
 REFITS, SETTLED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
+
+
+RIVALS, SIMILAR = 2, 0.5
+"""Rivals that a large effect is compared with: those whose signatures have the largest squared cosine with its own, and
+the least that counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +103,41 @@ def refitted(
         if current == previous:  # no step is any better
             break
     return current, seen
+
+
+def exchanged(
+    vehicle: Any, look: Look[S], worse: float, named: Sequence[Sized], large: Sequence[Cause], seen: S
+) -> tuple[tuple[Sized, ...], S] | None:
+    """Return the effects in the model with a large effect exchanged for a rival with which the logs are likelier, and
+    the statistics beside them; None if there is no such rival.
+
+    Which of two effects with similar signatures is there was decided linearly, by statistics around a state that was
+    fitted without either. Fitted anew, a large effect and its rival are compared as they are.
+    """
+    said, single = (
+        together(seen.logs),
+        {c: k for c, (k, *rest) in zip(seen.candidates, seen.columns, strict=True) if not rest},
+    )
+    here, best = {sized.candidate for sized in named}, None
+    most = seen.log_evidence + LOG_ODDS
+    for sized in named:
+        if sized.candidate not in large or sized.candidate not in single:
+            continue
+        k = single[sized.candidate]
+        parts = {
+            rival: (float(said.information[j, k]), float(said.information[j, j]))
+            for rival, j in single.items()
+            if rival.kinds and rival not in here and said.information[j, j] > 0
+        }
+        cosine = {rival: both**2 / (own * said.information[k, k]) for rival, (both, own) in parts.items()}
+        for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
+            both, own = parts[rival]
+            instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * both / own)
+            effects = tuple(instead if effect is sized else effect for effect in named)
+            now, fitted = refitted(vehicle, look, worse, named, effects, seen)
+            if fitted.log_evidence > most and any(effect.candidate == rival for effect in now):
+                most, best = fitted.log_evidence, (now, fitted)
+    return best
 
 
 def _nearer(

@@ -72,6 +72,7 @@ def _card(data: Data, answer: Data) -> str:
     reason = sentences.reason_of(data, answer) if answer.get("verdict") != "named" else None
     rows = {
         "probability": sentences.percent(answer.get("probability")),
+        "the same here": sentences.same_of(data, answer),
         "or else": sentences.listed(rivals),
         "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),

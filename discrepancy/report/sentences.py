@@ -60,6 +60,8 @@ def as_lines(data: Data) -> list[str]:
             lines[-1] += f": {size}"
         if answer["verdict"] != "named":
             lines.append(f"  {reason_of(data, answer)}")
+        if same := same_of(data, answer):
+            lines.append(f"  the same on this robot, whatever it does: {same}")
         if rivals := others_of(data, answer):
             lines.append(f"  or: {listed(rivals)}")
         if drive := drive_of(answer):
@@ -131,6 +133,12 @@ def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
     told = mapping(answer.get("probabilities")).items()
     rivals = [(str(names.get(name, name)), part) for name, part in told if name not in called and part >= TOLD]
     return sorted(rivals, key=lambda rival: -rival[1])[:MOST]
+
+
+def same_of(data: Data, answer: Data) -> str:
+    """Return in words the effects that no log of this robot distinguishes from an answer's effect."""
+    names = mapping(data.get("names"))
+    return "; ".join(str(names.get(name, name)) for name in answer.get("same_as") or ())
 
 
 def reason_of(data: Data, answer: Data) -> str:

@@ -62,6 +62,7 @@ def answer_data(answer: Answer) -> Data:
         "probability": answer.probability,
         "probabilities": answer.probabilities,
         "credible_set": list(answer.credible),
+        "same_as": list(answer.alike),
         "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),
         "size": answer.size,
         "unit": effect.unit if effect is not None and sized else None,
@@ -104,7 +105,7 @@ def _names(diagnosis: Diagnosis) -> dict[str, str]:
     kinds = ((family_of(effect), effect) for effect in catalogue(diagnosis.robot.as_described()))
     words = {family: described(effect) for family, effect in kinds if effect.name == family.split()[0]}
     words |= {answer.candidate.family: answer.candidate.what for answer in diagnosis.answers}
-    told = {name for answer in diagnosis.answers for name in answer.probabilities}
+    told = {name for answer in diagnosis.answers for name in (*answer.probabilities, *answer.alike)}
     told |= {name for name, part in diagnosis.inclusion.items() if part > SHOWN}
     return {name: words.get(name, name) for name in sorted(told)}
 

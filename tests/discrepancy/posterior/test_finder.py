@@ -12,7 +12,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs.effects.clocks import EncoderLatency
-from castor_envs.effects.dimensions import PivotBias, WheelRadius
+from castor_envs.effects.dimensions import PivotBias, PivotPositionY, WheelRadius
 from castor_envs.effects.encoders import PivotEccentricity, TickLoss
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
@@ -46,6 +46,18 @@ def found(robot, *effects):
 @pytest.mark.parametrize("robot", ["asoc-prototype", "swerve", "differential"])
 def test_a_robot_in_good_order_raises_no_alarm(robot):
     assert diagnose(preset(robot), [driven(robot, 3, duration=10.0)]).verdict in ("no discrepancy", "negligible")
+
+
+def test_a_large_effect_is_told_from_its_most_similar_rival_by_fits_of_both():
+    """A castor 12 cm out of place; to first order, the other castor out of place the other way looks the same."""
+    effect = PivotPositionY(castor=2, value=-0.1215)
+    (answer,) = diagnose(preset("omnimate"), [driven("omnimate", 3, effect)]).answers
+    assert (answer.verdict, answer.credible, answer.alike) == (
+        "named",
+        ("pivot_position_y 2",),
+        ("pivot_position_y 1",),
+    )
+    assert abs(answer.size - effect.value) < 3 * answer.error
 
 
 @pytest.mark.parametrize(

@@ -119,6 +119,14 @@ def test_the_page_says_what_is_missing_how_sure_what_it_costs_and_what_to_check(
     assert "after a turn" not in text
 
 
+def test_effects_that_are_the_same_on_the_robot_are_listed():
+    every = "radius of all wheels"
+    same = ANSWER | {"same_as": ["all_wheel_radius"]}
+    data = answered(same, names=DATA["names"] | {"all_wheel_radius": every})
+    assert f"  the same on this robot, whatever it does: {every}" in sentences.as_lines(data)
+    assert f"the same here {every}" in said(data)
+
+
 @pytest.mark.parametrize(
     ("more", "first"),
     [

@@ -135,7 +135,7 @@ def test_held_out_logs_in_which_nothing_is_lost_do_not_bear_it_out():
     robot, effect = preset("swerve"), TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
     seen, good = (linearise(robot, [log], among=()) for log in (driven(3, effect), driven(4)))
     events = Events(faulty=tuple(at_times(seen, None, [], 100)))
-    _, confirmed = events.there(robot, [driven(4)], good)
+    _, confirmed = events.in_other_logs(robot, [driven(4)], good)
     answers = events.answers(robot, [driven(3, effect)], seen, confirmed)
     (answer,) = judged(answers, [], (good, good), order_of(good, None), MATERIAL)
     assert isinstance(answer.effect, TickLossBursts)
