@@ -37,8 +37,7 @@ def drive():
     estimator.reset(env.unwrapped.robot, info["pose"])
     for _ in range(500):
         observation, _, _, _, info = env.step(estimator.update(observation))
-        picture = env.render()
-    return picture
+    return env.render()
 
 
 def errors(make, task):

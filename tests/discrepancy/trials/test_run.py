@@ -25,7 +25,7 @@ PLAN = run.Plan(CASES, SEED, "pymunk", [ROBOT], 12.0)
 def _here():
     """Do all tasks in this process: what other processes do is tested by the command."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "each", lambda tasks, jobs: [work(*given) for work, given in tasks])
+        patch.setattr(run, "do_all", lambda tasks, jobs: [work(*given) for work, given in tasks])
         yield
 
 
