@@ -29,19 +29,19 @@ from discrepancy.preflight.search import MUCH, YAW, Candidate, Found, search
 __all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
 
 OUTLIER, OUTLIER_PART = 8.0, 0.2
-"""A pose is off if odometry misses it by so many times the usual, and by this part of the way."""
+"""A pose is off if the error of odometry there exceeds this multiple of the median, and this part of the way."""
 
 CONTRADICTED = 0.05
-"""The part (rms) of a motion that is left unexplained, from which on that is told."""
+"""Least unexplained part (rms) of a motion that is reported."""
 
 AGREED = 0.1
 """The part (rms) up to which encoders and reference agree well enough to say how the reference is turned."""
 
 
 def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str] = ()) -> Preflight:
-    """Return the gross mistakes in logs of a robot, and what else must be told of them.
+    """Return the gross mistakes in logs of a robot, and remarks on them.
 
-    names: what the logs are called; "log 1" and so on if left out. What small effects do is no matter here.
+    names: of the logs; "log 1" and so on if left out. Small effects are ignored here.
     """
     called = [Named(name, log) for name, log in zip(names or _numbered(logs), logs, strict=True)]
     broken = [mistake for named_log in called for mistake in not_finite(robot, named_log)]
@@ -77,7 +77,7 @@ def _numbered(logs: Sequence[Log]) -> list[str]:
 
 
 def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterator[Mistake]:
-    """Yield what was found; several that come together one by one."""
+    """Yield the mistakes found; of a combination each mistake separately."""
     nominal, best = found.nominal, found.best
     for hypothesis in best.mistakes:
         alternatives = [candidate for candidate in found.alike if hypothesis not in candidate.mistakes]
@@ -101,7 +101,7 @@ def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterat
 def _dead(
     robot: RobotDescription, logs: Sequence[Log], misfits: Misfits, found: Found, dead: frozenset[int]
 ) -> Iterator[Mistake]:
-    """Yield channels that never change although the others say that they must."""
+    """Yield channels that never change although the other channels require that they do."""
     columns = LogColumns.of(robot)
     names = (*columns.wheel, *columns.pivot)
     for channel in sorted(dead):
@@ -148,6 +148,6 @@ def _parts(misfit: Misfit) -> str:
 
 
 def _percent(share: float) -> str:
-    """Return the rms of a share of squares as people read it."""
+    """Return the rms of a share of squares as text."""
     percent = 100 * float(np.sqrt(share))
     return f"{percent:.0f} %" if percent >= 10 else f"{percent:.1g} %"

@@ -1,4 +1,4 @@
-"""What the pre-flight finds: mistakes, with the effects that undo them, and remarks."""
+"""Findings of the pre-flight: mistakes, with the effects that explain them, and remarks."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,9 @@ from castor_envs.vehicles.effect import Effect
 class Mistake:
     """A gross mistake. what: where, evidence in numbers, and what to do, in one sentence.
 
-    effects: of wiring and the like that explain it, for the robot file; empty where log or robot file must be mended.
-    alternatives: other mistakes that would explain it as well, or nearly. taken: whether logs are taken as they are
-    all the same: a tracker may be mounted as it likes.
+    effects: of wiring and the like that explain it, for the robot file; empty where the log or the robot file must be
+    corrected. alternatives: other mistakes that explain it as well, or nearly. taken: whether logs are accepted in
+    spite of it, as a tracker may be mounted in any direction.
     """
 
     what: str
@@ -22,9 +22,9 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Preflight:
-    """What stands out before any small effect is looked for.
+    """Gross findings, before any search for small effects.
 
-    remarks: no mistakes, but to be told.
+    remarks: further findings that are no mistakes.
     """
 
     mistakes: tuple[Mistake, ...] = ()
@@ -32,12 +32,13 @@ class Preflight:
 
     @property
     def fatal(self) -> bool:
-        """Whether nothing else can be said before log or robot file are mended: effects do not do it."""
+        """Whether the log or the robot file must be corrected before any diagnosis, as no effect explains the
+        mistake."""
         return any(not mistake.effects and not mistake.taken for mistake in self.mistakes)
 
     @property
     def serious(self) -> "Preflight":
-        """The same with mistakes that logs are taken with told as remarks."""
+        """The same findings, with mistakes in spite of which logs are accepted turned into remarks."""
         taken = [mistake for mistake in self.mistakes if mistake.taken]
         told = ["; or: ".join((mistake.what, *mistake.alternatives)) for mistake in taken]
         serious = tuple(mistake for mistake in self.mistakes if not mistake.taken)

@@ -1,4 +1,4 @@
-"""The gross mistakes that are looked for: the name of each, and how a log is read that contains it."""
+"""Hypotheses of the pre-flight: gross mistakes, the name of each, and how a log that contains it is to be read."""
 
 import dataclasses
 import math
@@ -15,17 +15,18 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 
 MANY = 4
-"""Castors, of which all orders are tried; of more, those that are shifted around or reversed."""
+"""Most castors of which all orders are tried; of more castors only cyclic shifts and reversals are."""
 
 UNITS = {"radians": 2 * math.pi, "degrees": 360.0}
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A mistake. what: its name. read: a reading with the mistake behind it. effects: that say the same, if there are.
+    """A mistake. what: its name. read: changes a reading into that of a log with the mistake. effects: equivalent
+    effects, if there are any.
 
-    remedy: what to do. scaled: the channels whose counts a turn are wrong by a factor, if that is the mistake. plain:
-    whether it is one thing on one place, which is likelier than many at once.
+    remedy: what to do. scaled: the channels whose counts per turn are wrong by a factor, if that is the mistake. plain:
+    whether it is a single mistake at one place, which is likelier than many at once.
     """
 
     what: str
@@ -37,7 +38,7 @@ class Hypothesis:
 
 
 def hypotheses(robot: RobotDescription) -> list[Hypothesis]:
-    """Return every mistake that is looked for on a robot, but factors of any size (`scale`)."""
+    """Return every mistake that is considered for a robot, except factors of any size (`scale`)."""
     channels = Channels(robot)
     return [
         *_wiring(robot, channels),
@@ -51,12 +52,12 @@ def hypotheses(robot: RobotDescription) -> list[Hypothesis]:
 
 
 def wiring(robot: RobotDescription) -> list[Hypothesis]:
-    """Return the plain mistakes of wiring, of which two may come together."""
+    """Return the plain mistakes of wiring, which may occur in pairs."""
     return list(_wiring(robot, Channels(robot)))
 
 
 def places_to_scale(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
-    """Return the wheel channels that may have wrong counts a turn together, by what they are called."""
+    """Return the groups of wheel channels that may share wrong counts per turn, by name."""
     channels, names = Channels(robot), LogColumns.of(robot).wheel
     places: dict[str, tuple[int, ...]] = {names[k]: (k,) for k in channels.wheels}
     if len(robot.castors) > 1:
@@ -69,14 +70,14 @@ def places_to_scale(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
 
 
 def pivots_to_scale(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
-    """Return the same of pivots."""
+    """Return the groups of pivot channels that may share wrong counts per turn, by name."""
     channels = Channels(robot)
     places = {f"pivot_{i + 1}": (k,) for i, k in zip(robot.pivot_encoders, channels.pivots, strict=True)}
     return places | ({"all pivots": channels.pivots} if len(places) > 1 else {})
 
 
 def scale(robot: RobotDescription, place: str, scaled: tuple[int, ...], factor: float) -> Hypothesis:
-    """Return the mistake that wheels, or pivots, count `factor` times as much a turn as the robot file says."""
+    """Return the mistake that wheels, or pivots, give `factor` times the counts per turn in the robot file."""
     channels = Channels(robot)
     if set(scaled) <= set(channels.pivots):
         return Hypothesis(
@@ -130,7 +131,7 @@ def _wiring(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
 
 
 def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
-    """Yield castors in orders that are more than one exchange."""
+    """Yield orders of castors that differ by more than one exchange."""
     pairs = {(effect.castor, effect.exchanged_with) for effect in CastorOrder.variants(robot)}
     alike: list[int] = []
     for i in range(1, len(robot.castors) + 1):
@@ -152,7 +153,7 @@ def _orders(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]
 
 
 def _exchanges(alike: list[int], order: list[int]) -> list[tuple[int, int]]:
-    """Return the exchanges, first to last, after which place alike[k] shows castor order[k]."""
+    """Return the exchanges, first to last, after which the place alike[k] shows castor order[k]."""
     shown, found = list(alike), []
     for k, castor in enumerate(order):
         at = shown.index(castor)
@@ -163,7 +164,7 @@ def _exchanges(alike: list[int], order: list[int]) -> list[tuple[int, int]]:
 
 
 def _many(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
-    """Yield what is alike all over the robot, or on all wheels of a castor."""
+    """Yield mistakes that are the same on the whole robot, or on all wheels of a castor."""
     reversals = EncoderReversed.variants(robot)
     wheels = tuple(reversal for reversal in reversals if reversal.wheel is not None)
     pivots = tuple(reversal for reversal in reversals if reversal.wheel is None)
@@ -185,7 +186,7 @@ def _many(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
 
 
 def _foreign(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
-    """Yield two encoders of different castors in each other's place, without the others of their castors."""
+    """Yield exchanges of two encoders of different castors, without the other encoders of these castors."""
     columns = LogColumns.of(robot)
     names = (*columns.wheel, *columns.pivot)
     castor = [robot.wheel_castors[k] for k in robot.driven_wheels] + list(robot.pivot_encoders)
@@ -211,7 +212,7 @@ def _foreign(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis
 
 
 def _turned(robot: RobotDescription, channels: Channels) -> Iterator[Hypothesis]:
-    """Yield castors mounted, or zeroed, quarter or half turns off."""
+    """Yield castors that are mounted, or zeroed, off by quarter or half turns."""
     for angle, name in (
         (math.pi, "half a turn"),
         (math.pi / 2, "a quarter turn"),

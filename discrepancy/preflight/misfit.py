@@ -1,4 +1,4 @@
-"""The misfit of a log: the share of the robot's motion that stays unexplained if the log is read in a given way.
+"""The misfit of a log: the share of the robot's motion that is unexplained if the log is read in a given way.
 
 There are two shares, each of sums of squares. Parity: the part of rolled distances and castor turns that no rigid
 motion of the body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), summed over
@@ -25,22 +25,22 @@ from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.stretches import WINDOW, Poses, stretches_of
 
 KEPT = 0.9
-"""The part of the windows that counts."""
+"""The part of the windows that is used."""
 
 SEEN = 5e-4
-"""The share of squares that contradicts a robot: 2 % of a motion."""
+"""Least share of squares that contradicts the robot file: 2 % of a motion."""
 
 STRAIGHT = 2.0
-"""Times what is left that a reference which is not turned may leave, and be taken for straight: on circles, a point
-elsewhere on the robot looks the same."""
+"""A reference is taken as not turned if the misfit without a turn is at most this multiple of the misfit with it: on
+circles, a tracked point elsewhere on the robot looks the same as a turn."""
 
 FEWEST = 5
-"""Windows that say something."""
+"""Least number of windows with motion."""
 
 
 class Misfit(NamedTuple):
-    """parity, reference: shares of squares, 0 where there is nothing to see. yaw: how far the reference's heading
-    points to the left of where the body moves, rad."""
+    """parity, reference: shares of squares, 0 where nothing can be compared. yaw: angle of the reference's heading to
+    the left of the body's direction of motion, rad."""
 
     parity: float
     reference: float
@@ -48,21 +48,21 @@ class Misfit(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Both."""
+        """The sum of both shares."""
         return self.parity + self.reference
 
     @property
     def rms(self) -> float:
-        """The larger of both as an rms share."""
+        """The larger of both shares, as rms."""
         return float(np.sqrt(max(self.parity, self.reference)))
 
 
 class _Pointed(NamedTuple):
-    """What follows from the angles of the castors alone. n windows, R rows, w wheels in use, c wheel channels.
+    """Quantities that depend on the angles of the castors alone. n windows, R rows, w wheels in use, c wheel channels.
 
-    left (n, R, w, c), left_turning (n, R): residual in a window for a metre a count of a channel as a wheel's, and of
-    the castors' turning. turning (n, R): that as it is. way (V, 3, w, c), way_turning (V, 3): odometry between poses;
-    the third row is the angle. None without poses.
+    left (n, R, w, c), left_turning (n, R): residual in a window if a channel shows a wheel at one metre per count, and
+    residual of the castors' turning. turning (n, R): the castors' turning before projection. way (V, 3, w, c),
+    way_turning (V, 3): odometry between poses; the third row is the angle. None without poses.
     """
 
     left: Array
@@ -74,7 +74,8 @@ class _Pointed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """The ways between poses as complex numbers (V,): moved, and what a tracked point off the centre adds a metre."""
+    """The displacements between poses as complex numbers (V,): of the body, and per metre of offset of the tracked
+    point."""
 
     moved: NDArray[np.complex128]
     arm: NDArray[np.complex128]
@@ -84,7 +85,7 @@ class _Way:
 class Misfits:
     """The misfit of some logs of one robot under any reading of them.
 
-    dead: channels that never change and are left out. redundancy: rows beyond what the motion takes.
+    dead: channels that never change and are left out. redundancy: number of rows beyond the unknowns of the motion.
     """
 
     def __init__(self, robot: RobotDescription, logs: Sequence[Log], dead: frozenset[int] = frozenset()) -> None:
@@ -118,7 +119,7 @@ class Misfits:
 
     @property
     def sees(self) -> bool:
-        """Whether anything can be said at all."""
+        """Whether there is enough motion and redundancy, or poses, for any comparison."""
         if self._stretches is None or not len(self._place):
             return False
         windows = len(self._stretches.counted) // WINDOW
@@ -146,12 +147,12 @@ class Misfits:
         return Misfit(parity, _share(squares, way), yaw)
 
     def residuals(self, reading: Reading) -> tuple[Array, Array]:
-        """Return by how much odometry misses each pose (V,), and how long the ways are (V,), both in m."""
+        """Return the error of odometry at each pose (V,), and the length of the ways (V,), both in m."""
         squares, way, _ = self._squared_residuals(reading)
         return np.sqrt(squares), np.sqrt(way)
 
     def _squared_residuals(self, reading: Reading) -> tuple[Array, Array, float]:
-        """Return the squares of what is missed and of the ways (V,), and the yaw of the reference."""
+        """Return the squares of the errors of odometry and of the ways (V,), and the yaw of the reference."""
         pointed, poses = self._at(reading), self.poses
         assert poses is not None
         assert pointed.way is not None
@@ -181,12 +182,12 @@ class Misfits:
         return total, way, yaw
 
     def _wheels_of(self, reading: Reading) -> tuple[NDArray[np.intp], Array]:
-        """Return for each wheel in use the channel that shows it, and metres a count there."""
+        """Return for each wheel in use the channel that shows it, and its metres per count."""
         channel = np.array([reading.source.index(int(j)) for j in self._wheels], dtype=np.intp)
         return channel, self._metres[self._wheels] / np.array(reading.gain)[channel]
 
     def _angles(self, reading: Reading, counts: Array) -> Array:
-        """Return theta (S, n) of all castors; 0 where it is not known."""
+        """Return theta (S, n) of all castors; 0 where unknown."""
         geometry, c = self._geometry, len(self._driven)
         theta = np.broadcast_to(np.where(geometry.fixed, geometry.angle, 0.0), (len(counts), geometry.n_castors)).copy()
         for j, i in enumerate(self._sensed):
@@ -260,7 +261,7 @@ def _between(steps: Array, poses: Poses) -> Array:
 
 
 def _share(squares: Array, sizes: Array) -> float:
-    """Return the part of squares that is missed, without the worst windows."""
+    """Return the unexplained share of squares, without the worst windows."""
     kept = squares <= np.quantile(squares, KEPT)
     total = float(sizes[kept].sum())
     return float(squares[kept].sum()) / total if total > 0 else 0.0

@@ -16,9 +16,9 @@ from castor_envs.vehicles.robot import RobotDescription
 class Reading:
     """How a log was read.
 
-    source: for each channel the one whose angle it shows. gain: by what its counts are multiplied, below 0 where it
-    is reversed. shift: what it reads too much, rad, of pivots alone. lengths, headings, across: by what the reference's
-    positions, headings and, beside, y are multiplied.
+    source: for each channel the channel whose angle it shows. gain: factor on its counts, below 0 where it is reversed.
+    shift: excess of its reading, rad, of pivots alone. lengths, headings, across: factors on the reference's positions,
+    on its headings and, in addition, on y.
     """
 
     source: tuple[int, ...]
@@ -29,7 +29,7 @@ class Reading:
     across: float = 1.0
 
     def exchanged(self, first: tuple[int, ...], second: tuple[int, ...]) -> "Reading":
-        """Return the reading with some channels and some others exchanged."""
+        """Return the reading with two groups of channels exchanged."""
         place = list(range(len(self.source)))
         for a, b in zip(first, second, strict=True):
             place[a], place[b] = b, a
@@ -37,15 +37,15 @@ class Reading:
         return dataclasses.replace(self, source=source, gain=gain, shift=shift)
 
     def scaled(self, channels: tuple[int, ...], by: float) -> "Reading":
-        """Return the reading with some channels multiplied."""
+        """Return the reading with the counts of these channels multiplied."""
         return dataclasses.replace(self, gain=tuple(g * by if k in channels else g for k, g in enumerate(self.gain)))
 
     def shifted(self, channels: tuple[int, ...], by: float) -> "Reading":
-        """Return the reading with some pivots turned by an angle."""
+        """Return the reading with these pivots turned by an angle."""
         return dataclasses.replace(self, shift=tuple(s + by if k in channels else s for k, s in enumerate(self.shift)))
 
     def referred(self, lengths: float = 1.0, headings: float = 1.0, across: float = 1.0) -> "Reading":
-        """Return the reading with the reference multiplied."""
+        """Return the reading with positions, headings and y of the reference multiplied."""
         return dataclasses.replace(
             self,
             lengths=self.lengths * lengths,
@@ -72,7 +72,7 @@ class Channels:
         self._pivot = {i + 1: len(driven) + j for j, i in enumerate(robot.pivot_encoders)}
 
     def nominal(self) -> Reading:
-        """Return the reading in which all is as described."""
+        """Return the reading in which the log agrees with the description."""
         return Reading(tuple(range(self.count)), (1.0,) * self.count, (0.0,) * self.count)
 
     def of_castor(self, castor: int) -> tuple[int, ...]:
@@ -92,7 +92,7 @@ class Channels:
         return self._pivot[castor] if wheel is None else self._wheel[castor, wheel]
 
     def read(self, reading: Reading, effect: Effect) -> Reading:
-        """Return a reading with an effect of wiring, or a turned pivot, behind it; other effects are none here."""
+        """Return the reading after an effect of wiring, or a turned pivot; raises ValueError for other effects."""
         match effect:
             case EncodersSwapped():
                 left, right = self.of_castor(effect.castor)

@@ -13,36 +13,37 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.findings import Mistake
 
 SHORT = 10.0
-"""s: a log below shows hardly anything."""
+"""s: a shorter log shows hardly anything."""
 
 GAP = 3.0
-"""Median periods between two samples, or two reference poses, from which on something is missing."""
+"""Least gap between two samples, or two reference poses, that is reported, in median periods."""
 
 PERIOD = 0.2
-"""The part by which the sample period may differ from the robot's without a remark."""
+"""Largest relative difference of the sample period from the robot's without a remark."""
 
 UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 FAST, OFTEN = 3.0, 0.05
-"""Times max_wheel_speed that no wheel turns; the part of the steps from which on it is no matter of single steps."""
+"""Multiple of max_wheel_speed that no wheel reaches; the part of steps above it from which on the fault is systematic,
+not in single steps."""
 
 WORDS = range(8, 33)
-"""Bits of counters that wrap."""
+"""Widths, in bits, of counters that may wrap."""
 
 FEWEST_ROWS = 10
-"""Rows below which a log's noise cannot be told from what the robot does."""
+"""Least number of rows with which noise can be distinguished from motion."""
 
 FAR_OFF, LONGEST_GAP = 1e3, 86400.0
-"""Times that samples may be closer or further apart than the robot file says; s between two of them, a day."""
+"""Largest factor between the period of samples and that of the robot file; most seconds between two samples, a day."""
 
 FARTHEST = 1e3
-"""m: what lies on the floor is looked for on a grid of centimetres that reaches from the origin to the robot."""
+"""m: patches and cables are searched on a grid of centimetres from the origin to the robot, which must stay small."""
 
 MOVED = 0.05
-"""m and rad: a reference that ranges further than any tracker's noise has moved."""
+"""m and rad: a reference that ranges further than this has moved, as no tracker is so noisy."""
 
 TOLD = 3
-"""Places that are named of each kind."""
+"""Most places that are named of each kind."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Named:
 
 
 def check_logs(logs: Mapping[str, Log]) -> None:
-    """Raise InputError, by its name, for a log from which nothing can be told.
+    """Raise InputError, with its name, for a log without information.
 
     That is one of hardly any rows, in which no encoder count changes (and of a train no relative pose: a standing one
     shows the noise of its gauges), or, of a robot, whose reference is far from its origin.
@@ -98,7 +99,7 @@ def dead_channels(robot: RobotDescription, logs: Sequence[Log]) -> frozenset[int
 
 
 def time_mistakes(robot: RobotDescription, named_log: Named) -> Iterator[Mistake]:
-    """Yield times in another unit than seconds, or that cannot be those of one drive of this robot."""
+    """Yield times in another unit than seconds, or that no single drive of this robot can have."""
     period = float(np.median(np.diff(named_log.log.t)))
     for unit, size in UNITS.items():
         if 0.2 < period / size / robot.sample_period < 5:
@@ -138,7 +139,8 @@ def not_finite(robot: RobotDescription, named_log: Named) -> Iterator[Mistake]:
 
 
 def wrapped_counts(robot: RobotDescription, named_log: Named) -> Iterator[Mistake]:
-    """Yield wheels whose counter wraps at a power of two: steps that are a turn of it off what the wheel can do."""
+    """Yield wheels whose counter wraps at a power of two: steps that exceed the wheel's speed by the range of the
+    counter."""
     for name, steps, limit in _wheels(robot, named_log.log):
         for bits in WORDS:
             size = 2.0**bits
@@ -154,7 +156,7 @@ def wrapped_counts(robot: RobotDescription, named_log: Named) -> Iterator[Mistak
 
 
 def remarks(robot: RobotDescription, named_log: Named) -> Iterator[str]:
-    """Yield what is to be told of one log."""
+    """Yield the remarks on one log."""
     log, name = named_log.log, named_log.name
     steps = np.diff(log.t)
     period = float(np.median(steps))

@@ -1,4 +1,4 @@
-"""The search for the simplest mistake, or two or three together, that makes a log agree with its robot."""
+"""Search for the simplest mistake, or combination of two or three, that makes a log agree with its robot."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,31 +13,33 @@ from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading
 
 MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
-"""A mistake must take away nearly all: leave a tenth, or a quarter where more than `MUCH` was there, as the motion of
-a robot that was steered by wrong readings is rough."""
+"""A mistake must explain nearly the whole misfit: at most a tenth may remain, or a quarter where it exceeded `MUCH`, as
+the motion of a robot that was steered by wrong readings is rough."""
 
 ALONE = 2.0
-"""Times less that is left will do there, if any other mistake leaves so many times more: wheels slide at every turn."""
+"""There a reduction of the misfit by this factor suffices, if every other mistake leaves a misfit larger by this
+factor: wheels then slide at every turn."""
 
 FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.2
-"""Shares below are all the same; shares within the factors are alike, or the same."""
+"""Shares below the first number count as equal; so do shares within the factors, as similar or as the same."""
 
 GROSS = 1.5
-"""Factors of counts a turn below are no gross mistake."""
+"""Smaller factors of counts per turn are no gross mistake."""
 
 GRID, FINE_GRID = 1.25 ** np.arange(-31.0, 32.0), 1.06 ** np.arange(-40.0, 41.0)
-"""Factors tried of wheels, a thousandth to a thousand; and of pivots, a tenth to ten, whose angles turn everything."""
+"""Factors that are tried: of wheels a thousandth to a thousand; of pivots a tenth to ten, as their angles affect all
+rows."""
 
 YAW = np.radians(20.0)
-"""A reference turned by more is told."""
+"""rad: a reference turned by more is reported."""
 
 TOGETHER, KEPT = 3, 8
-"""So many mistakes together are looked for; so many of the best are carried on."""
+"""Most mistakes in a combination; number of best candidates that are extended."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Mistakes made together, how the log then reads, and what it leaves unexplained."""
+    """A combination of mistakes, the reading of the log with it, and the misfit that remains."""
 
     mistakes: tuple[Hypothesis, ...]
     reading: Reading
@@ -45,18 +47,19 @@ class Candidate:
 
     @property
     def left(self) -> float:
-        """The share that is left; below `FLOOR`, `FLOOR`."""
+        """The unexplained share, at least `FLOOR`."""
         return max(self.misfit.total, FLOOR)
 
     @property
     def rank(self) -> tuple[bool, int]:
-        """How simple it is; the simplest first."""
+        """Sort key of simplicity; the simplest first."""
         return abs(self.misfit.yaw) > YAW, sum(not mistake.plain for mistake in self.mistakes)
 
 
 @dataclass(frozen=True)
 class Found:
-    """nominal: the log as it is. best: the simplest explanation, and what explains it as well; nominal if none does."""
+    """nominal: the log read as it is. best: the simplest explanation, then others that explain it as well; nominal if
+    none does."""
 
     nominal: Candidate
     best: Candidate
@@ -64,7 +67,8 @@ class Found:
 
 
 def search(robot: RobotDescription, misfits: Misfits) -> Found:
-    """Return the simplest mistakes that explain a log; none where nothing is wrong, or nothing explains it."""
+    """Return the simplest mistakes that explain a log; no mistakes where the log agrees with the robot, or nothing
+    explains it."""
     plain = Channels(robot).nominal()
     nominal = Candidate((), plain, misfits.of(plain))
     if nominal.left < SEEN and abs(nominal.misfit.yaw) < YAW:
@@ -82,7 +86,7 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
     for depth in range(TOGETHER):
         if depth > 0:
             by_rest = sorted(level, key=lambda candidate: candidate.left)
-            # Two mistakes may hide each other, so that neither of them helps alone.
+            # Two mistakes may mask each other, so that neither of them helps alone.
             names = {partner.what for partner in partners}
             starts = [
                 candidate
@@ -99,7 +103,7 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
         if _explains(first, best) or (depth == 0 and _alone(first, [nominal, *level])):
             near = [candidate for candidate in level if _alike(candidate, first)]
             best = _simplest(near)
-            # Whatever needs a reference that is turned besides is one mistake more.
+            # An explanation that also needs a turned reference counts as one mistake more.
             chosen = [candidate for candidate in near if _straight(candidate) or not _straight(best)]
         if best.left < SEEN:
             break
@@ -114,7 +118,8 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
 
 
 def _simplest(near: list[Candidate]) -> Candidate:
-    """Return the simplest; of several the one that explains most or, where they hardly differ, the first."""
+    """Return the simplest candidate; among equally simple ones the candidate that explains most or, where they hardly
+    differ, the first."""
     simple = [candidate for candidate in near if candidate.rank == min(rival.rank for rival in near)]
     least = min(candidate.left for candidate in simple)
     return next(candidate for candidate in simple if candidate.left <= SAME * least)
@@ -125,7 +130,8 @@ def _explains(candidate: Candidate, rival: Candidate) -> bool:
 
 
 def _alone(candidate: Candidate, candidates: list[Candidate]) -> bool:
-    """Whether one stands out where much contradicts the robot: all others, and none, leave far more."""
+    """Whether a candidate stands out where much contradicts the robot: all other candidates, and no mistake, leave far
+    more."""
     return all(rival.left > max(MUCH, ALONE * candidate.left) for rival in candidates if rival is not candidate)
 
 
@@ -145,7 +151,8 @@ def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:
 def _scaled(
     misfits: Misfits, start: Candidate, robot: RobotDescription, place: str, channels: tuple[int, ...], factors: Array
 ) -> Candidate:
-    """Return the best factor, other than about one, on the counts of some wheels, near the best of some."""
+    """Return the candidate with the best gross factor on the counts of these channels, refined near the best of a
+    grid."""
 
     def left(log_factor: float) -> float:
         return misfits.of(start.reading.scaled(channels, float(np.exp(log_factor)))).total

@@ -1,4 +1,4 @@
-"""Logs cut into stretches: enough of a log for a quick check, in steps that outweigh the rounding of counts."""
+"""Logs cut into stretches: enough of a log for a quick check, in steps long enough that rounding of counts is small."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,13 +19,13 @@ STRETCH = 4.0
 """s."""
 
 STEPS = 1600
-"""At most about so many are looked at, spread over all that moves."""
+"""About the most steps that are used, spread over all motion."""
 
 REFERENCE_WINDOW = 1.5
 """s: the least time between two poses that are compared."""
 
 SPARSE = 2.5
-"""s: poses further apart than this say too little of the headings between them."""
+"""s: between poses further apart than this, headings are too uncertain."""
 
 
 class Stretches(NamedTuple):
@@ -58,7 +58,7 @@ class Poses(NamedTuple):
 
 
 def stretches_of(logs: Sequence[Log], turn: Array) -> Stretches | None:
-    """Return what of the logs is looked at; None where they are too short or nothing moves.
+    """Return the stretches of logs that are used; None where logs are too short or nothing moves.
 
     turn (s,): counts after which pivot encoders begin again.
     """
@@ -128,7 +128,7 @@ def _pieces(number: int, log: Log, turn: Array) -> list[_Piece]:
 
 
 def _poses(number: int, log: Log, rows: NDArray[np.intp], taken: NDArray[np.intp]) -> Poses | None:
-    """Return the reference poses within some rows of a log that are far enough apart."""
+    """Return the reference poses within these rows of a log that are far enough apart."""
     assert log.reference is not None
     inside = taken[(taken >= rows[0]) & (taken <= rows[-1])]
     chosen: list[int] = []

@@ -1,4 +1,4 @@
-"""Cases of a trial: of which robot, what each hides, in which motion, how strong, and what the finder is given.
+"""Cases of a trial: the robot, hidden effects, motion and strengths of each, and the files that the finder is given.
 
 Of every twenty cases, in an order that the seed draws:
 
@@ -44,15 +44,15 @@ Course = Literal["wander", "to and fro", "circles"]
 Measure = Literal["cost", "z"]
 
 MIX: dict[Stratum, int] = {"clean": 4, "one": 5, "two": 2, "three": 2, "outside": 3, "poor": 2, "wiring": 2}
-"""How many of every twenty cases are of a stratum."""
+"""Number of cases of each stratum among twenty."""
 
 SEVERAL: dict[Stratum, int] = {"two": 2, "three": 3}
 
 BOUNDS: dict[Measure, tuple[float, float]] = {"cost": (3e-4, 1.0), "z": (5.0, 60.0)}
-"""What strengths are drawn from, log-uniform: m per 10 m (`validation.cost`), and z (`strength.separation`)."""
+"""Bounds of strengths, drawn log-uniform: m per 10 m (`validation.cost`), and z (`strength.separation`)."""
 
 CLEAN_LOGS = {"own": 0.5, "foreign": 0.8}
-"""Part of the cases that come with clean logs."""
+"""Part of the cases with clean logs."""
 
 UNTRACKED = 0.5
 """Part of the cases without a reference, of robots that need none."""
@@ -63,7 +63,7 @@ ONE_WAY = frozenset(("tick_loss", "encoder_latency", "all_latency"))
 
 @dataclass(frozen=True)
 class Hidden:
-    """Something hidden: an effect of the catalogue, or what a generator has outside of it, whose size is `field`.
+    """A hidden effect: of the catalogue, or of a generator and outside the catalogue; its size is `field`.
 
     power: z and cost grow about as the size to this power.
     """
@@ -74,7 +74,7 @@ class Hidden:
 
     @property
     def effect(self) -> Effect | None:
-        """The effect of the catalogue, if it is one."""
+        """The effect, if it is of the catalogue."""
         return self.what if isinstance(self.what, Effect) else None
 
     @property
@@ -84,16 +84,16 @@ class Hidden:
 
     @property
     def label(self) -> str:
-        """Its class, or the name of what is outside the catalogue."""
+        """The class of the effect, or its name if it is outside the catalogue."""
         return type(self.what).__name__ if self.effect is None else class_of(self.effect)
 
     @property
     def size(self) -> float:
-        """Its size."""
+        """The size of the effect."""
         return float(getattr(self.what, self.field))
 
     def scaled(self, size: float) -> "Hidden":
-        """Return the same of another size; raises ValueError for one that cannot be."""
+        """Return the effect with another size; raises ValueError for a size that it cannot have."""
         current = getattr(self.what, self.field)
         new = max(round(size), 1) if isinstance(current, int) else size
         return dataclasses.replace(self, what=dataclasses.replace(self.what, **{self.field: new}))
@@ -104,8 +104,9 @@ Outsiders = Callable[[RobotDescription, np.random.Generator], Iterator[Hidden]]
 
 @dataclass(frozen=True)
 class Case:
-    """One case. robot: a preset's name. seeds: of the log and of the held-out one. clean, reference: whether the finder
-    is given clean logs, and reference poses. hidden: what is in it; targets: the cost or z (`measure`) to aim for.
+    """A case. robot: a preset's name. seeds: of the log and of the held-out log. clean, reference: whether the finder
+    is given clean logs, and reference poses. hidden: the effects hidden in it; targets: the cost or z (`measure`) to
+    aim for.
     """
 
     number: int
@@ -126,16 +127,17 @@ class Case:
 
     @property
     def outside(self) -> Any | None:
-        """What is outside the catalogue; None for nothing."""
+        """The hidden effect outside the catalogue; None if there is none."""
         return next((hidden.what for hidden in self.hidden if hidden.effect is None), None)
 
     def motion(self, log_number: int, duration: float) -> Trajectory:
-        """Return the motion of the log (0) or of the held-out one (1)."""
+        """Return the motion of the log (0) or of the held-out log (1)."""
         return motion(preset(self.robot), self.course, self.seeds[log_number], duration)
 
 
 def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> Case:
-    """Return case `number` (from 1) of a trial, nothing hidden in it yet. foreign: whether the physics are not ours."""
+    """Return case `number` (from 1) of a trial without hidden effects yet. foreign: whether another simulator makes
+    logs."""
     strata = [stratum for stratum, count in MIX.items() for _ in range(count)]
     random = np.random.default_rng([seed, number])
     robot = _in_turn(robots, number, seed, 1)
@@ -156,9 +158,9 @@ def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> 
 
 
 def hide(case: Case, attempt: int, seed: int, outsiders: Outsiders) -> Case:
-    """Return a case with something hidden in it, in the size of its step, and the strengths to aim for.
+    """Return a case with hidden effects, in the size of their steps, and the strengths to aim for.
 
-    attempt: from 0; another one where what was drawn before could not be had in that strength.
+    attempt: from 0; a further attempt draws other effects, where those drawn before could not have the strength.
     """
     robot, random = preset(case.robot), np.random.default_rng([seed, case.number, attempt])
     if case.stratum == "clean":
@@ -191,7 +193,7 @@ def motion(robot: RobotDescription, course: Course, seed: int, duration: float) 
 
 
 def _in_turn(choices: Sequence[Any], number: int, seed: int, stream: int) -> Any:
-    """Return the choice of a case: all come once before any comes again, each round in an order of its own."""
+    """Return the choice for a case: each comes once before any comes again, in a new random order each round."""
     turn, place = divmod(number - 1, len(choices))
     order = np.random.default_rng([seed, turn, stream]).permutation(len(choices))
     return choices[order[place]]

@@ -1,4 +1,4 @@
-"""What the finder says of a case of a trial, in one form."""
+"""The finder's answer on a case of a trial, as classes of effects with probabilities."""
 
 import dataclasses
 import math
@@ -18,13 +18,13 @@ from discrepancy.preflight import Mistake
 from discrepancy.trials.strength.separation import class_of
 
 FINDER = "posterior"
-"""The name by which trials keep what it says."""
+"""Name of the finder, under which trials store its answers."""
 
 NORMAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
 
 WEAKEST_FIRST = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible", "no discrepancy")
-"""Verdicts on single effects; that of the whole is the weakest."""
+"""Verdicts on single effects, the weakest first; the verdict of the whole is the weakest."""
 
 QUIET = ("negligible", "no discrepancy")
 """Verdicts that are no alarm."""
@@ -32,7 +32,7 @@ QUIET = ("negligible", "no discrepancy")
 
 @dataclass(frozen=True)
 class Size:
-    """The size of an effect that was named, and its 95 % interval; None where none was told."""
+    """The size of an effect that was named, and its 95 % interval; None where there is no interval."""
 
     class_name: str
     effect: Effect
@@ -42,11 +42,11 @@ class Size:
 
 @dataclass(frozen=True)
 class Said:
-    """What a finder said, in classes (`strength.separation.class_of`).
+    """A finder's answer, in classes (`strength.separation.class_of`).
 
-    verdict: of the whole. named: those that it is sure of, each with its probability. credible: the sets of 95 %, what
-    has no name left out. unnamed: whether among these is an alternative without a name. probabilities: of every class
-    that may be there. sizes: of those named. effects: what it adds to the robot.
+    verdict: of the whole. named: the classes with verdict "named", each with its probability. credible: the 95 %
+    credible sets, without unnamed alternatives. unnamed: whether a set contains an unnamed alternative. probabilities:
+    of every possible class. sizes: of the named classes. effects: those added to the robot.
     """
 
     verdict: str
@@ -61,7 +61,7 @@ class Said:
 
 @dataclass(frozen=True)
 class Single:
-    """What a finder said of one effect. probabilities: of classes, and of what has no name (None)."""
+    """A finder's answer on one effect. probabilities: of classes, and of unnamed alternatives (None)."""
 
     verdict: str
     probabilities: Mapping[str | None, float]
@@ -74,7 +74,7 @@ Logs = Mapping[str, Log]
 
 
 def said_of(singles: Sequence[Single], reason: str = "") -> Said:
-    """Return what a finder said of all effects together."""
+    """Return a finder's answer on all effects together."""
     sure = [single for single in singles if single.verdict == "named"]
     absent: dict[str, float] = {}
     for single in singles:
@@ -99,7 +99,7 @@ def _size(effect: Effect, error: float | None) -> Size:
 
 
 def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
-    """Return what the posterior says of a robot, its logs, held-out logs and clean ones, by their names."""
+    """Return the posterior's answer for a robot, its logs, held-out logs and clean logs, by their names."""
     mistakes, found = posterior_of(robot, logs, held_out, clean)
     singles = [*_of_mistakes(mistakes), *(_single(robot, answer) for answer in found.answers)]
     reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in found.answers)]
@@ -109,7 +109,7 @@ def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Sai
 
 
 def _of_mistakes(mistakes: Sequence[Mistake]) -> list[Single]:
-    """Return what gross mistakes are told to be."""
+    """Return gross mistakes as answers on single effects."""
     singles = []
     for mistake in mistakes:
         sure = "ambiguous" if mistake.alternatives else "named"
@@ -131,6 +131,6 @@ def _single(robot: RobotDescription, answer: Answer) -> Single:
 
 
 def _class_named(family: str, classes: Mapping[str, str]) -> str | None:
-    """Return the class of a family, or of something at a place on the floor; None of what has no name."""
+    """Return the class of a family, or of an effect at a place on the floor; None for an unnamed alternative."""
     name, *_ = family.split()
     return classes.get(family, name if name in EFFECTS else None)

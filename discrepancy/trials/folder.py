@@ -1,4 +1,4 @@
-"""The folder of a trial: its settings, numbered cases, which of them are done, and processes that do the rest.
+"""The folder of a trial: its settings and numbered cases, and the processes that do missing cases.
 
 Files that are there already are kept, so a trial that was interrupted continues.
 """
@@ -17,11 +17,11 @@ from castor_envs.files import read_json, remove_leftovers, write_json
 from castor_envs.processes import Done, Job, Raised, run_jobs
 
 Task = tuple[Callable[..., None], tuple[Any, ...]]
-"""What is to be done, with what."""
+"""A function and its arguments."""
 
 
 def begin(folder: Path, asked: dict[str, Any], parts: Sequence[str]) -> None:
-    """Write what a trial is asked for to its folder, with these parts; the number of cases may change.
+    """Write the settings of a trial to its folder, with these subfolders; the number of cases may change.
 
     Raises InputError for a folder that holds another trial.
     """
@@ -35,7 +35,7 @@ def begin(folder: Path, asked: dict[str, Any], parts: Sequence[str]) -> None:
 
 
 def asked_of(folder: Path) -> dict[str, Any]:
-    """Return what a trial was asked for; raises InputError for a folder that holds none."""
+    """Return the settings of a trial; raises InputError for a folder that holds none."""
     path = folder / "trial.json"
     if not path.exists():
         raise InputError(f"{path}: no trial there; make one first")
@@ -43,7 +43,7 @@ def asked_of(folder: Path) -> dict[str, Any]:
 
 
 def name_of(number: int) -> str:
-    """Return the name of a case in all parts of a folder."""
+    """Return the name of a case in all subfolders."""
     return f"case-{number:04}"
 
 

@@ -1,4 +1,4 @@
-"""Where a trial's logs come from: the project's own physics, MuJoCo, or Bullet."""
+"""Generators of a trial's logs: the project's pymunk physics, MuJoCo, or Bullet."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ GeneratorName = Literal["pymunk", "mujoco", "bullet"]
 class Generator(NamedTuple):
     """drive: makes a log, as `pymunk_generator.drive`. outsiders: draws effects that are not in the catalogue.
 
-    foreign: whether the finder may not know its physics, so that clean logs go in.
+    foreign: whether its physics differ from the finder's model, so that more cases have clean logs.
     """
 
     drive: Callable[..., Log]
@@ -27,7 +27,7 @@ class Generator(NamedTuple):
 
 
 def generator(name: str) -> Generator:
-    """Return a generator; raises InputError for an unknown one or where what it needs is not installed."""
+    """Return a generator; raises InputError for an unknown name, or where its simulator is not installed."""
     if name == "pymunk":
         from discrepancy.trials.pymunk_generator import drive
 

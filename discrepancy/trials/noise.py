@@ -30,4 +30,4 @@ class Noise:
 
 
 EXACT = Noise(0.0, 0.0, 0.0, every=1)
-"""The true pose in every row: what the strength of an effect is measured with."""
+"""The true pose in every row, with which the strength of an effect is measured."""

@@ -31,7 +31,7 @@ class Outside:
 
     @property
     def name(self) -> str:
-        """What it is called in labels."""
+        """The name of the effect in labels."""
         return type(self).__name__
 
     def scaled(self, value: float) -> Self:
@@ -39,14 +39,14 @@ class Outside:
         return dataclasses.replace(self, value=value)
 
     def changed(self, robot: RobotDescription, t: Array, angle: Array, pose: Array) -> Array:
-        """Return what the encoders see (K, w + n), rad, of true angles (K, w + n) up to now on a path (K, 3).
+        """Return the angles (K, w + n), rad, that encoders see for true angles (K, w + n) along a path (K, 3).
 
-        Of every row it needs no row but those before it, so that it may be called sample by sample.
+        A row depends only on the rows before it, so that samples may be passed one by one.
         """
         return angle
 
     def tracked(self, t: Array, pose: Array) -> Array:
-        """Return the poses (K, 3) that the reference reports of true ones."""
+        """Return the poses (K, 3) that the reference reports for true poses."""
         return pose
 
 
@@ -57,7 +57,7 @@ class ThermalGrowth(Outside):
     step = 1e-3
 
     def changed(self, robot: RobotDescription, t: Array, angle: Array, pose: Array) -> Array:
-        """Return the wheel's angle, less and less of it for the same path."""
+        """Return the wheel's angle, which grows less and less along the same path."""
         return _gained(angle, self.channel, lambda turned: -self.value * ((t[1:] - t[0]) / 60.0) ** 2 * turned)
 
 
@@ -205,7 +205,7 @@ def outside_effects(robot: RobotDescription, random: np.random.Generator) -> Ite
 
 
 def _gained(angle: Array, channel: int, gain) -> Array:
-    """Return angles (K, channels) of which one turns by `gain(turned)` (K - 1,) further in each step."""
+    """Return angles (K, channels) in which a channel turns further by `gain(turned)` (K - 1,) in each step."""
     seen = angle.copy()
     seen[1:, channel] += np.cumsum(gain(np.diff(angle[:, channel])))
     return seen

@@ -14,7 +14,7 @@ from discrepancy.trials.noise import Noise
 def counts_of(robot: RobotDescription, angle: Array, phase: Array | float = 0.0) -> tuple[Array, Array]:
     """Return counts of wheels (K, d) and pivots (K, s), neither rounded nor wrapped, of angles as seen (K, w + n).
 
-    phase (d,): what the wheels' encoders begin at, in counts.
+    phase (d,): start values of the wheels' encoders, in counts.
     """
     built, w = Geometry.of(robot.as_built()), len(robot.wheels)
     driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
@@ -24,7 +24,7 @@ def counts_of(robot: RobotDescription, angle: Array, phase: Array | float = 0.0)
 
 
 def angles_of(robot: RobotDescription, log: Log) -> Array:
-    """Return the angles (K, w + n), rad, that counts tell of a robot: wheels from 0, castors unwrapped.
+    """Return the angles (K, w + n), rad, by the counts of a robot: wheels from 0, castors unwrapped.
 
     Idle wheels stand still; castors without encoder stand at their angle.
     """

@@ -1,10 +1,9 @@
 """Runs a trial: makes cases in separate processes, then gives the finder their files and nothing else.
 
-    trial.json                      what was asked for: cases, seed, generator, robots, duration
-    cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): what the finder is given
-    clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which it is given besides in some cases
-    labels/case-0001.json, .npz     what is hidden and how strong it is; the true path of the held-out log
-    outcomes/posterior/case-0001.json     what the finder said
+    trial.json what was asked for: cases, seed, generator, robots, duration cases/case-0001/                log.csv,
+    holdout.csv and robot.json (without effect): what the finder is given clean/asoc-prototype/1.csv ...  logs of a
+    robot without any effect, which it is given besides in some cases labels/case-0001.json, .npz     what is hidden and
+    how strong it is; the true path of the held-out log outcomes/posterior/case-0001.json     what the finder said
 
 Files that are there already are kept, so a trial that was interrupted continues. To judge the finder again, delete its
 outcomes.
@@ -41,21 +40,21 @@ from discrepancy.validation.cost import apart, cost_of, odometry, rms_of
 FORMAT = "castor-trial-case/2"
 DURATION = 60.0
 CLEAN = 3
-"""Clean logs, where there are some."""
+"""Number of clean logs, where there are any."""
 
 ATTEMPTS = 60
-"""Draws of what a case hides, until it can be had in the strength wanted."""
+"""Most draws of a case's hidden effects until they can have the strength that was drawn."""
 
 OUTSIDE_BELOW = 0.9
-"""The largest cosine with a class of the catalogue of what counts as outside of it."""
+"""Largest cosine with a class of the catalogue for an effect to count as outside the catalogue."""
 
 SLACK = 1.1
-"""Part by which a strength may be beyond the bounds that it is drawn from."""
+"""Factor by which a strength may lie outside the bounds of its draw."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a trial is asked for. robots: presets' names."""
+    """The settings of a trial. robots: presets' names."""
 
     cases: int
     seed: int
@@ -64,7 +63,7 @@ class Plan:
     duration: float = DURATION
 
     def setting(self, number: int) -> Case:
-        """Return a case, nothing hidden in it yet."""
+        """Return a case without hidden effects yet."""
         return setting(number, self.seed, self.robots, foreign=generator(self.generator).foreign)
 
 
@@ -99,19 +98,19 @@ def make(
 
 
 def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
-    """Let the finder say what is in every case that it has not seen yet."""
+    """Run the finder on every case that has no answer yet."""
     folder = Path(folder)
     plan, outcomes = plan_of(folder), folder / "outcomes" / FINDER
     outcomes.mkdir(parents=True, exist_ok=True)
     remove_leftovers(outcomes)
     made = [k for k in range(1, plan.cases + 1) if (folder / "labels" / f"{name_of(k)}.json").exists()]
     missing = [k for k in made if not (outcomes / f"{name_of(k)}.json").exists()]
-    missing.sort(key=lambda k: plan.setting(k).robot)  # the finder remembers what it knows of clean logs
+    missing.sort(key=lambda k: plan.setting(k).robot)  # the finder keeps what it computed from clean logs
     do_all([(_judge_case, (folder, name_of(k))) for k in missing], jobs)
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:
-    """Return what a trial in a folder was asked for."""
+    """Return the settings of the trial in a folder."""
     return Plan(**asked_of(Path(folder)))
 
 
@@ -171,13 +170,13 @@ def _make_case(plan: Plan, number: int, folder: Path) -> None:
 
 
 def _strengths(case: Case, trial_runs: list[TrialRun]) -> list[Strength] | None:
-    """Return how strong what is hidden is in both logs; None where the case is not what it has to be."""
+    """Return the strengths of the hidden effects in both logs; None where they miss the case's requirements."""
     if not case.hidden:
         return []
     first = trial_runs[0].strength(case.hidden)
     low, high = BOUNDS[case.measure]
     if case.measure == "z" and len(case.hidden) > 1:
-        low = 1e-9  # what the others hide may be much
+        low = 1e-9  # much of an effect may be projected out with the others
     measured = first.cost if case.measure == "cost" else first.z
     sized = all(item.wiring or low / SLACK <= m <= high * SLACK for item, m in zip(case.hidden, measured, strict=True))
     if not sized or (case.outside is not None and (first.cosine is None or first.cosine >= OUTSIDE_BELOW)):
@@ -217,7 +216,7 @@ def _hidden(hidden: Hidden) -> dict[str, Any]:
 
 
 def _judge_case(folder: Path, name: str) -> None:
-    """Write what the finder says of one case; it sees the case's files and, where the case has them, clean logs."""
+    """Write the finder's answer on a case; it reads the case's files and, where the case has them, clean logs."""
     label, case = read_json(folder / "labels" / f"{name}.json"), folder / "cases" / name
     robot, started = RobotDescription.load(case / "robot.json"), time.process_time()
     log, held_out = (read_log(case / file, robot) for file in ("log.csv", "holdout.csv"))
@@ -236,7 +235,7 @@ def _judge_case(folder: Path, name: str) -> None:
 
 
 def _told(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
-    """Return what was said as plain data, every effect named with what it costs in the log, m per 10 m."""
+    """Return an answer as plain data, every named effect with its cost in the log, m per 10 m."""
     plain = {key: getattr(said, key) for key in ("verdict", "named", "credible", "unnamed", "probabilities", "reason")}
     sizes = [
         {"class": size.class_name, "effect": _plain(size.effect), "low": size.low, "high": size.high}
@@ -251,8 +250,8 @@ def _plain(effect: Effect) -> dict[str, Any]:
 
 
 def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dict[str, float] | None:
-    """Return by how far odometry on the held-out log comes apart from the true path, m per 10 m, before and after what
-    was named; None where nothing was, or an encoder is connected wrongly."""
+    """Return the distance between odometry on the held-out log and the true path, m per 10 m, without and with the
+    named effects; None where no effect was named, or an encoder is connected wrongly."""
     if not said.effects or any(effect.wiring for effect in said.effects):
         return None
     known = np.isfinite(path).all(axis=1)  # a reference whose clock is ahead ends before the log
@@ -263,7 +262,7 @@ def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dic
 
 @lru_cache(maxsize=1)
 def _read_clean(folder: Path, name: str, reference: bool) -> dict[str, Log]:
-    """Return the clean logs of a robot, which serve for many cases; without their reference if the others have none."""
+    """Return the clean logs of a robot, which many cases share; without reference if the logs of the case have none."""
     robot = preset(name)
     logs = {f"clean/{k}.csv": read_log(_clean_log(folder, name, k), robot) for k in range(1, CLEAN + 1)}
     return logs if reference else {key: dataclasses.replace(log, reference=None) for key, log in logs.items()}

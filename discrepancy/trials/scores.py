@@ -1,9 +1,9 @@
-"""Scores of a trial: how often a finder is right, and whether it knows how sure it is, from what was hidden and said.
+"""Scores of a trial: how often the finder is right, and whether its probabilities are calibrated.
 
 Every rate is a count with its 95 % Wilson interval, over all cases, over those of each preset, and over those with and
 without clean logs and reference. Effects that no log can distinguish count as the same class. Probabilities are
-calibrated where of names told with probability p a part p is right: the reliability diagram shows it, and the expected
-calibration error is how far it is off on average.
+calibrated if of names with probability p a part p is right: the reliability diagram shows this, and the expected
+calibration error is the mean deviation from it.
 """
 
 import dataclasses
@@ -28,41 +28,41 @@ __all__ = ["NORMAL", "Rate", "lines", "report", "wilson"]
 FORMAT = "castor-trial/3"
 
 MATTERS, COSTLY, SEPARATE, STRONG, LOUD = 1e-3, 2e-3, 5.0, 8.0, 20.0
-"""m per 10 m that matter to a user; m per 10 m, z_sep and z of effects that have to be named; z to be flagged at
-outside of the catalogue."""
+"""m per 10 m from which on a cost matters to a user; m per 10 m, z_sep and z from which on an effect should be named; z
+from which on an effect outside the catalogue should be flagged."""
 
 ALIKE = 1.0
-"""z_sep below which no log can tell an effect from the one that is nearest."""
+"""z_sep below which no log can distinguish an effect from the nearest class."""
 
 TOLD = 0.05
-"""Probability from which on a name counts as told: a set of 95 % leaves out no more."""
+"""Least probability of a name that counts in the reliability diagram: a credible set of 95 % omits no more."""
 
 EDGES = (TOLD, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
-"""Of the bins of probability, narrow where names are sure."""
+"""Edges of the bins of probability, narrow near 1."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A case after the labels are open: what was hidden in it, and what was said of it."""
+    """A judged case: its label (the hidden effects) and its outcome (the finder's answer)."""
 
     label: dict[str, Any]
     outcome: dict[str, Any]
 
     @property
     def truth(self) -> frozenset[str]:
-        """The classes of what was hidden."""
+        """The classes of the hidden effects."""
         return frozenset(hidden["class"] for hidden in self.label["hidden"])
 
     @property
     def alike(self) -> dict[str, str]:
-        """Classes that this robot's log cannot tell from one that was hidden, and that one."""
+        """Classes that this log cannot distinguish from a hidden effect, each with the class of that effect."""
         log: dict[str, Any] = self.label["log"] or {"z_sep": [], "nearest": []}
         hidden_effects = zip(self.label["hidden"], log["z_sep"], log["nearest"], strict=False)  # wiring has no strength
         return {nearest: hidden["class"] for hidden, z_sep, nearest in hidden_effects if z_sep < ALIKE and nearest}
 
     @property
     def named(self) -> frozenset[str]:
-        """The classes that the finder is sure of."""
+        """The classes that the finder named."""
         named: Iterable[str] = self.outcome["named"]
         return frozenset(self.alike.get(name, name) for name in named)
 
@@ -74,65 +74,66 @@ class Trial:
 
     @property
     def exact(self) -> bool:
-        """Whether it is sure of what was hidden, of nothing else, and says that this is all."""
+        """Whether it names exactly the hidden effects, and the verdict of the whole is "named"."""
         return self.outcome["verdict"] == "named" and self.named == self.truth
 
     @property
     def among(self) -> bool:
-        """Whether all that was hidden is in its credible sets."""
+        """Whether all hidden effects are in its credible sets."""
         return self.truth <= self.credible
 
     @property
     def wrong(self) -> bool:
-        """Whether it is sure of something that was not hidden."""
+        """Whether it names an effect that was not hidden (a false positive)."""
         return bool(self.named - self.truth)
 
     @property
     def alarm(self) -> bool:
-        """Whether it says that something is not as described."""
+        """Whether it reports any discrepancy."""
         return self.outcome["verdict"] not in (*QUIET, "broken")
 
     @property
     def flagged(self) -> bool:
-        """Whether it says that nothing it knows may be it."""
+        """Whether its verdict is "unexplained", or a credible set contains an unnamed alternative."""
         return self.outcome["verdict"] == "unexplained" or self.outcome["unnamed"]
 
     @property
     def costly_name(self) -> bool:
-        """Whether it is sure of something that costs over `MATTERS`; what has no size, as wiring has none, does."""
+        """Whether it names an effect that costs over `MATTERS`; wiring, which has no size, counts as costly."""
         sized = {size["class"]: size["cost"] for size in self.outcome["sizes"]}
         return any((sized.get(name) or math.inf) > MATTERS for name in self.named)
 
     def least(self, key: str, log: str = "log") -> float:
-        """Return the least cost, z or z_sep of what was hidden; infinite where there is nothing."""
+        """Return the least cost, z or z_sep of the hidden effects; infinite if there are none."""
         return min(self.label[log][key], default=math.inf) if self.label[log] else math.inf
 
     @property
     def plain(self) -> bool:
-        """Whether what was hidden is costly and separate enough to be named, and the held-out log could confirm it."""
+        """Whether the hidden effects are costly and separate enough to be named, and the held-out log can confirm
+        them."""
         confirmed = self.least("z", "holdout") >= SEPARATE
         return self.least("cost") >= COSTLY and self.least("z_sep") >= SEPARATE and confirmed
 
     @property
     def strong(self) -> bool:
-        """Whether what was hidden, whatever it costs, is strong in both logs, and separate."""
+        """Whether the hidden effects, whatever they cost, are strong in both logs, and separate."""
         return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
 
     @property
     def plainly_outside(self) -> bool:
-        """Whether what was hidden, and has no name, matters and is loud."""
+        """Whether the hidden effect is outside the catalogue, costly and strong."""
         return self.least("cost") >= MATTERS and self.least("z") >= LOUD
 
     @property
     def gap_grew(self) -> bool:
-        """Whether what was named made odometry on the held-out log worse."""
+        """Whether the named effects made odometry on the held-out log worse."""
         gap = self.outcome["gap"]
         return gap is not None and gap["after"] > gap["before"]
 
     def told(self) -> list[tuple[float, bool]]:
-        """Return the probability of every class that was told, and whether it is there.
+        """Return the probability of every reported class, and whether it was hidden.
 
-        None of wrong wiring: that is for the pre-flight, which tells no probabilities.
+        Empty for wrong wiring, which the pre-flight reports without probabilities.
         """
         classes = self.outcome["probabilities"].items() if self.label["stratum"] != "wiring" else ()
         return [
@@ -142,7 +143,7 @@ class Trial:
         ]
 
     def covered(self) -> list[bool]:
-        """Return of every size named rightly, with an interval, whether the true one lies within it."""
+        """Return for every rightly named effect with an interval whether its true size lies within it."""
         true = {hidden["class"]: hidden["what"] for hidden in self.label["hidden"] if hidden["from"] == "catalogue"}
         return [
             found["low"] <= size_as(true[found["class"]], found["effect"]) <= found["high"]
@@ -153,7 +154,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Rate:
-    """Of `total`, `count` are so. low, high: the 95 % Wilson interval."""
+    """A rate: `what` holds for `count` of `total` cases. low, high: the 95 % Wilson interval."""
 
     what: str
     count: int
@@ -163,13 +164,13 @@ class Rate:
 
     @classmethod
     def of(cls, statement: str, hits: Iterable[bool]) -> "Rate":
-        """Return the rate of what is so."""
+        """Return the rate of true hits."""
         results = list(hits)
         return cls(statement, sum(results), len(results), *wilson(sum(results), len(results)))
 
     @property
     def share(self) -> float:
-        """count / total; NaN of none."""
+        """count / total; NaN if total is 0."""
         return self.count / self.total if self.total else math.nan
 
 
@@ -226,13 +227,13 @@ RATES: tuple[tuple[str, Which, Which], ...] = (
     ),
     ("the finder broke down", lambda trial: True, lambda trial: trial.outcome["verdict"] == "broken"),
 )
-"""What is asked of a finder: of which cases, and what counts."""
+"""The rates that are reported: statement, condition on cases, and what counts as a hit."""
 
 COVERED = "95 % intervals of sizes named rightly: the true size within"
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a share; (0, 1) of no cases."""
+    """Return the 95 % Wilson interval of a share; (0, 1) for no cases."""
     if not total:
         return 0.0, 1.0
     interval = binomtest(count, total).proportion_ci(method="wilson")
@@ -240,7 +241,7 @@ def wilson(count: int, total: int) -> tuple[float, float]:
 
 
 def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
-    """Return all cases of a trial of which a finder has spoken; raises InputError if there are none."""
+    """Return all judged cases of a trial; raises InputError if there are none."""
     folder = Path(folder)
     paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
     if not paths:
@@ -249,13 +250,14 @@ def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
-    """Return all rates of some cases."""
+    """Return all rates over these cases."""
     found = [Rate.of(statement, (so(trial) for trial in trials if among(trial))) for statement, among, so in RATES]
     return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
 def reliability(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
-    """Return of each bin of probability that holds names how many, their mean probability, and how many are right."""
+    """Return for each non-empty bin of probability the number of names, their mean probability, and how many are
+    right."""
     bins = []
     probability = np.array([part for part, _ in told])
     place = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
@@ -268,16 +270,18 @@ def reliability(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
 
 
 def calibration_error(bins: Sequence[dict[str, Any]]) -> float | None:
-    """Return by how much told probability and the part that is right differ, on average over names; None of none."""
+    """Return the expected calibration error: the mean difference over names between probability and the part that is
+    right; None without names."""
     total = sum(entry["total"] for entry in bins)
     off = sum(entry["total"] * abs(entry["probability"] - entry["share"]) for entry in bins)
     return off / total if total else None
 
 
 def size_as(true: dict[str, Any], found: dict[str, Any]) -> float:
-    """Return the size that an effect would have, were it the effect found, of the same class.
+    """Return the size of a true effect, expressed as the effect found, of the same class.
 
-    A radius larger by a is as counts a turn fewer by a / (1 + a). Of a wave, the part in the phase found counts.
+    A radius larger by a is equivalent to counts per turn fewer by a / (1 + a). Of a periodic effect only the part in
+    the phase found counts.
     """
     size = true["value"]
     if {true["name"], found["name"]} == {"wheel_radius", "counts_per_rev"}:
@@ -288,9 +292,10 @@ def size_as(true: dict[str, Any], found: dict[str, Any]) -> float:
 
 
 def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
-    """Return what was hidden against what was said, by names without places, as counts of cases.
+    """Return the confusion matrix: hidden against named effects, without places, as counts of cases.
 
-    Columns: names, several as "a + b", "another place" for the right ones elsewhere; the verdict where none is named.
+    Columns: names, several as "a + b"; "another place" for the right name at a wrong place; the verdict where no effect
+    is named.
     """
     table: dict[str, Counter[str]] = {}
     for trial in trials:

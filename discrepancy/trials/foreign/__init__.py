@@ -1,1 +1,1 @@
-"""What simulators other than the project's own share: a robot's numbers, how it stands, encoders, logs."""
+"""Code that simulators other than pymunk share: a robot's numbers, its static loads, encoders, logs."""

@@ -29,7 +29,7 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
 AT_REST = 1e-6
-"""m/s: a pivot slower than this has no direction."""
+"""m/s: a slower pivot has no direction of motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ class Build:
 
     pivot (n, 2), offset (n,), angle (n,) of fixed castors, zero (n,) of pivot encoders, m and rad. steering (n,).
     castor (w,): the wheels' castors, from 0. lateral (w,), radius (w,), m. counts (w,), pivot_counts (n,): a turn, NaN
-    without encoder. shrinking: of radii, m for each N more than average. long, side: by how much more wheels slip than
-    described, for each N of force and of load, in parts of the distance rolled. viscous: the same in m/s for each N of
+    without encoder. shrinking: of radii, m for each N more than average. long, side: excess slip of wheels over the
+    description, as a part of the distance rolled, per unit ratio of force to load. viscous: excess slip in m/s per N of
     force.
     """
 
@@ -153,7 +153,7 @@ class Build:
         return np.column_stack([twist[0] - twist[2] * self.pivot[:, 1], twist[1] + twist[2] * self.pivot[:, 0]])
 
     def trailing(self, twist: Array) -> Array:
-        """Return the angles (n,) at which castors trail in a motion; 0 where the pivot rests."""
+        """Return the angles (n,) at which castors trail in a motion; 0 where the pivot is at rest."""
         speed = self.pivot_speed(twist)
         along = np.where(np.hypot(*speed.T) > AT_REST, np.arctan2(speed[:, 1], speed[:, 0]), 0.0)
         return np.where(self.turning, along, self.angle)
@@ -162,8 +162,8 @@ class Build:
 class Controller:
     """Turns twists into wheel and steering rates by the rolling of the described robot, for angles half a period on.
 
-    Castors with an offset turn as rolling makes them; steered ones without, to their pivot's direction or its
-    opposite, within a period where the motor can. speed: of steering motors at most, rad/s. period: s.
+    Castors with an offset turn as rolling requires; steered ones without, to their pivot's direction or its opposite,
+    within a period where the motor can. speed: of steering motors at most, rad/s. period: s.
     """
 
     def __init__(self, build: Build, period: float, speed: float) -> None:
@@ -181,7 +181,7 @@ class Controller:
         return (rolled / build.radius)[build.driven], rate[build.steered]
 
     def _turning(self, theta: Array, speed: Array, spin: float, steering: Array) -> Array:
-        """Return the castors' rates (n,) against the body, within what the motors can."""
+        """Return the castors' rates (n,) against the body, within the motors' limits."""
         aside = speed[:, 1] * np.cos(theta) - speed[:, 0] * np.sin(theta)
         offset = np.where(self._trails, self._build.offset, 1.0)
         rate = np.where(self._trails, aside / offset - spin, steering)
@@ -208,5 +208,5 @@ def check_drivable(robot: RobotDescription, simulator: str) -> None:
 
 
 def _softer(stiffness: float, stiffer: float) -> float:
-    """Return how much more slip a force costs where a slip stiffness is larger by the fraction `stiffer`."""
+    """Return the change of compliance where a slip stiffness is larger by the fraction `stiffer`."""
     return 1 / (stiffness * (1 + stiffer)) - 1 / stiffness

@@ -1,4 +1,4 @@
-"""From a run of a foreign simulator to the log that the robot's encoders and the reference make of it.
+"""Makes the log of a foreign simulator's run, as the robot's encoders and the reference report it.
 
 The same run can be read again for the same robot with other effects on its sensors.
 """
@@ -18,7 +18,7 @@ from discrepancy.trials.noise import Noise
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
-    """What happened, at N + 1 times of the physics, of which every `every`-th is a sample.
+    """A run: states at N + 1 times of the physics, of which every `every`-th is a sample.
 
     t (N + 1,): s. angle (N + 1, w + n): of wheels since the start, and of castors, rad, true and unwrapped. pose
     (N + 1, 3): of the point that the reference tracks. command (K, driven wheels), steering (K, driven castors): rad/s,
@@ -36,10 +36,10 @@ class Run:
 
 
 class Counters:
-    """What happens to counts on their way into the log; here nothing."""
+    """Changes of counts on their way into the log; in this class none."""
 
     def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
-        """Return wheel counts (K, driven wheels), not rounded yet, at times t (K,) as they come into the log."""
+        """Return wheel counts (K, driven wheels), not rounded yet, at times t (K,), as the log receives them."""
         return wheel
 
 
@@ -58,9 +58,9 @@ def read(
     rounded: bool = True,
     noise: Noise = Noise(),  # noqa: B008
 ) -> Log:
-    """Return a run's log as the encoders of a robot report it: of effects, those on sensors and time, and on counts.
+    """Return a run's log as the encoders of a robot report it, with its effects on sensors, time and counts.
 
-    Jitter reads the encoders at uneven times; what comes after it in the robot's effects is not affected by it.
+    Jitter reads the encoders at uneven times; effects after it in the robot file are not affected by it.
     """
     sensors, substeps = Sensors(robot), run.every
     rows = [slice(0, 1), *(slice(k + 1, k + substeps + 1) for k in range(0, len(run.t) - 1, substeps))]
@@ -84,7 +84,7 @@ def read(
 
 
 def _at(instants: Array, t: Array, values: Array) -> Array:
-    """Return values (N, c) at times (K,); after the last, they go on as they went."""
+    """Return values (N, c) at times (K,); after the last time they are extrapolated."""
     last = (values[-1] - values[-2]) / (t[-1] - t[-2])
     beyond = np.maximum(instants - t[-1], 0.0)[:, None] * last
     return np.column_stack([np.interp(instants, t, column) for column in values.T]) + beyond

@@ -35,7 +35,7 @@ NOT_SENSED = (
     *("floor_slope", "bump", "friction_patch", "sample_jitter", "clock_skew", "clock_offset"),
     *("reference_yaw", "reference_lever_x", "reference_lever_y"),
 )
-"""Effects of foreign simulators that are no stage on the way to the encoders."""
+"""Effects that foreign simulators apply elsewhere than in a stage between angles and encoders."""
 
 
 class Sensors:
@@ -66,7 +66,7 @@ class Sensors:
 
 
 def believed(build: Build, counts: Array) -> Array:
-    """Return the castor angles (n,) that a robot makes of its pivot counts (pivot encoders,)."""
+    """Return the castor angles (n,) that a robot computes from its pivot counts (pivot encoders,)."""
     theta, sensed = build.angle.copy(), np.isfinite(build.pivot_counts)
     theta[sensed] = counts * 2 * math.pi / build.pivot_counts[sensed] - build.zero[sensed]
     return theta
@@ -95,7 +95,7 @@ def reference_times(robot: RobotDescription, t: Array) -> Array:
 
 
 def reference_poses(robot: RobotDescription, pose: Array) -> Array:
-    """Return the poses (K, 3) that the reference shows of true ones: of another point, on turned axes."""
+    """Return the poses (K, 3) that the reference shows for true poses: of another point, on turned axes."""
     x, y, heading = pose.T
     for effect in robot.effects:
         match effect:
@@ -109,9 +109,9 @@ def reference_poses(robot: RobotDescription, pose: Array) -> Array:
 
 
 def stage_of(effect: Effect, build: Build) -> Stage | None:
-    """Return what an effect does to the angles that encoders see, anew for each run; None: nothing.
+    """Return a new stage that applies an effect to the angles that encoders see; None for an effect without one.
 
-    Raises InputError for an effect that foreign simulators have not.
+    Raises InputError for an effect that foreign simulators do not have.
     """
     w = len(build.radius)
     match effect:
@@ -151,7 +151,8 @@ def stage_of(effect: Effect, build: Build) -> Stage | None:
 
 
 class Late:
-    """Some channels as they were `latency` s before; early ones (below 0) go on as from the last sample to this."""
+    """Channels as they were `latency` s before; early channels (latency below 0) are extrapolated from the last two
+    samples."""
 
     def __init__(self, channels: list[int], latency: float) -> None:
         self._channels, self._latency = channels, latency
@@ -175,7 +176,7 @@ class Late:
 
 
 class Play:
-    """A channel behind a gear with play: it follows at `half` of it, rad, and starts in the middle."""
+    """A channel behind a gear with play of `half` (rad) to either side; it starts in the middle."""
 
     def __init__(self, channel: int, half: float) -> None:
         self._channel, self._half = channel, half
@@ -193,7 +194,8 @@ class Play:
 
 
 class LostTicks:
-    """A wheel whose encoder loses a share of the turn in periods faster than `above`, rad/s, one way round."""
+    """A wheel whose encoder loses a share of the turn in periods faster than `above`, rad/s, in one sense of
+    rotation."""
 
     def __init__(self, channel: int, share: float, sign: float, above: float) -> None:
         self._channel, self._share, self._sign, self._above = channel, share, sign, above
@@ -215,7 +217,7 @@ class LostTicks:
 
 
 class Truncated:
-    """A wheel whose turn a period is cut to whole counts of `count` rad, toward zero; what is left over is lost."""
+    """A wheel whose turn per period is truncated to whole counts of `count` rad, toward zero; the remainder is lost."""
 
     def __init__(self, channel: int, count: float) -> None:
         self._channel, self._count = channel, count
@@ -223,7 +225,7 @@ class Truncated:
         self._lost = 0.0
 
     def __call__(self, t: Array, angle: Array) -> Array:
-        """Return the angles of a period: what is lost in it is lost in its last row."""
+        """Return the angles of a period; its loss is applied to its last row."""
         angle, true = angle.copy(), angle[:, self._channel]
         angle[:, self._channel] = true - self._lost
         if self._before is not None:
@@ -237,7 +239,7 @@ class Truncated:
 class Bursts:
     """A wheel whose encoder loses a share of the turn in bursts of `width` s, the first at `start`.
 
-    They begin `period` s after one another or, with a seed, after even draws from 0 to twice that.
+    They begin `period` s after one another or, with a seed, after uniform draws from 0 to twice that.
     """
 
     def __init__(self, channel: int, share: float, start: float, period: float, width: float, seed: int | None) -> None:
@@ -248,7 +250,7 @@ class Bursts:
         self._lost = 0.0
 
     def __call__(self, t: Array, angle: Array) -> Array:
-        """Return the angles of a period, each physics step lost or not by its middle."""
+        """Return the angles of a period; a physics step is lost if its middle lies in a burst."""
         while self._begins[-1] <= t[-1]:
             later = 1.0 if self._random is None else self._random.uniform(0.0, 2.0)
             self._begins.append(self._begins[-1] + self._period * later)
@@ -273,7 +275,7 @@ def _on_channel(channel: int, read: Callable[[Array], Array]) -> Stage:
 
 
 def _exchanged(build: Build, first: list[int], second: list[int]) -> Stage:
-    """Return a stage in which channels count what the others' encoders count, and the other way round."""
+    """Return a stage in which two groups of channels are exchanged."""
     counts = np.concatenate([build.counts, build.pivot_counts])
     zero = np.concatenate([np.zeros(len(build.radius)), build.zero])
     to, source = first + second, second + first

@@ -1,4 +1,4 @@
-"""How a robot stands in 3-D: where its wheels carry it, skids where these do not hold it upright, and its loads."""
+"""Statics of a robot in 3-D: contacts of its wheels, skids where wheels do not hold it upright, and loads."""
 
 import math
 
@@ -10,10 +10,10 @@ from castor_envs.vehicles.robot import Castor, RobotDescription
 from discrepancy.trials.foreign.build import Build
 
 SKID_SHARE = 0.1
-"""What a skid carries, over what a wheel carries."""
+"""Load of a skid over that of a wheel."""
 
 LIGHTEST = 0.2
-"""Least part of a castor's mass and inertia that is left to its fork beside the wheels."""
+"""Least part of a castor's mass and inertia that its fork keeps beside the wheels."""
 
 ACROSS = 0.55
 """Inertia of a wheel about its diameter over that about its axle: a disc's, and a little for its width."""
@@ -28,7 +28,7 @@ def supports(build: Build) -> Array:
 
 
 def skids_of(robot: RobotDescription, build: Build) -> Array:
-    """Return where skids stand (4, 2), or none (0, 2) where wheels hold the robot upright whichever way they turn."""
+    """Return the places of skids (4, 2), or none (0, 2) where wheels hold the robot upright whichever way they turn."""
     wheels, center = supports(build), np.array(robot.center_of_mass)
     reach = float(np.max(build.offset + 1e-3))
     around = np.linspace(0, 2 * math.pi, 72, endpoint=False)
@@ -40,7 +40,7 @@ def skids_of(robot: RobotDescription, build: Build) -> Array:
 
 
 def static_loads(robot: RobotDescription, build: Build, gravity: float, skids: Array) -> Array:
-    """Return the loads of wheels and skids, N: level, and as even as can be."""
+    """Return the loads of wheels and skids, N: in equilibrium on level ground, as even as that allows."""
     places = np.vstack([supports(build), skids])
     share = np.concatenate([np.ones(len(build.radius)), np.full(len(skids), SKID_SHARE)])
     masses = np.array([robot.mass, *(castor.mass for castor in robot.castors)])

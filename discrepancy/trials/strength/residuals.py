@@ -3,9 +3,9 @@
     parity    in windows of 0.1 s: rolling and side slip that no rigid motion of the body explains
     steps     of 1 s: motion of the reference minus motion of the body by its counts, in the body's frame
 
-The constraints are stated here anew, so that trials do not judge a diagnosis by its own equations. A wheel `lateral` to
-the left of a castor that pivots at p and trails by `offset`, with e along the castor, n to its left, body motion
-(v, omega) and castor turn dtheta,
+The constraints are derived here independently, so that trials do not judge a diagnosis by its own equations. A wheel
+`lateral` to the left of a castor that pivots at p and trails by `offset`, with e along the castor, n to its left, body
+motion (v, omega) and castor turn dtheta,
 
     rolled distance   e . (v + omega x p) - lateral (omega + dtheta)  (+ tan(roller angle) times the next line)
     side slip         n . (v + omega x p) - offset (omega + dtheta)   = 0, one row a castor on wheels without rollers
@@ -30,7 +30,7 @@ WINDOW, STEP = 0.1, 1.0
 
 
 class Layout:
-    """Which channels and rows a robot has, and how a log of it is cut.
+    """The channels and rows of a robot, and the windows of its log.
 
     sensed (s,), driven (d,): castors with pivot encoder and wheels with encoder; channels are these, in this order.
     wheels, castors: those with a row. row_castor: of each row. q: samples a window. per_step: windows a step.
@@ -64,11 +64,11 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """What counts say of W windows, by least squares with equal weights.
+    """Body motion and residuals of W windows by counts, by least squares with equal weights.
 
     rows (W, R, 3) times a body motion, plus by_turn (R, n) times castor turns, are the R measured distances. sideways
-    (W, R, 3): the derivative of rows by their castor's angle. inverse (W, 3, R): the pseudo-inverse of rows. moved
-    (W, 3): the body's motion, m and rad. left (W, R): what it does not explain, m. rolled (W, w): by each wheel, m.
+    (W, R, 3): the derivative of rows by their castor's angle. inverse (W, 3, R): the pseudo-inverse of rows. moved (W,
+    3): the body's motion, m and rad. left (W, R): residual of it, m. rolled (W, w): by each wheel, m.
     """
 
     rows: Array
@@ -101,9 +101,9 @@ def rolling(geometry: Geometry, layout: Layout, theta: Array) -> tuple[Array, Ar
 
 
 def redundancy(robot: RobotDescription) -> int:
-    """Return how many more rows the encoders of a robot give than its motion has directions, of which they tell all.
+    """Return the number of rows that the encoders of a robot give beyond the three directions of its motion.
 
-    Raises InputError where they leave some open.
+    Raises InputError where they leave a direction open.
     """
     geometry = Geometry.of(robot)
     at_no_special_angle = np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))
@@ -114,7 +114,7 @@ def redundancy(robot: RobotDescription) -> int:
 
 
 def windows_of(geometry: Geometry, layout: Layout, log: Log, slip: Slip | None = None) -> Windows:
-    """Return what a log's counts say of its windows, with a slip of contacts that is known (None: none)."""
+    """Return motion and residuals of a log's windows by its counts, with a known slip of contacts (None: no slip)."""
     sensed, driven, ends = layout.sensed, layout.driven, layout.ends
     phi = np.zeros((len(log), len(geometry.radius)))
     phi[:, driven] = log.wheel * 2 * np.pi / geometry.counts_per_rev[driven]
@@ -136,7 +136,7 @@ def windows_of(geometry: Geometry, layout: Layout, log: Log, slip: Slip | None =
 
 
 def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
-    """Return how the body moves in each step (S, 3), in its frame at the step's start, of its windows' motions (W, 3).
+    """Return the body's motion in each step (S, 3), in its frame at the step's start, from its windows' motions (W, 3).
 
     And the derivative by each window's motion (S * per_step, 3, 3).
     """
@@ -158,7 +158,7 @@ def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
 
 
 def between(pose: Array) -> tuple[Array, Array, Array]:
-    """Return how poses (S + 1, 3) move from one to the next, in the frame of the one (S, 3).
+    """Return the motions between successive poses (S + 1, 3), in the frame of the earlier pose (S, 3).
 
     And the derivatives (S, 3, 3) by the pose before and by the pose after.
     """

@@ -39,25 +39,26 @@ from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, w
 from discrepancy.trials.strength.whitening import NoiseModel, Whitening
 
 SMALL = 1e-4
-"""s, m and rad: changes of nuisances to take derivatives with."""
+"""s, m and rad: changes of nuisances for numerical derivatives."""
 
 FAINT = 1e-3
-"""Standard deviations for 1 s, m or rad: a nuisance that shows less does not show at all."""
+"""Standard deviations per s, m or rad: a nuisance with a smaller signal is unobservable."""
 
 LEAST = 1e-6
-"""Standard deviations: an effect of its step's size that shows less leaves no trace."""
+"""Standard deviations: an effect whose signal at its step's size is smaller is unobservable."""
 
 JITTER = "sample_jitter"
 
 FITTED_ANYWAY = frozenset(("all_latency", "clock_offset", "reference_yaw", "reference_lever_x", "reference_lever_y"))
-"""Effects that are nuisances: of an offset of all clocks some edges are left over, of the tracked point nothing."""
+"""Effects that are nuisances: of an offset of all clocks only the ends of the log remain, of the tracked point
+nothing."""
 
 
 class StrengthMetric:
-    """What effects on one run are measured with.
+    """Measures the strength of effects on one run.
 
-    robot: nominal. exact: a log of its run, counts not rounded, the true pose in every row; castor angles and distances
-    of the whitening are its own. reference: whether the log that is told of has one.
+    robot: nominal. exact: a log of its run, counts not rounded, the true pose in every row; its castor angles and
+    distances are used for whitening. reference: whether the finder's log has one.
     """
 
     def __init__(
@@ -74,12 +75,13 @@ class StrengthMetric:
         self._nuisances = basis(nuisances[:, np.linalg.norm(nuisances, axis=0) > FAINT])
 
     def signal(self, log: Log, against: Log | None = None) -> Array:
-        """Return the whitened residuals of a log less those of another one (None: the metric's), nuisances gone."""
+        """Return the whitened residuals of a log less those of another log (None: the metric's), nuisances projected
+        out."""
         before = self._base if against is None else self._of(against)
         return self._cleared(np.nan_to_num(self._of(log) - before))
 
     def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
-        """Return the metric's run as sensors with some effects report it, the physics unchanged."""
+        """Return the metric's run as sensors with these effects report it, the physics unchanged."""
         robot, exact = self.robot.with_effects(*effects), self.exact
         assert exact.reference is not None
         angle, pose, w = angles_of(self.robot, exact), exact.reference, len(robot.wheels)
@@ -90,10 +92,10 @@ class StrengthMetric:
         return dataclasses.replace(exact, wheel=wheel, pivot=pivot, reference=reference(robot, exact.t, pose))
 
     def signature(self, effect: Effect) -> Array:
-        """Return the signal of an effect for a unit of it, to first order.
+        """Return the signal per unit of an effect, to first order.
 
-        Of an effect on the robot's dimensions or contact: what the residuals of the same counts lose as the dimensions
-        change and as contacts slip by what is predicted.
+        For an effect on the robot's dimensions or contacts: the decrease of the residuals of the same counts as the
+        dimensions change and as contacts slip as predicted.
         """
         real = self.robot.with_effects(effect)
         if not is_physical(self.robot, effect):
@@ -111,7 +113,7 @@ class StrengthMetric:
 
     @cached_property
     def signatures(self) -> dict[str, Array]:
-        """Signatures (size, k), of length 1, of each class of the catalogue that leaves a trace on this run."""
+        """Signatures (size, k), of length 1, of each class of the catalogue that is observable on this run."""
         found: dict[str, list[Array]] = {}
         for effect in catalogue(self.robot):
             if effect.wiring or effect.name in FITTED_ANYWAY or effect.name == JITTER:
@@ -126,7 +128,7 @@ class StrengthMetric:
         return {name: np.stack(signature, axis=-1) for name, signature in found.items()}
 
     def separation(self, signal: Array, class_name: str, *nuisances: Array) -> tuple[float, str]:
-        """Return z_sep of a signal of the class `class_name`, and the class that comes nearest.
+        """Return z_sep of a signal of the class `class_name`, and the nearest other class.
 
         nuisances: signals of further effects in the log; they are projected out.
         """
@@ -148,7 +150,7 @@ class StrengthMetric:
         """The variances that jitter with a variance of 1 s^2 adds to whitened residuals, along its own axes."""
         turn = self._geometry.pivot_counts_per_rev[self._layout.sensed]
         counts = np.column_stack([np.unwrap(self.exact.pivot / turn, axis=0, period=1) * turn, self.exact.wheel])
-        before = np.diff(counts, axis=0) / np.diff(self.exact.t)[:, None]  # from it readings at other times go on
+        before = np.diff(counts, axis=0) / np.diff(self.exact.t)[:, None]  # readings at other times are extrapolated
         rate = np.concatenate([before[:1], before])
         samples, channels = rate.shape
         place = np.arange(samples * channels)
@@ -192,7 +194,7 @@ def gaussian_strength(excess: Array) -> float:
 
 
 def without(signal: Array, *spans: Array) -> Array:
-    """Return a signal (size,) less its projection on all of some spans, each (size,) or (size, k)."""
+    """Return a signal (size,) less its projection on all spans together, each (size,) or (size, k)."""
     if not spans:
         return signal
     orthonormal = basis(np.column_stack(spans))
@@ -200,7 +202,7 @@ def without(signal: Array, *spans: Array) -> Array:
 
 
 def basis(columns: Array) -> Array:
-    """Return an orthonormal basis (size, r) of columns (size, k); what is zero, or the same again, does not count."""
+    """Return an orthonormal basis (size, r) of columns (size, k); zero and dependent columns are dropped."""
     length = np.linalg.norm(columns, axis=0)
     columns = columns[:, length > 0] / length[length > 0]
     if not columns.shape[1]:
@@ -210,9 +212,10 @@ def basis(columns: Array) -> Array:
 
 
 def class_of(effect: Effect) -> str:
-    """Return the same for all effects that no log tells apart: the name to report, and where on the robot.
+    """Return the class of an effect, the same for all effects that no log can distinguish: the name to report, and the
+    place on the robot.
 
-    Numbers that say more (phase, threshold, a place on the floor) do not count.
+    Further numbers (phase, threshold, a place on the floor) are not part of it.
     """
     name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
     fields = [field.name for field in dataclasses.fields(effect) if field.name not in ("name", "value", "seed")]
@@ -221,7 +224,7 @@ def class_of(effect: Effect) -> str:
 
 
 def is_physical(robot: RobotDescription, effect: Effect) -> bool:
-    """Whether an effect changes how the robot moves, not only what its sensors make of it."""
+    """Whether an effect changes the motion of the robot, and not only the readings of its sensors."""
     real = robot.with_effects(effect)
     built = _moving_parts(real.as_built()) != _moving_parts(robot.as_described()) or radii_of(real) is not None
     return built or floor_of(real, Floor()) != Floor() or creep_compliance_of(real) != 0.0

@@ -1,4 +1,4 @@
-"""Finds the size at which a case's effects have the strength asked for, and measures it in both of its logs."""
+"""Finds the size at which a case's effects have the strength that was drawn, and measures it in both of its logs."""
 
 import dataclasses
 from collections.abc import Callable
@@ -20,23 +20,23 @@ from discrepancy.trials.strength.separation import JITTER, StrengthMetric, apart
 from discrepancy.validation import cost
 
 CLOSE = 1.5
-"""Factor by which a strength may be off what was drawn before it is corrected, once: every run costs seconds, what
-counts is the strength that is measured, and only its spread over cases is drawn."""
+"""Factor between drawn and measured strength above which the size is corrected, once: every run costs seconds, scores
+use the measured strength, and the draw only sets its spread over cases."""
 
 FASTER = 1e-4
 """Part by which the second run of a floor is faster."""
 
 OVER_FLOOR = 3.0
-"""Effects on the physics must be so many times stronger than what another seed changes."""
+"""Least strength of effects on the physics, as a multiple of the floor (the z between two runs without effect)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Strength:
-    """How strong what is hidden is in one log. cost: m per 10 m, of each; z, z_sep: of each beside the others; nearest:
-    the class that z_sep is to. A z that is not well above the floor is 0, and so is its z_sep.
+    """Strength of the hidden effects in one log. cost: m per 10 m, of each; z, z_sep: of each beside the other hidden
+    effects; nearest: the class at the distance z_sep. A z that is not well above the floor is 0, and so is its z_sep.
 
-    cosine: of the first one's signal with the nearest class of the catalogue; None of no signal. floor: z of what is no
-    effect at all; None where nothing hidden moves the robot.
+    cosine: of the first effect's signal with the nearest class of the catalogue; None without a signal. floor: z
+    between two runs without effect; None where no hidden effect changes the motion.
     """
 
     cost: tuple[float, ...]
@@ -48,9 +48,9 @@ class Strength:
 
 
 class TrialRun:
-    """One of a case's two motions, driven by the nominal robot and by others.
+    """One of a case's two motions, driven by the nominal robot and by robots with effects.
 
-    like: the other one, whose floor serves for both.
+    like: the run of the other motion, whose floor serves for both.
     """
 
     def __init__(
@@ -62,9 +62,10 @@ class TrialRun:
         self._driven: dict[Any, Log] = {}
 
     def drive(self, *effects: Any, outside: Any = None, faster: float = 0.0) -> Log:
-        """Return the exact log of the robot with effects, maybe a little faster; ValueError for one that is lost.
+        """Return the exact log of the robot with effects, perhaps a little faster; raises ValueError where the robot
+        gets lost.
 
-        What was driven before is not driven again.
+        Logs are cached.
         """
         if (key := (effects, outside, faster)) not in self._driven:
             runs = [dataclasses.replace(run, speed=run.speed * (1.0 + faster)) for run in self._motion.runs]
@@ -89,38 +90,39 @@ class TrialRun:
 
     @cached_property
     def metric(self) -> StrengthMetric:
-        """Of the robot without effects."""
+        """The metric of the robot without effects."""
         return StrengthMetric(self.robot, self.nominal, reference=self.reference)
 
     @cached_property
     def floor(self) -> float:
-        """The z of no effect: of two runs that differ in what is nothing.
+        """The z between two runs without effect.
 
-        Simulators repeat themselves to the last bit, and what a seed draws (start angles, phases) is the same with and
-        without an effect. So the second run drives the same motion by `FASTER` faster: what hangs on trifles, such as
-        which way round a castor swings, then shows.
+        Simulators repeat themselves to the last bit, and the draws of a seed (start angles, phases) are the same with
+        and without an effect. So the second run drives the same motion faster by `FASTER`: this shows how much
+        residuals depend on small changes, such as the sense in which a castor swings round.
         """
         if self._like is not None:
             return self._like.floor
         return float(np.linalg.norm(self.metric.signal(self.drive(faster=FASTER))))
 
     def made(self, hidden: Hidden) -> Log:
-        """Return the exact log with one thing hidden: of sensors, on the nominal run; else of a run of its own."""
+        """Return the exact log with one hidden effect: an effect on sensors on the nominal run; any other on a new
+        run."""
         effects = () if hidden.effect is None else (hidden.effect,)
         make = self.drive if self._moves(hidden) else self.metric.read
         return make(*effects, outside=hidden.what if hidden.effect is None else None)
 
     def z(self, hidden: Hidden) -> float:
-        """Return z of one thing; 0 where it is not well above the floor."""
+        """Return z of one hidden effect; 0 where it is not well above the floor."""
         if _is_jitter(hidden):
             return self.metric.jitter_strength(hidden.size)
         return self._above_floor(hidden, float(np.linalg.norm(self.metric.signal(self.made(hidden)))))
 
     def cost(self, hidden: Hidden) -> float:
-        """Return what it costs in use not to know of one thing, m per 10 m.
+        """Return the cost in use of ignoring one hidden effect, m per 10 m.
 
-        Of what is outside the catalogue: how far odometry on its counts comes apart from odometry without it. Where it
-        makes the robot move otherwise: from the reference, less what the nominal robot's does, in quadrature.
+        For an effect outside the catalogue: the distance between odometry with and without it. Where it changes the
+        motion: the distance of odometry from the reference, less that of the nominal robot, in quadrature.
         """
         if hidden.effect is not None:
             return cost.cost_of(self.robot, hidden.effect, [self.nominal]) or 0.0
@@ -133,7 +135,7 @@ class TrialRun:
         return float(np.sqrt(max(off**2 - usual**2, 0.0)))
 
     def strength(self, hidden: tuple[Hidden, ...]) -> Strength:
-        """Return how strong things are, z and z_sep each with the others projected out."""
+        """Return the strengths of hidden effects, z and z_sep each with the other effects projected out."""
         metric, nothing = self.metric, np.zeros_like(self.metric.signal(self.nominal))
         signals = [nothing if _is_jitter(item) else metric.signal(self.made(item)) for item in hidden]
         alone, z, z_sep, nearest = apart(signals), [], [], []
@@ -166,14 +168,15 @@ class TrialRun:
         return cost.odometry(self.robot, log)
 
     def _moves(self, hidden: Hidden) -> bool:
-        """Whether something changes the physics."""
+        """Whether a hidden effect changes the motion."""
         if hidden.effect is None:
             return not isinstance(hidden.what, Outside)
         return is_physical(self.robot, hidden.effect)
 
 
 def solve_size(case: Case, trial_run: TrialRun) -> Case | None:
-    """Return a case with what it hides in a size of about the strength wanted; None where that cannot be had."""
+    """Return a case with its hidden effects in sizes of about the strength that was drawn; None where they cannot have
+    it."""
     measure = {"cost": trial_run.cost, "z": trial_run.z}[case.measure]
     hidden = list(case.hidden)
     try:
@@ -186,9 +189,10 @@ def solve_size(case: Case, trial_run: TrialRun) -> Case | None:
 
 
 def _sized(hidden: Hidden, target: float, measure: Callable[[Hidden], float], trial_run: TrialRun) -> Hidden:
-    """Return something in about the size that makes a measure of it the target; raises ValueError where there is none.
+    """Return a hidden effect in about the size at which a measure of it is the target; raises ValueError where there is
+    none.
 
-    From the size that it has, in proportion (to its power), then corrected once.
+    The size is scaled in proportion (to its power), then corrected once.
     """
     slope, before = hidden.power, None
     for _ in range(2):
@@ -202,12 +206,13 @@ def _sized(hidden: Hidden, target: float, measure: Callable[[Hidden], float], tr
         before = point
         hidden = hidden.scaled(float(hidden.size * np.exp(np.log(target / measured) / slope)))
         if hidden.effect is not None:
-            trial_run.robot.with_effects(hidden.effect).as_built()  # refuses what cannot be
+            trial_run.robot.with_effects(hidden.effect).as_built()  # raises for a size that it cannot have
     return hidden
 
 
 def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
-    """Return a physical effect in the size that its signature would need; others in the size of their step."""
+    """Return a start: a physical effect in the size that its signature requires; other effects in the size of their
+    step."""
     effect = hidden.effect
     if effect is None or effect.name == JITTER or not is_physical(trial_run.robot, effect):
         return hidden

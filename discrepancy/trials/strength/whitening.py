@@ -18,7 +18,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """The numbers that residuals are whitened by.
+    """The declared noise with which residuals are whitened.
 
     counts: variance of an absolute reading, counts^2. position, heading: of reference poses, m and rad, one standard
     deviation. slip: of every rolling row, m after 1 m. least: slip of a window in which nothing moves, m.
@@ -32,11 +32,11 @@ class NoiseModel:
 
 
 class Whitening:
-    """Divides the residuals of one run by what noise makes of them.
+    """Whitens the residuals of one run by the covariance that noise causes in them.
 
-    null (W, R, redundancies): an orthonormal basis, at every window, of what no motion explains: parity is taken in it.
-    by_counts: the derivative of the residuals by all counts (sparse; columns: samples, then channels). covariance:
-    sparse. Residuals: parity, window by window, then steps.
+    null (W, R, redundancies): an orthonormal basis, at every window, of the residuals that no motion explains; parity
+    is expressed in it. by_counts: the derivative of the residuals by all counts (sparse; columns: samples, then
+    channels). covariance: sparse. Residuals: parity, window by window, then steps.
     """
 
     def __init__(self, geometry: Geometry, layout: Layout, windows: Windows, log: Log, noise_model: NoiseModel) -> None:
@@ -49,7 +49,8 @@ class Whitening:
         of_window, by_motion = np.repeat(steps, per, axis=0), -followed(layout, windows.moved)[1]
 
         def spread(by_row: Array, column: Index, columns: int) -> sparse.csr_array:
-            """Return residuals by what changes the rows' measured distances (W, R, k), k being some columns (W, k)."""
+            """Return derivatives of residuals, given those of the rows' measured distances (W, R, k) by columns (W,
+            k)."""
             n = len(by_motion)
             shared = by_motion @ (windows.inverse @ by_row)[:n]
             blocks = [(parity, column, np.swapaxes(self.null, 1, 2) @ by_row), (of_window, column[:n], shared)]
@@ -88,7 +89,8 @@ class Whitening:
 
 
 def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
-    """Return what a count more makes of measured distances (W, R, (q + 1) * channels), m, each sample of a window."""
+    """Return derivatives of measured distances (W, R, (q + 1) * channels), m, by the counts at each sample of a
+    window."""
     w, n_rows = windows.left.shape
     s = len(layout.sensed)
     still, turning = np.zeros((n_rows, s + len(layout.driven))), np.zeros((w, n_rows, s + len(layout.driven)))
@@ -117,7 +119,8 @@ def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
 
 
 def _sparse(blocks: list[tuple[Index, Index, Array]], shape: tuple[int, int]) -> sparse.csr_array:
-    """Return a matrix of dense blocks: rows (B, r), columns (B, c) and values (B, r, c); what meets adds up."""
+    """Return a matrix of dense blocks: rows (B, r), columns (B, c) and values (B, r, c); overlapping values are
+    added."""
     row = [np.broadcast_to(rows[:, :, None], values.shape).ravel() for rows, _, values in blocks]
     column = [np.broadcast_to(columns[:, None, :], values.shape).ravel() for _, columns, values in blocks]
     values = [values.ravel() for _, _, values in blocks]
