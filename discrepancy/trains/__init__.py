@@ -1,1 +1,1 @@
-"""Names the effect that a train's description is missing: in its posture sensors, its axles, or under them."""
+"""Diagnosis of trains: names the effects missing in a description, of posture sensors, axles or the floor."""

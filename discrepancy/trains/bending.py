@@ -1,8 +1,8 @@
-"""How a frame between two axles bends, what its sensor then reads, and how far axles creep under its forces.
+"""Bending of a frame between two axles, the readings of its sensor, and the creep of axles under its forces.
 
-A frame that is loaded at its ends alone, and not pulled, bends with a curvature that is linear along it, kappa = a +
-b s / length: the pose of one end as seen from the other tells a and b, and how much shorter the bent frame is. What
-pulls along it, as wheels do that are held at speeds that disagree, bows it besides.
+A frame that is loaded at its ends alone, without tension, bends with a curvature that is linear along it, kappa = a + b
+s / length: the pose of one end relative to the other determines a and b, and how much shorter the bent frame is.
+Tension along it, from wheels that are held at speeds that disagree, bows it in addition.
 """
 
 from dataclasses import replace
@@ -18,13 +18,13 @@ from castor_envs.vehicles.weight import wheel_loads
 GRAVITY = 9.81
 NEWTON = 3
 BUCKLING = -30.0
-"""E I / length^2: no tension is taken to be less; at -4 pi^2 a clamped frame buckles."""
+"""Lower bound of tension, in E I / length^2; at -4 pi^2 a clamped frame buckles."""
 
 PULLED = 1e-3
-"""Slip that the tension of frames is measured by."""
+"""Slip that defines the unit of the tension of frames."""
 
 SMALL, MOST = 1e-3, 60.0
-"""1/m: to take a derivative with, and more than any difference of curvature between a frame's ends."""
+"""1/m: step for numerical derivatives, and a bound on the difference of curvature between a frame's ends."""
 
 
 def ends(frame: Frame, relative: Array) -> Array:
@@ -61,7 +61,8 @@ def ends_by_posture(frame: Frame, at_ends: Array) -> tuple[Array, Array]:
 
 
 def bow(frame: Frame, at_ends: Array, tension: Array) -> Array:
-    """Return by how much (..., 2), 1/m, what pulls along a frame changes the curvature of its ends: alike, and apart.
+    """Return the change (..., 2), 1/m, of the curvature of a frame's ends by its tension: the symmetric and the
+    antisymmetric part.
 
     kappa'' = tension kappa / E I, the pose of the ends the same, by the first terms in tension (...,), N: at a fraction
     u of the frame the curvature changes by (6 u^2 - 6 u + 1) of the first, at the ends by -1 and 1 times the second.
@@ -74,10 +75,10 @@ def bow(frame: Frame, at_ends: Array, tension: Array) -> Array:
 def reading(
     frame: Frame, at_ends: Array, offsets: Array, t: Array, bowed: Array | float = 0.0, raised: float = 0.0
 ) -> Array:
-    """Return what the sensor of a frame as it is built reads, (K, 3), when the curvature at its ends is (K, 2), 1/m.
+    """Return the readings (K, 3) of the sensor of a frame as it is built, for the curvature (K, 2) at its ends, 1/m.
 
-    In the mean over its noise, which bends and so shortens what is read. offsets (gauges,): 1/m. t (K,): s. bowed
-    (K,): what `bow` says first; raised: part of it that gauges read more, wherever they are.
+    They are means over the sensor's noise, which bends and so shortens the frame that is read. offsets (gauges,): 1/m.
+    t (K,): s. bowed (K,): the first part of `bow`; raised: part of it by which gauges read too much, wherever they are.
     """
     share = np.array(frame.gauge_positions) / frame.length
     curved = at_ends[..., :1] * (1 - share) + at_ends[..., 1:] * share
@@ -91,17 +92,18 @@ def reading(
 
 
 def yielding(train: TrainDescription) -> tuple[Array, Array]:
-    """Return how much the contacts of each axle slip for a force of 1 N, along and across, (N,) each, 1/N."""
+    """Return the slip of the contacts of each axle per newton, along and across, (N,) each, 1/N."""
     stiffness = ([getattr(m.contact, f"slip_stiffness_{way}") for m in train.modules] for way in ("long", "lat"))
     along, across = (1.0 / (np.array(values) * carried(train)) for values in stiffness)
     return along, across
 
 
 def newtons(train: TrainDescription) -> Array:
-    """Return what the tension of each frame is counted in, (F,), N.
+    """Return the unit of the tension of each frame (F,), N.
 
-    It is what drives the axles beside it to a slip of `PULLED` in the mean, so that what is seen, their slip against
-    each other, is the same on any floor; or what would bow a bent frame as much as it is bent, if that is less.
+    It is the tension that drives the axles beside it to a mean slip of `PULLED`, so that the observable, their slip
+    against each other, is the same on any floor; or the tension that would bow a bent frame as much as it is bent, if
+    that is less.
     """
     along, _ = yielding(train)
     limp = np.array([frame.bending_stiffness / frame.length**2 for frame in train.frames])
@@ -115,7 +117,7 @@ def sliding_force(train: TrainDescription) -> Array:
 
 @lru_cache(maxsize=64)
 def carried(train: TrainDescription) -> Array:
-    """Return what the wheels of each axle carry, (N,), N: their module, and half of each frame on it."""
+    """Return the load of the wheels of each axle, (N,), N: their module, and half of each frame on it."""
     half = [0.5 * frame.linear_density * frame.length for frame in train.frames]
     masses = zip(train.modules, [0.0, *half], [*half, 0.0], strict=True)
     return np.array([np.sum(wheel_loads(replace(m, mass=m.mass + a + b), GRAVITY)) for m, a, b in masses])
@@ -127,10 +129,11 @@ def half_track(train: TrainDescription) -> Array:
 
 
 def loads(train: TrainDescription, relative: Array, at_ends: Array, tension: Array) -> Array:
-    """Return what bent frames do to the axles (K, N, 3): force along and across each axle's way, N, and moment, N m.
+    """Return the loads of bent frames on the axles (K, N, 3): force along and across each axle's way, N, and moment, N
+    m.
 
-    train: as it is built. relative (K, F, 3): the front axle's pose as the rear one sees it. at_ends (K, F, 2): the
-    curvatures that go with it, 1/m. tension (K, F): what pulls along the line between the two axles, N.
+    train: as it is built. relative (K, F, 3): the front axle's pose in the rear axle's frame. at_ends (K, F, 2): the
+    curvatures that go with it, 1/m. tension (K, F): force along the line between the two axles, N.
     """
     found = np.zeros((len(relative), train.n_axles, 3))
     for f, frame in enumerate(train.frames):
@@ -147,9 +150,9 @@ def loads(train: TrainDescription, relative: Array, at_ends: Array, tension: Arr
 
 
 def creep(train: TrainDescription, load: Array) -> Array:
-    """Return the slip (K, N, 3) of axles under `load` (K, N, 3): of the left wheel, of the right one, and across.
+    """Return the slip (K, N, 3) of axles under `load` (K, N, 3): of the left wheel, of the right wheel, and across.
 
-    Metres beyond what is rolled, for a metre that each wheel rolls, steadily. train: as it is built.
+    Metres beyond the distance rolled, per metre that each wheel rolls, in steady state. train: as it is built.
     """
     along, across = yielding(train)
     turning = load[..., 2] / half_track(train)

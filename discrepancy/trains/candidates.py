@@ -1,4 +1,4 @@
-"""What may be missing in a train's description, and rivals without a name that may look like it."""
+"""Candidates: effects that a train's description may be missing, and unnamed alternatives."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)
 OF_AXLES = (Track, WheelRadius, AllWheelRadius)
 
 BLOCKS = 8
-"""Parts of a log, equally long, in which something without a name may have gone on."""
+"""Number of equal parts of a log in which unnamed alternatives are tried."""
 
 
 PARTS = (("x", "m"), ("y", "m"), ("heading", "rad"))
@@ -33,7 +33,7 @@ class Placed:
 
     @property
     def value(self) -> float:
-        """The amplitude; 1 for effects that are there or not."""
+        """The amplitude; 1 for binary effects."""
         return self.effect.value
 
     def sized(self, value: float) -> "Placed":
@@ -43,16 +43,16 @@ class Placed:
         return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
 
     def same_but_amplitude(self, second: "Placed") -> bool:
-        """Whether the two are the same but for their amplitudes."""
+        """Whether two effects differ at most in their amplitudes."""
         return self.axle == second.axle and self.place() == second.place()
 
     def place(self) -> tuple[object, ...]:
-        """Return all that the effect is but its amplitude."""
+        """Return all fields of the effect but its amplitude."""
         fields = [field.name for field in dataclasses.fields(self.effect)]
         return tuple((name, getattr(self.effect, name)) for name in sorted(fields) if name != "value")
 
     def added(self, train: TrainDescription) -> TrainDescription:
-        """Return the train with this effect beside those it has."""
+        """Return the train with this effect added."""
         if self.axle is None:
             return train.with_effects(self.effect)  # type: ignore[arg-type]
         modules = list(train.modules)
@@ -60,10 +60,10 @@ class Placed:
         return dataclasses.replace(train, modules=tuple(modules))
 
     def enlarged(self, train: TrainDescription) -> tuple["TrainDescription", float]:
-        """Return the train with a little more of this effect than it has, and how much more.
+        """Return the train with a little more of this effect, and the change of its amplitude.
 
-        A train that has it gets it larger, or less large where it cannot be any larger, and what is there or not is
-        taken away; others get it in the size of its step.
+        In a train that has the effect its amplitude grows by a step, or shrinks where it cannot grow; a binary effect
+        is removed. Other trains get the effect in the size of its step.
         """
         step = self.effect.step
         effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
@@ -85,7 +85,7 @@ class Placed:
         return self.sized(step).added(train), step
 
     def what(self, train: TrainDescription) -> str:
-        """Return in words what it is and where."""
+        """Return the effect and its place in words."""
         effect, place = self.effect, ""
         frame, gauge = getattr(effect, "frame", None), getattr(effect, "gauge", None)
         if frame is not None:
@@ -101,10 +101,10 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Something without a name.
+    """An unnamed alternative.
 
-    what: in words. family: the same at whatever time it is. log: from 0. kind: of the equations that show it; change:
-    what a unit of it adds. usual: how large it may be in a train in good order.
+    what: in words. family: the same at any time of the log. log: number from 0. kind: of the equations that it changes;
+    change: their change per unit. usual: its size in a train in good order.
     """
 
     what: str
@@ -118,7 +118,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may be missing: an effect, or a rival without a name. what: in words. unit: of its amplitude."""
+    """A candidate: an effect, or an unnamed alternative (`rival`). what: in words. unit: of its amplitude."""
 
     what: str
     unit: str
@@ -128,12 +128,12 @@ class Candidate:
 
     @property
     def family(self) -> str:
-        """The same for all that are one answer: rivals at any time."""
+        """Name of the answer: unnamed alternatives of a family at any time are one answer."""
         return self.what if self.rival is None else self.rival.family
 
     @property
     def kinds(self) -> tuple[Effect, ...]:
-        """The effect; none for a rival."""
+        """The effect; empty for an unnamed alternative."""
         return () if self.placed is None else (self.placed.effect,)
 
     @property
@@ -142,7 +142,8 @@ class Candidate:
         return None if self.placed is None else self.placed.axle
 
     def restored(self, change: float) -> tuple[int, int] | None:
-        """Return the frame and the gauge, from 1, that live again when there is less of this effect."""
+        """Return the frame and the gauge, from 1, that work again if this effect (a dead gauge) is removed; None for
+        other effects."""
         effect = None if self.placed is None else self.placed.effect
         return (effect.frame, effect.gauge) if isinstance(effect, DeadGauge) and change < 0 else None
 
@@ -156,12 +157,13 @@ class Candidate:
         return self.sized(amplitudes).effect
 
     def added(self, train: TrainDescription, amplitudes: Sequence[float] | Array) -> TrainDescription:
-        """Return the train with the effect of this amplitude (1,) beside its own."""
+        """Return the train with the effect of this amplitude (1,) added."""
         return self.sized(amplitudes).added(train)
 
 
 def named_candidates(train: TrainDescription) -> list[Candidate]:
-    """Return every effect that the train may have and readings show in their mean, each in the size of its step."""
+    """Return every effect that the train may have and that changes the mean of readings, each in the size of its
+    step."""
     placed = [Placed(effect) for kind in OF_TRAINS for effect in kind.variants(train)]
     for i, module in enumerate(train.modules, start=1):
         placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
@@ -181,15 +183,16 @@ def dead_gauges(train: TrainDescription) -> list[Candidate]:
 
 
 def every_candidate(train: TrainDescription, logs: Sequence[TrainLog]) -> list[Candidate]:
-    """Return every effect that the train may have, and rivals without a name in each log."""
+    """Return every effect that the train may have, and unnamed alternatives in each log."""
     unnamed = [rival for number, log in enumerate(logs) for rival in rivals(train, log, number)]
     return [*named_candidates(train), *(Candidate(rival.what, rival.unit, rival=rival) for rival in unnamed)]
 
 
 def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
-    """Return rivals without a name in a log, `number` from 0.
+    """Return unnamed alternatives in a log, `number` from 0.
 
-    What a wheel counts otherwise at its usual speed is its radius in all but name.
+    An error of a wheel's counts in proportion to its speed is not among them: it could not be distinguished from its
+    radius.
     """
     found: list[Rival] = []
     t, name = log.t, f"log {number + 1}"
@@ -238,5 +241,5 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
 
 
 def _middle(steps: Array) -> Array:
-    """Return how far each axle has gone at every sample, from its steps (K - 1, N)."""
+    """Return the way of each axle up to every sample, from its steps (K - 1, N)."""
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])

@@ -1,4 +1,4 @@
-"""What logs say for and against every candidate, the trains' motion and all nuisances eliminated."""
+"""Information and score of every candidate in logs of trains, motion and nuisances eliminated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,26 +17,26 @@ from discrepancy.trains.rows import TrainLog
 from discrepancy.validation.cost import cost_of_sizes
 
 PROBES = 8
-"""Random vectors by which the part of each kind of equations that the motion takes up is learned."""
+"""Random vectors with which the degrees of freedom that the motion takes from each kind of equations are estimated."""
 
 SETTLING, WARM = 10, 8
-"""Rounds in which motion and sizes settle at most, from nothing and from those of a similar train."""
+"""Most rounds in which motion and sizes are fitted, from no start and from those of a similar train."""
 
 STILL = 1.0
-"""Change of deviance from round to round by which those of a similar train have settled."""
+"""Change of deviance between rounds at which a fit that began from a similar train ends."""
 
 FIRST = 3
-"""Rounds from nothing before sizes are looked at."""
+"""Rounds without a start before sizes are fitted."""
 
 LEAST_GAUGES = 0.3
-"""Of the noise that a description gives to gauges: less is not believed."""
+"""Lower bound of the noise of gauges, as a part of the described noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The motions that logs tell of, and the sizes of what is not known.
+    """The fitted motions of logs, and the sizes of noise.
 
-    deviance: minus twice the logarithm of the likelihood, all else integrated out, up to a constant of the logs.
+    deviance: minus twice the logarithm of the likelihood, nuisances integrated out, up to a constant of the logs.
     """
 
     motions: tuple[Motion, ...]
@@ -46,8 +46,8 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What each log says of P candidates, in their units. cost (2, P): what a unit of each, left out, makes the train's
-    localisation by counts and relative poses wrong by: m after 10 m, rad after a turn."""
+    """Statistics of P candidates in each log, in their units. cost (2, P): error of the train's localisation by counts
+    and relative poses per unit of each candidate that is ignored: m after 10 m, rad after a turn."""
 
     candidates: tuple[Candidate, ...]
     logs: tuple[Statistics, ...]
@@ -56,16 +56,16 @@ class Evidence:
 
     @property
     def information(self) -> Array:
-        """Of all logs together (P, P)."""
+        """Information of all logs together (P, P)."""
         return together(self.logs).information
 
     @property
     def pull(self) -> Array:
-        """The slope of the log-likelihood of all logs (P,)."""
+        """Score: the gradient of the log-likelihood of all logs (P,)."""
         return together(self.logs).score
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """Return the best amplitudes of some candidates together (c,), and their covariance (c, c)."""
+        """Return the maximum-likelihood amplitudes of these candidates together (c,), and their covariance (c, c)."""
         covariance = np.linalg.pinv(self.information[np.ix_(chosen, chosen)], rcond=1e-12, hermitian=True)
         return covariance @ self.pull[list(chosen)], np.asarray(covariance, dtype=float)
 
@@ -82,13 +82,13 @@ class _Problem:
     rows: dict[str, int]
 
     def weighed(self, kind: str, change: Array, weights: dict[str, Array], sizes: Sizes) -> Array:
-        """Return the column (R,) of something that adds `change` to the residuals of one kind of equations."""
+        """Return the column (R,) of a parameter that adds `change` to the residuals of one kind of equations."""
         column = np.zeros(len(self.residual))
         column[self.kinds[kind]] = _weighed(change.reshape(-1, 1), weights[kind] / sizes.of(kind))[:, 0]
         return column
 
     def solved(self, right: Array) -> Array:
-        """Return the samples' unknowns whose equations have the least squares with `right` (R, ...)."""
+        """Return the least-squares solution of the samples' unknowns for right-hand sides `right` (R, ...)."""
         return np.asarray(cho_solve_banded(self.factor, np.asarray(self.by_sample.T @ right), check_finite=False))
 
 
@@ -154,9 +154,10 @@ def settled(
     sizes: Sizes | None = None,
     unnamed: Sequence[Rival] = (),
 ) -> Settled:
-    """Return the likeliest motions in logs of a train with its effects, and the sizes that go with them.
+    """Return the likeliest motions in logs of a train with its effects, and the sizes of noise.
 
-    start: those of a similar train. sizes: to hold to; None: found. unnamed: rivals, of any amplitudes.
+    start: the result of a similar train. sizes: known sizes; None: they are fitted. unnamed: alternatives that are
+    fitted too, without prior.
     """
     amount, built = np.zeros(len(unnamed)), train.as_built()
     motions = [log.start(built) for log in logs] if start is None else list(start.motions)
@@ -221,7 +222,7 @@ def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) ->
 def evidence_of(
     train: TrainDescription, logs: Sequence[TrainLog], found: Settled, candidates: Sequence[Candidate]
 ) -> Evidence:
-    """Return what logs say of candidates beyond the effects that the train's file has, around a settled motion."""
+    """Return the statistics of candidates beyond the effects in the train's file, linearised about fitted motions."""
     built = train.as_built()
     enlarged = [None if candidate.placed is None else candidate.placed.enlarged(train) for candidate in candidates]
     said, costs = [], []
@@ -250,7 +251,8 @@ def evidence_of(
 
 
 def _said(problem: _Problem, columns: Array, prior: Array, number: Array) -> Statistics:
-    """Return what a log says of P columns, the last of `columns` (R, n + P): motion and n nuisances eliminated."""
+    """Return a log's statistics of P parameters, the last columns of `columns` (R, n + P), motion and n nuisances
+    eliminated."""
     n = len(prior)
     apart = columns - problem.by_sample @ problem.solved(columns)
     strength, slope = columns.T @ apart, -(apart.T @ problem.residual)
@@ -262,7 +264,7 @@ def _said(problem: _Problem, columns: Array, prior: Array, number: Array) -> Sta
 
 
 def cost_of_noise(train: TrainDescription, logs: Sequence[TrainLog], found: Settled, f: int) -> Array:
-    """Return what white noise of 1 in each reading of a frame's gauges makes the train's localisation wrong by (2,)."""
+    """Return the error of the train's localisation (2,) by white noise of 1 in each reading of a frame's gauges."""
     built, random, costs = train.as_built(), np.random.default_rng(0), []
     for log, motion in zip(logs, found.motions, strict=True):
         problem, _, weights, _ = _problem(log, built, motion, found.sizes)
@@ -276,9 +278,9 @@ def cost_of_noise(train: TrainDescription, logs: Sequence[TrainLog], found: Sett
 
 
 def _cost(log: TrainLog, motion: Motion, problem: _Problem, columns: Array, prior: Array) -> Array:
-    """Return what a unit of each of P columns, left out, makes the train's localisation wrong by (`cost_of_sizes`).
+    """Return the error of the train's localisation (2, P) per unit of each of P ignored columns (`cost_of_sizes`).
 
-    (2, P), of the axle that is off most. Localised is by counts and relative poses, as here, but without a reference.
+    Of the axle with the largest error. The train is localised by counts and relative poses, without a reference.
     """
     known = np.ones(len(columns), dtype=bool)
     for kind in ("position", "heading"):
@@ -296,7 +298,7 @@ def _cost(log: TrainLog, motion: Motion, problem: _Problem, columns: Array, prio
 
 
 def _cost_of_path(pose: Array, off: Array) -> Array:
-    """Return what errors `off` (K, 3, P) of a path (K, 3) cost (2, P)."""
+    """Return the cost (2, P) of errors `off` (K, 3, P) of a path (K, 3)."""
     step, heading = np.diff(pose, axis=0), (pose[1:, 2] + pose[:-1, 2]) / 2
     c, s, turned = np.cos(heading)[:, None], np.sin(heading)[:, None], (off[1:, 2] + off[:-1, 2]) / 2
     x = np.diff(off[:, 0], axis=0) + turned * step[:, 1:2]

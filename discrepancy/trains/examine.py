@@ -1,4 +1,4 @@
-"""From logs of a train to a report: the posterior, what is left with what it names, and the page, as of a robot."""
+"""From logs of a train to a report: the posterior, the residuals without and with the named effects, and the page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Logs = Mapping[str, Log]
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """What the posterior says: as data (castor-diagnosis/2), and the train with what is named; None if nothing is."""
+    """A diagnosis: as data (castor-diagnosis/2), and the train with the named effects; None if no effect is named."""
 
     data: Data
     found: TrainDescription | None
@@ -34,9 +34,9 @@ class Examined:
 def examine_train(
     train: TrainDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> Examined:
-    """Return what logs, by their names, say of a train, with what its report holds.
+    """Return the diagnosis of a train from logs, by their names, with the content of its report.
 
-    What is left with what is named is that of the train that is written: found anew from the logs, from nothing else.
+    Residuals with the named effects are those of the train that is written, fitted to the logs again without a start.
     Raises InputError for logs that are not of this train, or that show nothing.
     """
     for given in (logs, held_out, clean):
@@ -61,13 +61,14 @@ def examine_train(
 
 
 def _without_and_with(train: TrainDescription, found: TrainDescription, logs: Logs) -> tuple[Linearised, Linearised]:
-    """Return what logs say without and with what is named; axles slide in the same steps, as they do with it."""
+    """Return the logs linearised without and with the named effects; in both, axles slide in the steps of the fit with
+    them."""
     train_logs, state = equations_of(found, [*logs.values()])
     return linearise(train, train_logs, state, ()), linearise(found, train_logs, state, ())
 
 
 Pair = tuple[Linearised, Linearised | None]
-"""What logs say without and, if anything is, with what is named."""
+"""The logs linearised without and, if there are any, with the named effects."""
 
 
 def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, held: Pair | None) -> Data:
@@ -94,7 +95,7 @@ def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, hel
 
 
 def _remarks(seen: Linearised) -> Sequence[str]:
-    """Return what people should know of how the train was driven."""
+    """Return remarks on how the train was driven."""
     sliding = float(np.mean(np.concatenate([log.loose.any(axis=1) for log in seen.train_logs])))
     if not sliding:
         return []

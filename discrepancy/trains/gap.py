@@ -1,4 +1,4 @@
-"""How far a train's localisation is off what was measured, if there is a reference."""
+"""The gap between a train's localisation and the reference."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,14 +14,14 @@ from discrepancy.trains.motion import Motion
 from discrepancy.trains.rows import TrainLog
 
 HORIZON = 5.0
-"""s for which wheel counts alone carry the train on, before it is put again where it was."""
+"""s of localisation by wheel counts alone before the train is reset to its fitted pose."""
 
 
 def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> tuple[float, float] | None:
-    """Return what the train's localisation by counts and relative poses gets wrong within `HORIZON` against the
-    reference, m and rad (rms); None without one, or where there is no solution.
+    """Return the error of the train's localisation by counts and relative poses within `HORIZON` against the reference,
+    m and rad (rms); None without a reference, or where there is no solution.
 
-    state: the motions that go with the train and its effects.
+    state: the fitted motions of the train with its effects.
     """
     built, poses = train.as_built(), [np.zeros((0, 3))]
     try:
@@ -38,11 +38,11 @@ def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Sett
 
 
 def _carried(odometry: Array, motion: Motion, t: Array) -> Array:
-    """Return poses (K, N, 3) by odometry (K, N, 3) alone, put back where the motion was every `HORIZON`."""
+    """Return poses (K, N, 3) by odometry (K, N, 3) alone, reset to the motion every `HORIZON`."""
     start = np.searchsorted(t, np.floor(t / HORIZON) * HORIZON - 1e-9)
     return compose(compose(motion.pose[start], inverse(odometry[start])), odometry)
 
 
 def _rms(values: Array) -> float:
-    """Return the rms of the lengths of rows (n, d); 0 of nothing."""
+    """Return the rms of the lengths of rows (n, d); 0 without rows."""
     return float(np.sqrt(np.mean(np.sum(values**2, axis=1)))) if len(values) else 0.0

@@ -1,4 +1,4 @@
-"""Gauges that are dead or noisier than described, and sensors that stop: how likely, and how much."""
+"""Gauges that are dead or noisier than described, and sensors that stop: probabilities and sizes."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -19,19 +19,20 @@ from discrepancy.trains.evidence import cost_of_noise
 from discrepancy.trains.linearise import Linearised
 
 DIFFERENCES = 2 / 3
-"""Of a reading's worth is what a difference of successive ones tells of their noise."""
+"""Information on noise in a difference of successive readings, relative to that of an independent reading."""
 
 STOPPED = 5
-"""Samples for which a sensor must repeat itself to the end of a log to have stopped."""
+"""Least number of equal readings at the end of a log with which a sensor counts as stopped."""
 
 
 def with_dead_gauges(
     answers: Sequence[Answer], named: Sequence[Sized], look: Callable[..., Linearised], seen: Linearised, names: int
 ) -> list[Answer]:
-    """Return the answers, with those that a gauge is dead weighed by putting each gauge of the frame into the model.
+    """Return the answers, with the probabilities of dead gauges computed with each gauge of the frame dead in the
+    model.
 
-    A dead gauge bends all that is fitted, so its signature from afar is not to be trusted. named: effects in the model.
-    names: of effects that may be there, each as likely before logs are seen.
+    A dead gauge distorts the whole fit, so its linear extrapolation is not reliable. named: effects in the model.
+    names: number of possible answers, all of the same prior probability.
     """
     told: dict[Cause, Answer] = {}
     for answer in answers:
@@ -68,7 +69,7 @@ def with_dead_gauges(
 
 
 def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start: Linearised) -> float:
-    """Return how likely logs are with effects in the model; -inf where they do not fit at all."""
+    """Return the log evidence of logs with effects in the model; -inf where the fit fails."""
     try:
         return look(named, start, [effect.candidate for effect in named]).log_evidence
     except InputError:
@@ -78,7 +79,7 @@ def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start
 def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | None, names: int) -> list[Answer]:
     """Return the answers that gauges of frames are noisier than described, and than in clean logs.
 
-    names: of effects that may be there, each as likely before logs are seen.
+    names: number of possible answers, all of the same prior probability.
     """
     answers = []
     for kind in GaugeNoise.variants(seen.train):
@@ -97,7 +98,8 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
 def stop_answers(
     train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log], seen: Linearised
 ) -> list[Answer]:
-    """Return the answers that sensors stop within logs, at one time in all of them; what costs is the reading kept."""
+    """Return the answers that sensors stop within logs, at the same time in all of them; the cost is that of the
+    repeated reading."""
     answers = []
     for f in range(len(train.frames)):
         stops, period = [_stop(train, log, f) for log in logs], train.sample_period
@@ -141,8 +143,8 @@ def _answer(
 
 
 def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:
-    """Return how likely readings of a frame are (natural logarithm, up to a constant) with noise of `SIZES` beside what
-    is described and usual, 1/m."""
+    """Return the log-likelihood of a frame's readings (natural logarithm, up to a constant) with noise of `SIZES` added
+    to the described and the usual noise, 1/m."""
     number, square = _noise(seen, f)
     described = seen.train.as_built().frames[f].gauge_noise
     part = 1 + (usual**2 + (SIZES * GaugeNoise.tolerance) ** 2) / max(described, 1e-12) ** 2
@@ -150,7 +152,7 @@ def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:
 
 
 def _noise(seen: Linearised, f: int) -> tuple[float, float]:
-    """Return how many readings of a frame there are, and the square of their noise, in what is described."""
+    """Return the number of readings of a frame, and their squared noise relative to the described noise."""
     built = seen.train.as_built()
     noises = [log.noise(built, motion, f) for log, motion in zip(seen.train_logs, seen.settled.motions, strict=True)]
     number = sum(count for _, count in noises)
@@ -159,13 +161,14 @@ def _noise(seen: Linearised, f: int) -> tuple[float, float]:
 
 
 def _excess(seen: Linearised, f: int) -> float:
-    """Return by how much gauges of a frame are noisier than described, 1/m."""
+    """Return the noise of a frame's gauges beyond the described noise, 1/m."""
     _, square = _noise(seen, f)
     return float(seen.train.as_built().frames[f].gauge_noise * max(square - 1, 0.0) ** 0.5)
 
 
 def _stop(train: TrainDescription, log: Log, f: int) -> float | None:
-    """Return when (s) a frame's sensor took the reading that it repeats to the log's end; None where it goes on."""
+    """Return the time (s) of the reading that a frame's sensor repeats to the log's end; None where it does not
+    stop."""
     if log.rps is None or log.rps_age is None:
         return None
     read, age = log.rps[:, 3 * f : 3 * f + 3], log.rps_age[:, f]
@@ -195,7 +198,7 @@ def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) ->
 
 
 def _kept(seen: Linearised, k: int, f: int, time: float) -> Array:
-    """Return how far (2,), m and rad, a frame's relative pose is off what it was when its sensor stopped, rms."""
+    """Return the rms difference (2,), m and rad, of a frame's relative pose from that at which its sensor stopped."""
     log, relative = seen.train_logs[k], seen.settled.motions[k].relative[:, f]
     after = log.t + log.clock_start >= time
     if not after.any():

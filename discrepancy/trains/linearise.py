@@ -1,4 +1,5 @@
-"""What each log of a train says of every candidate, all that nobody wants to know integrated out, around its motion."""
+"""Information and score of every candidate in each log of a train, linearised about its motion, nuisances integrated
+out."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -20,12 +21,13 @@ from discrepancy.trains.motion import LEAST_SIZE, Motion, Sizes
 from discrepancy.trains.rows import TrainLog
 
 OFTEN = 0.9
-"""Part of the time up to which an axle is believed to slide; where it seems to more, the description is to blame."""
+"""Largest part of the time that an axle may slide; if it seems to slide more, the cause is an error of the
+description."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Candidates of a train, one size each, and what its logs say of them beyond its effects; see
+    """Candidates of a train, one size each, and their statistics in its logs beyond its effects; see
     `posterior.linearise.Linearised`."""
 
     train: TrainDescription
@@ -34,12 +36,12 @@ class Linearised:
 
     @property
     def settled(self) -> Settled:
-        """The motions around which all is linear, and the sizes of noise."""
+        """The motions about which equations are linearised, and the sizes of noise."""
         return self.evidence.settled
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """What may be missing."""
+        """The candidates."""
         return self.evidence.candidates
 
     @property
@@ -54,29 +56,29 @@ class Linearised:
 
     @property
     def usual(self) -> Array:
-        """Size of what has no name in logs of a train in good order; NaN of effects."""
+        """Size of unnamed alternatives in logs of a train in good order; NaN for effects."""
         return np.array([np.nan if candidate.rival is None else candidate.rival.usual for candidate in self.candidates])
 
     @property
     def cost(self) -> Array:
-        """What a unit of each candidate makes the train's localisation wrong by."""
+        """Error of the train's localisation per unit of each candidate."""
         return self.evidence.cost
 
     @property
     def log_evidence(self) -> float:
-        """How likely the logs are (natural logarithm, up to a constant of the logs)."""
+        """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
         return -self.settled.deviance / 2
 
     @property
     def gap(self) -> tuple[float, float] | None:
-        """What the train's localisation gets wrong (`localised_off`), m and rad."""
+        """Error of the train's localisation (`localised_off`), m and rad."""
         return localised_off(self.train, self.train_logs, self.settled)
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
-        """Return the same at the noise that is left beside effects, each as large as logs want, and beside the family
-        without a name that explains most.
+        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes, and beside
+        the family of unnamed alternatives that explains most.
 
-        What is not in the model passes for slip, and for noise.
+        Effects that are not in the model would count as slip and noise.
         """
         chosen = [k for k, candidate in enumerate(self.candidates) if candidate in effects]
         wanted, _ = self.evidence.best(chosen)
@@ -93,7 +95,7 @@ class Linearised:
         return self
 
     def _likeliest_unnamed(self) -> list[Rival]:
-        """Return all rivals of the family that explains most together."""
+        """Return all unnamed alternatives of the family that explains most together."""
         information, pull = self.evidence.information, self.evidence.pull
         families: dict[str, list[int]] = {}
         for k, candidate in enumerate(self.candidates):
@@ -111,18 +113,18 @@ def linearise(
     among: Sequence[Candidate],
     sizes: Sizes | None = None,
 ) -> Linearised:
-    """Return what logs say of candidates around their most likely motion.
+    """Return the statistics of candidates in logs, linearised about their most likely motion.
 
-    start: the motion in a similar train. sizes: of noise, to hold to; None: found. Raises InputError for logs that the
-    train cannot have made.
+    start: the motion of a similar train. sizes: known noise; None: fitted. Raises InputError for logs that the train
+    cannot have made.
     """
     return Linearised(train, tuple(logs), evidence_of(train, logs, settled(train, logs, start, sizes), among))
 
 
 def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], Settled]:
-    """Return logs as equations, in which steps that axles may have slid in count for little, and their motion.
+    """Return logs as equations, in which steps with possible sliding of axles have little weight, and their motion.
 
-    Raises InputError for a log that is not of this train, or in which neither sensors nor a reference tell anything.
+    Raises InputError for a log that is not of this train, or that has neither relative poses nor a reference.
     """
     for number, log in enumerate(logs, start=1):
         _check(train, log, number)
@@ -132,12 +134,10 @@ def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[Tra
 def sliding_in(
     train: TrainDescription, logs: Sequence[TrainLog], start: Settled | None = None
 ) -> tuple[list[TrainLog], Settled]:
-    """Return logs in which steps that axles of a train with its effects may have slid in count for little, and their
-    motion.
+    """Return logs in which steps with possible sliding of a train's axles have little weight, and their motion.
 
-    start: see `linearise`. Which they are is told by a fit that does not know of any: forces are seen by slip alone.
-    Where the steps that grip then tell of no tension, what looked like sliding is something else, unless frames are
-    bent so much.
+    start: see `linearise`. These steps follow from a fit without sliding, as forces show only in slip. If the remaining
+    steps then show no tension, the apparent sliding has another cause, unless frames are bent so much.
     """
     built, rough = train.as_built(), [log.with_loose(np.zeros_like(log.loose)) for log in logs]
     gripping = settled(train, rough, start)
@@ -151,7 +151,8 @@ def sliding_in(
 
 
 def _loosened(built: TrainDescription, logs: Sequence[TrainLog], motions: Sequence[Motion]) -> list[TrainLog]:
-    """Return logs with the steps in which axles slide by these motions, but for those that seem to all the time."""
+    """Return logs with the steps in which axles slide by these motions, except axles that seem to slide all the
+    time."""
     loose = [log.sliding(built, motion) for log, motion in zip(logs, motions, strict=True)]
     return [log.with_loose(slid & (slid.mean(axis=0) <= OFTEN)) for log, slid in zip(logs, loose, strict=True)]
 

@@ -1,4 +1,4 @@
-"""What truly happened to a train in one log, and how large what is not described is."""
+"""The state of a train in one log, and the sizes of noise."""
 
 from dataclasses import dataclass, replace
 
@@ -10,12 +10,12 @@ from castor_envs.geometry.se2 import relative_pose
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What truly happened at K samples, as far as it is known.
+    """The motion of a train at K samples, with the nuisances of the log.
 
     pose (K, N, 3). roll (K, 2N), rad. pull (K, F): tension of each frame in the step that begins, in `bending.newtons`.
     offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles' frames, m and rad.
-    clock: s, by which the reference is ahead. creep (N,): part by which axles creep more under bent frames than their
-    contacts say. raised (F,): part of a frame's bow by which its gauges read more.
+    clock: s, by which the reference is ahead. creep (N,): relative excess of the creep of axles under bent frames over
+    the prediction. raised (F,): part of a frame's bow by which its gauges read too much.
     """
 
     pose: Array
@@ -29,11 +29,11 @@ class Motion:
 
     @property
     def relative(self) -> Array:
-        """Of every frame the front axle's pose in the rear axle's frame, (K, F, 3)."""
+        """For every frame the front axle's pose in the rear axle's frame, (K, F, 3)."""
         return relative_pose(self.pose[:, 1:], self.pose[:, :-1])
 
     def moved(self, by_sample: Array, by_number: Array) -> "Motion":
-        """Return the motion with its unknowns of every sample (K, B) and its nuisances (n,) changed by so much."""
+        """Return the motion with these changes of the unknowns of every sample (K, B) and of the nuisances (n,)."""
         n = self.pose.shape[1]
         pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
         n_offsets = len(self.offsets)
@@ -55,7 +55,7 @@ class Motion:
 class Sizes:
     """Standard deviations. rolling, side: slip of a wheel, and of an axle to its side, m after 1 m; pull: tension of a
     frame, counted in `bending.newtons`; shape: of a frame's length along the bend, m; position, heading: of the
-    reference, m and rad. gauges (F,): of the readings of each frame's gauges, in what its description says.
+    reference, m and rad. gauges (F,): of the readings of each frame's gauges, relative to the described noise.
     """
 
     rolling: float = 1e-3
@@ -78,7 +78,7 @@ class Sizes:
         return Sizes(**{kind: min(self.of(kind), bound.of(kind)) for kind in FITTED}, gauges=gauges)
 
     def with_size(self, kind: str, size: float) -> "Sizes":
-        """Return these sizes with that of one kind changed."""
+        """Return the sizes with the size of one kind changed."""
         if kind.startswith("gauges"):
             f = int(kind.removeprefix("gauges"))
             return replace(self, gauges=(*self.gauges[:f], size, *self.gauges[f + 1 :]))

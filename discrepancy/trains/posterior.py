@@ -1,7 +1,7 @@
-"""The finder for trains: the posterior of single robots (`posterior.finder`), asked of what logs of trains say.
+"""The finder for trains: the posterior of single robots (`posterior.finder`), given the statistics of logs of trains.
 
-What truly happened is fitted first; around it every candidate acts linearly (`linearise`). Noise of gauges and sensors
-that stop have no mean to be told by, and are asked for apart (`gauges`).
+The motion is fitted first; about it every candidate acts linearly (`linearise`). Noise of gauges, which has mean 0, and
+sensors that stop are treated separately (`gauges`).
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,10 @@ def diagnose_train(
     clean: Sequence[Log] = (),
     material: Material = MATERIAL,
 ) -> Diagnosis[TrainDescription, Linearised]:
-    """Return what logs say is missing in a train's description, how likely it is, and what it costs.
+    """Return the effects that a train's description is missing, their probabilities, and their costs in use.
 
-    held_out: logs that a name must be borne out by. clean: logs of the train in good order. material: what matters.
+    held_out: logs that must confirm a name. clean: logs of the train in good order. material: least error of odometry
+    that matters.
     Raises InputError for logs that are not of this train, or that show nothing.
     """
     if not logs:
@@ -59,7 +60,7 @@ def diagnose_train(
 def _named(
     train: TrainDescription, first: Linearised, good: Linearised | None
 ) -> tuple[tuple[Sized, ...], Linearised, Posterior, list[Answer]]:
-    """Return the effects that logs name, what logs say beside these, and the answers."""
+    """Return the effects that logs name, the statistics beside these, and the answers."""
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         built = with_effects(train, named)
@@ -79,9 +80,10 @@ def _named(
 
 
 def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
-    """Return all that may be there, and of each hypothesis what it is about.
+    """Return all hypotheses, and the candidate of each.
 
-    Every family is as likely as any other; what has no name shares that with all times where it was looked for.
+    All families have the same prior probability; unnamed alternatives share that of their family with all times at
+    which they were tried.
     """
     names = [candidate.family for candidate in seen.candidates]
     places = [Place(k, 0.0) for k in range(len(names))]
@@ -96,7 +98,7 @@ def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
 
 
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:
-    """Return what logs say of all that may be missing."""
+    """Return the statistics of all candidates in logs."""
     train_logs, state = equations_of(train, logs)
     return linearise(train, train_logs, state, [*dead_gauges(train), *every_candidate(train, train_logs)])
 
