@@ -1,4 +1,4 @@
-"""All that one log says of a train, as equations between its motion and what sensors read: one sparse linear problem.
+"""The equations of one log of a train, between its motion and the readings of sensors: one sparse linear problem.
 
 Unknown of every sample are the axles' poses, how far wheels have rolled, and the frames' tension; of the whole
 log its nuisances: offsets of the gauges, where the reference tracks each axle, and its clock.
@@ -23,41 +23,43 @@ LEAST_TRAVEL = 1e-4
 """m, added to the travel of a step: slip of standing wheels."""
 
 ROUGH = (4e-5, 1e-4, 2e-4)
-"""m, m, rad: of a sensor's reading beside the noise of its gauges; frames are not bent quite as is taken here."""
+"""m, m, rad: error of a sensor's reading in addition to the noise of its gauges, as the bending model is
+approximate."""
 
 UNSURE, STRAIGHT = 0.1, 1e-4
-"""Part of a bent frame's shortening that is not known: what pulls along it bends it, too; m of a straight one."""
+"""Relative uncertainty of a bent frame's shortening, as tension bends it, too; and uncertainty of a straight frame,
+m."""
 
 MOUNT, CLOCK = (5e-3, 5e-3, 0.02), 0.05
-"""m, m, rad and s: how far off a reference's tracked points and clock may be, one standard deviation."""
+"""m, m, rad and s: standard deviations of a reference's tracked points and clock."""
 
 SMOOTH = 9
-"""Readings over which a mean is taken, to begin with."""
+"""Readings that are averaged for the start."""
 
 CREEP = 1.0
-"""One standard deviation of the part by which axles creep more than predicted: forces are known to a factor of two."""
+"""Standard deviation of the relative excess of creep over the prediction: forces are known to a factor of two."""
 
 SLIDING, NEARLY, AROUND = 0.002, 0.7, 5
-"""What an axle's step is worth while it may slide, when its wheels slip by 0.1 m after 1 m or more: as far as steps
-are long; the part of its friction from which on it may; steps before and after that."""
+"""Weight of an axle's step in which it may slide, by a slip of 0.1 m after 1 m or more; the part of its friction from
+which on it may; and the steps before and after that are included."""
 
 BENT = 1e-4
 """rad, to take derivatives with."""
 
 RAISED = 0.06
-"""One standard deviation of the part of its bow by which a pulled frame's gauges read more: they are not points, and
-stand for the curvature between them."""
+"""Standard deviation of the part of its bow by which a frame's gauges read too much under tension: they are not points,
+and represent the curvature between them."""
 
 PULLING = 5.0
-"""s for which a frame's tension lasts, as what sets wheels against each other changes slowly."""
+"""s: correlation time of a frame's tension, as the causes of wheels' disagreement change slowly."""
 
 START = 1.0
-"""m, rad: what is known of the first axle's pose at the start."""
+"""m, rad: standard deviations of the first axle's pose at the start."""
 
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
-    """Derivatives of some rows: by the unknowns of every sample (rows, K B), and by nuisances (rows, n)."""
+    """Derivatives of rows: by the unknowns of every sample (rows, K B), and by nuisances (rows, n)."""
 
     by_sample: sparse.csr_array
     by_number: Array
@@ -65,8 +67,8 @@ class Jacobian:
 
 @dataclass(frozen=True, eq=False)
 class Bends:
-    """ends (K, F, 2): curvature at the frames' ends, 1/m. by_gauge: of each frame (K, 3, gauges), what its sensor reads
-    more for an error of each gauge, m and rad for 1/m."""
+    """ends (K, F, 2): curvature at the frames' ends, 1/m. by_gauge: of each frame (K, 3, gauges), derivative of its
+    sensor's reading by an error of each gauge, m and rad per 1/m."""
 
     ends: Array
     by_gauge: list[Array]
@@ -75,8 +77,8 @@ class Bends:
 class TrainLog:
     """One log of a train, ready to be compared with trains built in different ways.
 
-    train: its effects do not count. loose (K - 1, N): steps in which axles may slide, and tell next to nothing; none,
-    unless told (`with_loose`).
+    train: its effects are ignored. loose (K - 1, N): steps in which axles may slide, which have little weight; none by
+    default (see `with_loose`).
     """
 
     def __init__(self, train: TrainDescription, log: Log) -> None:
@@ -109,7 +111,7 @@ class TrainLog:
         self.signed_travel = (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2).mean(axis=2)
 
     def without_reference(self) -> "TrainLog":
-        """Return the log as counts and relative poses alone tell it."""
+        """Return the log with counts and relative poses alone."""
         log = copy(self)
         log.at, log.reference = self.at[:0], self.reference[:0]
         return log
@@ -121,7 +123,7 @@ class TrainLog:
         return log
 
     def prior(self, train: TrainDescription) -> Array:
-        """Return the standard deviations of the nuisances (n,) before anything is read."""
+        """Return the prior standard deviations of the nuisances (n,)."""
         offsets = [
             np.full(len(frame.gauge_positions), max(frame.gauge_offset, 1e-6)) for frame in train.as_described().frames
         ]
@@ -133,7 +135,7 @@ class TrainLog:
         return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep, motion.raised])
 
     def start(self, built: TrainDescription) -> Motion:
-        """Return the motion that wheel counts tell of the first axle and sensors of the others, to begin with."""
+        """Return a motion to begin with: the first axle by wheel counts, the other axles by sensors."""
         wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
         per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
@@ -169,7 +171,7 @@ class TrainLog:
         )
 
     def _seen(self, built: TrainDescription, f: int) -> Array:
-        """Return the relative poses (K, 3) of a frame as its sensor has them, smoothed, its gaps filled."""
+        """Return the relative poses (K, 3) of a frame by its sensor, smoothed, with gaps filled."""
         frame, valid = built.frames[f], self.read[:, f]
         width = min(SMOOTH, int(valid.sum()))
         seen = np.zeros((self.k, 3))
@@ -181,7 +183,7 @@ class TrainLog:
         return seen
 
     def residuals(self, built: TrainDescription, motion: Motion, ends: Array | None = None) -> dict[str, Array]:
-        """Return what is left of every kind of equations for a train as it is built; rows first, not yet weighed."""
+        """Return the residuals of every kind of equations for a train as it is built; rows first, not yet weighted."""
         n = self.n
         wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
         per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
@@ -216,13 +218,13 @@ class TrainLog:
         return np.stack([bending.ends(frame, relative[:, f]) for f, frame in enumerate(built.frames)], axis=1)
 
     def bends(self, built: TrainDescription, motion: Motion) -> Bends:
-        """Return how the frames are bent in a motion, and what their sensors make of it."""
+        """Return the bending of frames in a motion, and the derivatives of their sensors' readings."""
         ends = self.ends(built, motion.relative)
         gauges = [self._by_gauge(built, motion, ends, f) for f in range(self.f)]
         return Bends(ends, gauges)
 
     def weights(self, built: TrainDescription, bends: Bends) -> dict[str, Array]:
-        """Return what the residuals of every kind are multiplied by beside 1 / size; of gauges (K, 3, 3)."""
+        """Return the weights of the residuals of every kind, apart from 1 / size; of gauges (K, 3, 3)."""
         travel = self.travel
         bent = [bending.posture_of(frame, bends.ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
         shorter = UNSURE * (np.array([frame.length for frame in built.frames]) - np.stack(bent, axis=1))
@@ -330,18 +332,20 @@ class TrainLog:
     def offset_of(
         self, frame: int, gauge: int, built: TrainDescription, motion: Motion, ends: Array, residuals: dict[str, Array]
     ) -> tuple[int, tuple[str, Array]]:
-        """Return which nuisance the offset of a gauge is, and what it changes in a train in which that gauge lives.
+        """Return the number of the nuisance that is a gauge's offset, and its column in a train in which that gauge
+        works.
 
-        frame, gauge: from 1. residuals: of this train. A dead gauge's offset is not known, nor what it would read.
+        frame, gauge: from 1. residuals: of this train. The offset of a dead gauge is unknown, as is the reading that it
+        would have.
         """
         at, kind, small = int(self.gauges[frame - 1]) + gauge - 1, f"gauges{frame - 1}", 1e-4
         moved = replace(motion, offsets=motion.offsets + small * np.eye(len(motion.offsets))[at])
         return at, (kind, (self.residuals(built, moved, ends)[kind] - residuals[kind]) / small)
 
     def noise(self, built: TrainDescription, motion: Motion, f: int) -> tuple[float, int]:
-        """Return how large the noise of a frame's gauges is, in what its description says, and from how many readings.
+        """Return the noise of a frame's gauges, relative to the described noise, and the number of readings used.
 
-        From how the heading that the sensor reads changes from sample to sample beyond what the frame does.
+        It is estimated from changes of the sensor's heading from sample to sample beyond the motion of the frame.
         """
         ends = self.ends(built, motion.relative)
         left = self.residuals(built, motion, ends)[f"gauges{f}"][:, 2]
@@ -379,7 +383,8 @@ class TrainLog:
         }
 
     def _relative_derivatives(self, motion: Motion) -> tuple[Array, NDArray[np.integer]]:
-        """Return the derivatives (K, F, 3, 6) of relative poses by the front and the rear axle's, and their places."""
+        """Return the derivatives (K, F, 3, 6) of relative poses by the poses of front and rear axle, and their
+        places."""
         relative, heading = motion.relative, motion.pose[:, 1:, 2]
         c, s = np.cos(heading), np.sin(heading)
         zero, ones = np.zeros_like(c), np.ones_like(c)
@@ -410,9 +415,9 @@ class TrainLog:
         return np.stack(columns, axis=-1)
 
     def creep(self, built: TrainDescription, motion: Motion, ends: Array, pull: Array | None = None) -> Array:
-        """Return how far left wheels, right wheels and axles slip in each step (K - 1, N, 3), m, as is predicted.
+        """Return the predicted slips of left wheels, right wheels and axles in each step (K - 1, N, 3), m.
 
-        pull (K, F): the frames' tension, counted in `bending.newtons`; None: the motion's.
+        pull (K, F): the frames' tension, in units of `bending.newtons`; None: the motion's.
         """
         slip = bending.creep(built, self._loads(built, motion, ends, motion.pull if pull is None else pull))
         return slip * self._travelled
@@ -426,7 +431,7 @@ class TrainLog:
         return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, bending.newtons(built) * pull[:-1])
 
     def sliding(self, built: TrainDescription, motion: Motion) -> NDArray[np.bool_]:
-        """Return the steps (K - 1, N) in which a wheel carries nearly as much as the friction of its contact holds."""
+        """Return the steps (K - 1, N) in which the force on a wheel is near the friction limit of its contact."""
         load = self._loads(built, motion, self.ends(built, motion.relative), motion.pull)
         turning = np.abs(load[..., 2]) / bending.half_track(built)
         used = np.hypot(np.abs(load[..., 0]) + turning, load[..., 1]) / bending.sliding_force(built)
@@ -447,7 +452,7 @@ class TrainLog:
         by_y_phi: Array,
         relative: tuple[Array, NDArray[np.integer]],
     ) -> dict[str, sparse.csr_array]:
-        """Return how residuals of rolling and to the side change with poses as these bend frames, which drives slip.
+        """Return the derivatives of rolling and side-slip residuals by poses through the slip that bent frames drive.
 
         by_y_phi (K, F, 2, 2): derivatives of `ends`. relative: see `_relative_derivatives`.
         """
@@ -490,12 +495,13 @@ class TrainLog:
 
     @property
     def _slipping(self) -> dict[str, int]:
-        """How many rows the kinds have in which there is slip."""
+        """The number of rows of the kinds with slip."""
         return {"rolling": 2 * self.n * (self.k - 1), "side": self.n * (self.k - 1)}
 
     @property
     def _travelled(self) -> Array:
-        """How far left wheels, right wheels and axles roll in each step, forward or back, (K - 1, N, 3), m."""
+        """The distances that left wheels, right wheels and axles roll in each step, forward or back, (K - 1, N, 3),
+        m."""
         return np.concatenate([self.rolled, self.rolled.mean(axis=2, keepdims=True)], axis=2)
 
     def _placed(
@@ -506,11 +512,11 @@ class TrainLog:
         return sparse.csr_array((values.ravel(), indices), shape=(total, self.k * self.block))
 
     def bent(self, motion: Motion, ends: Array) -> Array:
-        """Return what `creep` says of the train as described if its frames have no tension."""
+        """Return `creep` of the train as described, for frames without tension."""
         return self.creep(self.described, motion, ends, np.zeros_like(motion.pull))
 
     def _steps(self, motion: Motion) -> tuple[Array, Array, Array, tuple[Array, Array]]:
-        """Return how far every axle goes along its arc, across, and turns in each step, and its middle direction."""
+        """Return every axle's motion along its arc, across, and in heading in each step, and its middle direction."""
         step = np.diff(motion.pose, axis=0)
         middle, turn = (motion.pose[1:, :, 2] + motion.pose[:-1, :, 2]) / 2, step[..., 2]
         c, s = np.cos(middle), np.sin(middle)
@@ -518,7 +524,7 @@ class TrainLog:
         return along, c * step[..., 1] - s * step[..., 0], turn, (c, s)
 
     def _rate(self, motion: Motion) -> Array:
-        """Return how fast the axles' poses change where a reference was taken (M, N, 3), a second."""
+        """Return the rates of the axles' poses at the samples with a reference (M, N, 3), per second."""
         return np.gradient(motion.pose, self.t, axis=0)[self.at]
 
     def _sparse(self, places: NDArray[np.integer], values: Array, numbers: Array | None = None) -> Jacobian:

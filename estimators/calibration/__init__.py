@@ -1,1 +1,1 @@
-"""Calibration: what a robot's own runs tell of its parameters."""
+"""Calibration: estimates a robot's parameters from its logs."""

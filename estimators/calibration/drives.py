@@ -1,4 +1,4 @@
-"""Drives that a robot may be asked for, simple ones first, and what it would log on them."""
+"""Drives that may be proposed for a robot, simple ones first, and the logs that it would record on them."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -14,7 +14,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.log_likelihood import Noise
 
 TYPICAL = Noise(along=1e-3, across=1e-3, position=2e-3, heading=5e-3)
-"""Of the drives that are proposed."""
+"""Speeds of the proposed drives."""
 
 Poses = Literal["none", "ends", "all"]
 
@@ -27,12 +27,12 @@ REFERENCE: dict[Poses, str] = {
 
 
 def log_of(robot: RobotDescription, trajectory: Trajectory, poses: Poses) -> Log:
-    """Return what the robot would log if it rolled perfectly."""
+    """Return the log of a robot that rolls perfectly along a trajectory."""
     return logged(robot, roll(robot, trajectory), poses)
 
 
 def logged(robot: RobotDescription, rolled: Rolled, poses: Poses) -> Log:
-    """Return what the robot logs that has rolled perfectly."""
+    """Return the log of a robot that has rolled perfectly."""
     geometry = Geometry.of(robot)
     encoders = Encoders(geometry, np.zeros(len(robot.driven_wheels)))
     reference = np.full((len(rolled.t), 3), np.nan)
@@ -76,4 +76,5 @@ DRIVES: dict[str, Callable[[RobotDescription], list[Trajectory]]] = {
     "turns about each castor, both ways,": _about_castors,
     "a random path of 60 s": _random_path,
 }
-"""What to ask for, and what it is for a robot; raises InputError where the robot cannot."""
+"""Names of drives, and functions that return a drive for a robot; these raise InputError where the robot cannot drive
+it."""

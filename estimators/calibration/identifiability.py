@@ -1,4 +1,5 @@
-"""What logs do not show of a robot's parameters, in words, and the drive that would show it."""
+"""Identifiability: changes of a robot's parameters that logs do not show, in words, and the drives that would show
+them."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -13,30 +14,30 @@ from estimators.calibration.maximum_likelihood import Calibration, information_o
 from estimators.calibration.parameters import Parameter
 
 WHOLLY, HARDLY = 0.99, 0.3
-"""Lengths of a change's part in the unseen directions, from which on it is one of them and up to which it is none."""
+"""Length of a change's part in the unseen directions above which the change is unseen, and below which it is seen."""
 
 WELL = 0.01
-"""Standard error, as `UNSEEN`, of the maximum-likelihood method, that a drive must leave to be proposed."""
+"""Largest standard error (see `UNSEEN` of the maximum-likelihood method) after a drive that is proposed."""
 
 
 COVERAGE = 1.96
 """Standard errors on either side of a 95 % interval."""
 
 FILE = 1.0
-"""What is believed of an unseen change without logs, in parts of the scales: no robot file is off by a whole length."""
+"""Prior standard deviation of an unseen change, in parts of the scales: no robot file is off by a whole length."""
 
 NOTHING = 0.5
-"""Standard error, in parts of the scales, from which on the logs say nothing of a change."""
+"""Standard error, in parts of the scales, above which logs hold no information on a change."""
 
 RESTS = 0.5
-"""Of a parameter's standard error: what moves it by more would widen its interval by over a tenth."""
+"""Part of a parameter's standard error: a change that moves it by more would widen its interval by over a tenth."""
 
 
 class Unseen(NamedTuple):
     """A change of the parameters that the logs do not show.
 
-    shown_by: the simplest drive that would; None: no drive. moves (P,): standard deviations of what it may still be, in
-    parts of the parameters' scales, by these logs alone. width: its 95 % interval, for people; "" if it has no unit.
+    shown_by: the simplest drive that would show it; None: no drive. moves (P,): standard deviations of the change that
+    these logs alone leave, in parts of the parameters' scales. width: its 95 % interval, as text; "" if it has no unit.
     """
 
     what: str
@@ -52,7 +53,7 @@ class Unseen(NamedTuple):
 
 
 def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:
-    """Return what the logs of a calibration do not show; empty if they show everything that was sought."""
+    """Return the changes that the logs of a calibration do not show; empty if they show all parameters."""
     left, parameters = calibration.unseen, calibration.parameters
     changes: list[tuple[str, Array]] = []
     for name, change in _known_changes(parameters, calibration.before):
@@ -76,14 +77,14 @@ def unseen_of(calibration: Calibration) -> tuple[Unseen, ...]:
 
 
 def rests_on(calibration: Calibration, unseen: Sequence[Unseen]) -> list[tuple[Unseen, ...]]:
-    """Return for every parameter what its interval takes to be right in the robot file."""
+    """Return for every parameter the unseen changes in which its interval assumes that the robot file is right."""
     scale = np.array([p.scale for p in calibration.parameters])
     moved = [effect.moves * scale > RESTS * calibration.standard_errors for effect in unseen]
     return [tuple(effect for effect, by in zip(unseen, moved, strict=True) if by[i]) for i in range(len(scale))]
 
 
 def _width(parameters: Sequence[Parameter], moves: Array) -> str:
-    """Return the 95 % interval of an unseen change: by how much it may move what it moves most."""
+    """Return the 95 % interval of an unseen change, of the parameter that it moves most."""
     units = {p.unit for p, by in zip(parameters, moves, strict=True) if by > HARDLY * moves.max()}
     if np.linalg.norm(moves) > NOTHING:
         return "these logs say nothing of it"
@@ -101,7 +102,7 @@ def scale_rests_on_pivots(calibration: Calibration) -> bool:
 
 
 def _known_changes(parameters: tuple[Parameter, ...], values: Array) -> Iterator[tuple[str, Array]]:
-    """Yield changes that have a name, in parts of the scales, of length 1."""
+    """Yield changes with a name, in parts of the scales, of length 1."""
     scale = np.array([p.scale for p in parameters])
     kind = np.array([p.kind for p in parameters])
     pivot = {(p.castor, p.kind): value for p, value in zip(parameters, values, strict=True)}
@@ -112,7 +113,7 @@ def _known_changes(parameters: tuple[Parameter, ...], values: Array) -> Iterator
         "angle": lambda _: -1.0,
     }
     lengths = np.array([p.unit == "m" for p in parameters])
-    # Without a pivot encoder the axle's middle is where its wheels say.
+    # Without a pivot encoder the wheels' lateral positions define the axle's middle.
     sideways = (kind == "lateral") & ("pivot_zero" not in kind)
     named = [
         ("the scale (all lengths together)", np.where(lengths, values, 0.0)),
@@ -129,7 +130,7 @@ def _known_changes(parameters: tuple[Parameter, ...], values: Array) -> Iterator
 
 
 class _Drives:
-    """Drives of the calibrated robot, simple ones first; what each would tell is computed when it is asked for."""
+    """Drives of the calibrated robot, simple ones first; the information of each is computed on demand."""
 
     def __init__(self, calibration: Calibration):
         self._calibration = calibration
@@ -138,7 +139,7 @@ class _Drives:
         self._told: dict[str, Array | None] = {}
 
     def showing(self, changes: Array) -> str | None:
-        """Return the first drive after which all of some changes (c, P) would be seen."""
+        """Return the first drive after which all of these changes (c, P) would be seen."""
         for poses, reference in REFERENCE.items():
             for drive in DRIVES:
                 name = f"{drive} {reference}"

@@ -1,4 +1,4 @@
-"""Maximum likelihood as a calibration method: what it finds, what the logs do not show, and how sure it is."""
+"""Maximum likelihood as a calibration method: parameters, standard errors, and changes that the logs do not show."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from estimators.calibration.protocol import Recording, Report, Result
 
 
 class MaximumLikelihoodMethod:
-    """All parameters that the logs tell, by maximum likelihood of what the sensors reported.
+    """All parameters that the logs determine, by maximum likelihood of counts and reference poses.
 
     pivots: whether the places of free castors' pivots are found too.
     """
@@ -29,7 +29,7 @@ class MaximumLikelihoodMethod:
         return self._fit(robot, recordings).calibrated
 
     def report(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Report:
-        """Return what maximum likelihood finds, and what the logs do not show."""
+        """Return the maximum-likelihood parameters, and the changes that the logs do not show."""
         found = self._fit(robot, recordings)
         results, unseen = [], unseen_of(found)
         hidden = np.linalg.norm(found.unseen, axis=0)
@@ -84,7 +84,8 @@ class MaximumLikelihoodMethod:
 
 
 def _tracked_point(found: Calibration) -> str:
-    """Return where the tracked point is; of what the logs do not show, how far it may be off where it is believed."""
+    """Return the place of the tracked point in words; for numbers that the logs do not show, with the error of their
+    prior."""
     factors, units = (1e3, 1e3, 180 / np.pi), ("mm", "mm", "deg")
     columns = zip(
         ("x", "y", "turned by"), found.mount, found.mount_errors, found.mount_seen, factors, units, strict=True

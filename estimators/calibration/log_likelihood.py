@@ -1,7 +1,7 @@
-"""How likely one log is under a robot description: errors of counts, slip and reference poses in one least squares.
+"""Log-likelihood of one log under a robot description: errors of counts, slip and reference poses in one least squares.
 
-Unknown, beside the description, is what truly happened: at every sample the body's pose, the castors' angles and the
-wheels'. Known are
+Unknown, beside the description, is the state: at every sample the body's pose, the castors' angles and the wheels'.
+Known are
 
     counts                   rounded: off by an even spread of one count; a run of equal counts is one reading
     rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled
@@ -9,8 +9,8 @@ wheels'. Known are
 
 The rolling constraints are those of castor_envs.motion.kinematics, integrated over a step to fourth order in its
 length: half-way values alone would bias castors that swing in. Each step ties two samples only, so the normal equations
-are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at what truly happened, not at what was read:
-rounded regressors would shrink the parameters.
+are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at the fitted state, not at the readings:
+rounded regressors would bias the parameters toward zero.
 """
 
 from collections.abc import Callable, Collection
@@ -33,38 +33,39 @@ FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
 
 GAP = 3.5
-"""Steps longer than so many median ones are gaps: what happened in them is not known."""
+"""Steps longer than this many median steps are gaps: the motion in them is unknown."""
 
 TIMED = 5
-"""Reference poses that it takes to look for what their clock is off by."""
+"""Least number of reference poses with which the offset of their clock is fitted."""
 
 EXTENDED, FADED = 2.0, 6.0
-"""Steps by which a moving robot's motion is extended beyond a log's ends, to poses from beyond; so many off, they fade
-out. (What would drop out at once could come back at once, for ever.)"""
+"""Steps by which a moving robot's motion is extended beyond a log's ends, to poses from beyond; up to there their
+weight fades out. (A pose that dropped out at once could come back in the next iteration, and so on without end.)"""
 
 REST = 6
-"""Samples in which no count may change by more than one at a log's end for a pose from beyond it to be that end's."""
+"""Samples at a log's end in which no count may change by more than one, so that a pose from beyond the end is assigned
+to it."""
 
 PINNED = 1e-4
 """m and rad: without reference poses the first one is 0 by convention, to this much."""
 
 APART, DENSE = 3.0, 0.5
 """s: of reference poses that follow each other faster than `DENSE`, as a tracker streams them, one in `APART` is used.
-What such poses differ by within seconds (jitter of clocks, a filter) is not independent from one to the next."""
+Errors of such poses within seconds (jitter of clocks, a filter) are correlated."""
 
 CLOCK = np.array([1.0, 0.05])
-"""s and 1: what the clock of the reference may be off by, at the start and in rate; wide enough not to matter."""
+"""s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
 
 BLOCK = 256
 """Samples whose columns are in memory at a time."""
 
 RATE_KNOWN = 1e-6
-"""s/s: to which a rate is known that is said to be known."""
+"""s/s: standard deviation of a known rate."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of what is not described.
+    """Standard deviations of noise.
 
     along, across: slip in the rolling direction and to the side, m after 1 m. position, heading: of reference poses, m
     along each axis and rad.
@@ -77,21 +78,21 @@ class Noise:
 
 
 class Leftover(NamedTuple):
-    """Residuals by the fields of `Noise`: sums of squares over variances, and what they would be on average."""
+    """Residuals by the fields of `Noise`: sums of squares over variances, and their expected values."""
 
     squares: dict[str, float]
     expected: dict[str, float]
 
 
 class Reduced(NamedTuple):
-    """What one log says of P parameters, everything else eliminated, around a state.
+    """Statistics of P parameters in one log, state and clock eliminated, linearised about a state.
 
-    information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of drawn residuals in their place.
-    clock (2, 2): information on the clock, the parameters known. log_evidence: how likely the log is, the parameters
-    unchanged, state and clock integrated out (natural logarithm, up to a constant of the log). finish: from changes of
-    the parameters (P, 1 + probes) and the part of the step that is taken to the changed state and clock, and what is
-    left over. squares: from any geometry, state, clock and mount to the sum of squares there, weighed as around this
-    state.
+    information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of the same with drawn residuals.
+    clock (2, 2): information on the clock, given the parameters. log_evidence: log-likelihood of the log with the
+    parameters unchanged, state and clock integrated out (natural logarithm, up to a constant of the log). finish: maps
+    changes of the parameters (P, 1 + probes) and the part of the step that is taken to the changed state and clock, and
+    the remaining residuals. squares: maps any geometry, state, clock and mount to the sum of squares there, with the
+    weights of this state.
     """
 
     information: Array
@@ -106,8 +107,8 @@ class _Rows(NamedTuple):
     """Equations of one kind, over their standard deviations, one sample or step k after another.
 
     at (k,): the sample, none before the last. values (k, rows); derivatives by the state at that sample, `start` (k,
-    rows, m), at the next one, `end`, or None. numbers: from some k to derivatives by parameters, mount and clock (k,
-    rows, P + 5), or None; drawn (k, rows, probes): in the place of values.
+    rows, m), and at the next sample, `end`, or None. numbers: maps a slice of equations to derivatives by parameters,
+    mount and clock (k, rows, P + 5), or None; drawn (k, rows, probes): drawn residuals in place of values.
     """
 
     at: NDArray[np.intp]
@@ -122,18 +123,18 @@ class _Rows(NamedTuple):
         return slice(*np.searchsorted(self.at, (first, last)).tolist())
 
     def right(self, chosen: slice, count: int) -> Array:
-        """Return derivatives by `count` numbers, values and what is drawn of chosen equations (k, rows, columns)."""
+        """Return derivatives by `count` numbers, values and drawn residuals of chosen equations (k, rows, columns)."""
         values = self.values[chosen, :, None]
         by = np.zeros((*values.shape[:2], count)) if self.numbers is None else self.numbers(chosen)
         return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
 
 
 class ExtraColumns(NamedTuple):
-    """R parameters beside those of the geometry, by what a unit of each does.
+    """R parameters beside those of the geometry, by the effect of a unit of each.
 
-    readings (K, s + d, r): counts read more than is true, of the first r parameters; others change no reading. slips:
-    metres by which a step misses its constraints, (K - 1, rows, c) of some parameters after another, R in all. rates
-    (R,): what the clock of the reference gains, s/s; None: nothing.
+    readings (K, s + d, r): counts read too much, of the first r parameters; the others change no reading. slips: metres
+    by which a step misses its constraints, blocks (K - 1, rows, c) of successive parameters, R in all. rates (R,): rate
+    of the reference's clock, s/s; None: 0.
     """
 
     readings: Array
@@ -142,7 +143,7 @@ class ExtraColumns(NamedTuple):
 
     @property
     def parameters(self) -> int:
-        """How many parameters there are."""
+        """The number of parameters."""
         return sum(part.shape[-1] for part in self.slips)
 
 
@@ -154,10 +155,10 @@ class LogLikelihood:
     """
 
     def __init__(self, layout: Geometry, log: Log, number: int = 0) -> None:
-        """number: of the log among those fitted together; what is drawn for it (`reduce`) is its own.
+        """number: of the log among those fitted together; it seeds the residuals that are drawn for it (`reduce`).
 
-        Were the same residuals drawn for logs that are alike, the parameters would take them all away at once: too
-        little would be expected to be left, and all noise found too large.
+        If the same residuals were drawn for similar logs, the parameters would fit all of them at once: the expected
+        residuals would be too small, and the estimated noise too large.
         """
         self._number = number
         sensed = np.flatnonzero(~np.isnan(layout.pivot_counts_per_rev))
@@ -193,15 +194,15 @@ class LogLikelihood:
         self._even = even_steps(self._t)
 
     def correct(self, excess: Array) -> None:
-        """Take off the counts (K, s + d) what is known to be read more than is true."""
+        """Subtract a known excess of readings from the counts (K, s + d)."""
         self._counts = self._counts - excess
 
     def expect(self, slips: Array) -> None:
-        """Take steps to miss their constraints by `slips` (K - 1, rows), m, and not by nothing."""
+        """Set the expected slips (K - 1, rows), m, of steps, instead of 0."""
         self._expected = slips
 
     def release(self, steps: NDArray[np.bool_]) -> None:
-        """Let contacts slip by as much as they roll in some steps (K - 1, rows)."""
+        """Let contacts slip by as much as they roll in these steps (K - 1, rows)."""
         self._released = steps
 
     def rows_of(self, rolling: Array, side: Array) -> Array:
@@ -210,7 +211,8 @@ class LogLikelihood:
         return np.concatenate([rolling[:, self._rolling], side[:, self._castor[first:]]], axis=1)
 
     def rolled(self, geometry: Geometry, state: Array) -> Array:
-        """Return what every row's wheel rolled in every step (K - 1, rows), m; of side slip: its castor on average."""
+        """Return the distance that every row's wheel rolled in every step (K - 1, rows), m; for side slip the mean of
+        its castor's wheels."""
         rolled = self._rolled(geometry, state[:, 3:])
         first = len(self._rolling)
         in_castor = self._castor[:first] == self._castor[first:, None]
@@ -218,12 +220,13 @@ class LogLikelihood:
         return rolled
 
     def wanted(self, state: Array) -> Array:
-        """Return the slopes (K, s + d) of the log-likelihood by counts read more, at the most likely state."""
+        """Return the score (K, s + d): derivatives of the log-likelihood by an excess of counts, at the most likely
+        state."""
         return self._readings**2 * (self._counts - state[:, 3:])
 
     @property
     def counts(self) -> Array:
-        """The counts (K, s + d) as read, unwrapped, less what was taken off (`correct`)."""
+        """The counts (K, s + d) as read, unwrapped, less known errors (`correct`)."""
         return self._counts
 
     @property
@@ -233,19 +236,19 @@ class LogLikelihood:
 
     @property
     def poses(self) -> int:
-        """How many reference poses there are."""
+        """The number of reference poses."""
         return int(self._posed.sum())
 
     @property
     def poses_used(self) -> int:
-        """How many of them are in use: dense ones are not independent."""
+        """The number of reference poses in use: dense poses are not independent."""
         return len(self._used_poses)
 
     def start(self, geometry: Geometry) -> Array:
         """Return a state (K, m) to begin with: counts as read, poses by odometry bent to meet all reference poses.
 
-        Odometry's error between two reference poses, first of the heading and then of the place, is shared out by the
-        distance rolled: a jump at the second one would be out of any linearisation's reach.
+        Odometry's error between two reference poses, first of the heading and then of the place, is distributed in
+        proportion to the distance rolled: a jump at the second pose would be too large for the linearisation.
         """
         twist, anchors = self._twist(geometry), np.flatnonzero(self._posed)
         if len(anchors) < 2:
@@ -286,7 +289,7 @@ class LogLikelihood:
         return (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
 
     def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array) -> Array:
-        """Return by how much odometry is off at every reference pose (poses, 3); it starts where the state does."""
+        """Return the error of odometry at every reference pose (poses, 3); it starts at the state's first pose."""
         known = np.flatnonzero(self._posed)
         at, part = self._sought(known, clock)
         path = compose(self.odometry(geometry), mount)
@@ -296,9 +299,10 @@ class LogLikelihood:
         return compose(truly[0], relative_pose(path[0], path)) - self._reference[known]
 
     def _sought(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return after which sample the reference of some samples was taken, and what part (k, 1) of the step later.
+        """Return the sample after which each of these samples' reference was taken, and the part (k, 1) of the step up
+        to it.
 
-        The part is below 0 or above 1 of those that were taken before or after the log.
+        The part is below 0 or above 1 for poses that were taken before or after the log.
         """
         t = self._t
         taken = t[samples] + clock[0] + clock[1] * (t[samples] - t[0])
@@ -306,10 +310,12 @@ class LogLikelihood:
         return at, ((taken - t[at]) / (t[at + 1] - t[at]))[:, None]
 
     def missed(self, geometry: Geometry, state: Array, even: NDArray[np.bool_] | None = None) -> Array:
-        """Return by how much a state misses every constraint (..., K - 1, rows), m; the geometry may have axes.
+        """Return the residuals of a state in every constraint (..., K - 1, rows), m; the geometry may have leading
+        axes.
 
-        In metres of the robot as described: a misfit of a smaller robot is no smaller, or all robots would shrink.
-        even (K - 1,): the steps to integrate to fourth order in their length, not to second; None: those that are.
+        In metres of the robot as described: the residual does not scale with the robot, as otherwise the fit would
+        shrink all robots. even (K - 1,): the steps to integrate to fourth order in their length, not to second; None:
+        those that are.
         """
         even = self._even if even is None else even
         angle, body = self._angles(geometry, state[:, 3:]), body_motion(state, even)
@@ -331,11 +337,12 @@ class LogLikelihood:
         extra: ExtraColumns | None = None,
         rate: float | None = None,
     ) -> Reduced:
-        """Return what the log says of P parameters around a state (K, m).
+        """Return the log's statistics of P parameters, linearised about a state (K, m).
 
-        changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: how often residuals
-        are drawn (standard normal, the same ones each time, other ones for each log) to learn what sums of squares to
-        expect. extra: of the other P - G parameters. rate: that the clock of the reference gains (s/s), if it is known.
+        changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: number of draws of
+        residuals (standard normal, the same in each call, different for each log), from which expected sums of squares
+        are estimated. extra: columns of the other P - G parameters. rate: of the reference's clock (s/s), if it is
+        known.
         """
         from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
 
@@ -407,7 +414,7 @@ class LogLikelihood:
         )
 
     def _weights(self, geometry: Geometry, state: Array, noise: Noise) -> dict[str, Array]:
-        """Return one over the standard deviation of every equation around a state, by the kinds of `_values`."""
+        """Return one over the standard deviation of every equation at a state, by the kinds of `_values`."""
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         unsure, rolling = self._unsure(geometry, state), len(self._rolling)
         found = {"counts": self._readings}
@@ -422,8 +429,8 @@ class LogLikelihood:
     def _values(
         self, geometry: Geometry, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
     ) -> dict[str, Array]:
-        """Return by how much a state misses all equations, in standard deviations: "counts", "pinned", or by the field
-        of `Noise` that they are weighed by."""
+        """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "pinned", or the
+        field of `Noise` that weights them."""
         slips, rolling = self.missed(geometry, state) - self._expected, len(self._rolling)
         residuals = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
         if self.poses:
@@ -436,8 +443,8 @@ class LogLikelihood:
         return {name: weights[name] * off for name, off in residuals.items()}
 
     def _shown(self, clock: Array) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return after which sample each used reference pose was taken, what part (k, 1) of the step later, and how
-        much of it counts (k, 1): what was taken beyond a log's ends fades out."""
+        """Return the sample after which each used reference pose was taken, the part (k, 1) of the step up to it, and
+        its weight (k, 1), which fades out beyond the log's ends."""
         at, part = self._sought(self._used_poses, clock)
         held = np.clip(part, 0.0 if self._rests[0] else -np.inf, 1.0 if self._rests[1] else np.inf)
         outside = np.abs(held - np.clip(held, 0.0, 1.0))
@@ -454,7 +461,7 @@ class LogLikelihood:
         weights: dict[str, Array],
         extra: ExtraColumns | None,
     ) -> dict[str, _Rows]:
-        """Return all equations around a state, by the kinds of `_values`."""
+        """Return all equations linearised about a state, by the kinds of `_values`."""
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         extra_count = extra.parameters if extra else 0
         count = first + extra_count + len(mount) + len(clock)
@@ -542,11 +549,11 @@ class LogLikelihood:
     def fought(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, yields: Array
     ) -> Array:
-        """Return the slips (K - 1, rows, G + R) by which wheels come to terms with what contradicts their counts.
+        """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts.
 
-        Wheels that hold their counts against each other creep so that no power is lost that need not be: by least
-        squares over how easily each row yields (K - 1, rows), of what no motion of body and castors takes away. For
-        units of the changes of the geometry (as in `reduce`) and of what is read more (K, s + d, R).
+        Wheels whose held speeds contradict each other creep with the least loss of power: weighted least squares with
+        the compliance of each row (K - 1, rows), of the residuals that no motion of body and castors explains. Per unit
+        of the changes of the geometry (as in `reduce`) and of the excess of readings (K, s + d, R).
         """
         missing = self._contradicting(geometry, changed, change, state, readings)
         angle = self._angles(geometry, state[:, 3:])
@@ -556,23 +563,24 @@ class LogLikelihood:
         moved = np.concatenate([a, turning], axis=-1)
         rounding = 1e-12 * np.abs(missing).max(axis=(0, 1), initial=0.0)
         missing -= moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * missing))
-        missing[np.abs(missing) <= rounding] = 0.0  # what nothing fights is no column of its own
+        missing[np.abs(missing) <= rounding] = 0.0  # effects without contradiction have no masked part
         return missing
 
     def missing(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
     ) -> Array:
-        """Return what odometry would add to the body's motion in every step (K - 1, 3, G + R), in B, m and rad.
+        """Return the error of odometry in the body's motion in every step (K - 1, 3, G + R), in B, m and rad.
 
-        For units of the changes of the geometry (as in `reduce`), and of what is read more (K, s + d, R) and wheels
-        slip (K - 1, rows, R).
+        Per unit of the changes of the geometry (as in `reduce`), of the excess of readings (K, s + d, R) and of slips
+        (K - 1, rows, R).
         """
         missed = self._contradicting(geometry, changed, change, state, readings)
         missed[..., len(change) :] -= slips
         return self.as_motion(geometry, state, -missed)
 
     def as_motion(self, geometry: Geometry, state: Array, slips: Array) -> Array:
-        """Return what odometry makes of slips (K - 1, rows, n): the body's motion in every step (K - 1, 3, n), in B."""
+        """Return the motion of the body in every step (K - 1, 3, n), in B, that odometry computes from slips (K - 1,
+        rows, n)."""
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         return np.linalg.pinv(a, rcond=1e-10) @ slips
@@ -580,9 +588,10 @@ class LogLikelihood:
     def disagreement(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
     ) -> tuple[Array, Array]:
-        """Return by how much wheels disagree (K - 1, rows), m: what no motion of the body takes off the constraints.
+        """Return the disagreement of wheels (K - 1, rows), m: the residuals of the constraints that no motion of the
+        body explains.
 
-        And by how much less they would (K - 1, rows, G + R) for units of changes, as in `missing`.
+        And its decrease (K - 1, rows, G + R) per unit of changes, as in `missing`.
         """
         missed = self._contradicting(geometry, changed, change, state, readings)
         missed[..., len(change) :] -= slips
@@ -595,7 +604,7 @@ class LogLikelihood:
     def _contradicting(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array
     ) -> Array:
-        """Return by how much more every step misses its constraints (K - 1, rows, G + R), as `fought` has units."""
+        """Return the change of the residuals of every step (K - 1, rows, G + R), per unit as in `fought`."""
         residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         by_reading = start[..., 3:] @ readings[:-1] + end[..., 3:] @ readings[1:]
@@ -611,7 +620,7 @@ class LogLikelihood:
         return a[..., self._used, :], b[..., self._used]
 
     def _rolled(self, geometry: Geometry, counts: Array) -> Array:
-        """Return what the wheels rolled in every step (..., K - 1, rows), m; 0 in rows of side slip."""
+        """Return the distances that wheels rolled in every step (..., K - 1, rows), m; 0 in rows of side slip."""
         length = (2 * np.pi * geometry.radius / geometry.counts_per_rev)[..., None, self._rolling]
         counted = np.diff(counts[:, self._sensed :], axis=0)[:, np.searchsorted(self._wheels, self._rolling)]
         rolled = counted * length
@@ -619,10 +628,10 @@ class LogLikelihood:
         return np.concatenate([rolled, idle], axis=-1)
 
     def _unsure(self, geometry: Geometry, state: Array) -> Array:
-        """Return what the integration over every step may be off by (K - 1, rows), m.
+        """Return the error estimate of the integration over every step (K - 1, rows), m.
 
-        Second order: by what fourth order would change; fourth order: by that times the squared angle by which the
-        fastest castor turns in a step, as each order is smaller than the one before by so much. In gaps: by anything.
+        Second order: the difference to fourth order; fourth order: this difference times the squared angle by which the
+        fastest castor turns in a step, the ratio between successive orders. In gaps: unbounded.
         """
         angle = self._angles(geometry, state[:, 3:])[:, np.unique(self._castor)]
         turned = np.abs(np.diff(angle, axis=0)).max(axis=1, initial=0.0)
@@ -634,7 +643,7 @@ class LogLikelihood:
         return unsure + np.where(step > GAP * np.median(step), 10 * rolled, 0.0)[:, None]
 
     def _magnified(self, geometry: Geometry) -> Array:
-        """Return how much smaller than described (..., 1, 1) the wheels are."""
+        """Return the factor (..., 1, 1) by which the wheels are smaller than described."""
         return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
 
 
@@ -648,10 +657,10 @@ def _chained(twist: Array) -> Array:
 
 
 def moved_along(state: Array, step: Array) -> Array:
-    """Return a state (K, m) moved by a step, of which the change of each pose relative to the one before is kept.
+    """Return a state (K, m) moved by a step, applied as changes of each pose relative to the pose before.
 
-    In the world the same step is another one where the path turns by much: a path that turns as a whole by 0.1 rad is
-    drawn out by half a per cent of its length if every point moves straight on, and wheels do not slip so far.
+    A large step applied in the world distorts a path that turns: a path that turns as a whole by 0.1 rad is lengthened
+    by half a per cent if every point moves straight, which wheels do not slip.
     """
     moved, heading = state + step, state[:-1, 2]
     motion, change = relative_pose(state[:-1, :3], state[1:, :3])[:, :2], np.diff(step[:, :2], axis=0)
@@ -662,7 +671,7 @@ def moved_along(state: Array, step: Array) -> Array:
 
 
 def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
-    """Return of some samples, if they are dense, the first, the last, and between them one in `APART`; else all."""
+    """Return these samples or, if they are dense, the first, the last, and between them one in `APART`."""
     if len(samples) < 2 or np.median(np.diff(t[samples])) >= DENSE:
         return samples
     kept: list[int] = []
@@ -673,9 +682,9 @@ def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
 
 
 def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: int) -> Array:
-    """Return products of numbers' derivatives, values and what is drawn (columns, columns), states eliminated.
+    """Return products of numbers' derivatives, values and drawn residuals (columns, columns), states eliminated.
 
-    factors: Cholesky's, upper banded, of what equations say of states. Their columns are made, and states eliminated,
+    factors: upper banded Cholesky factors of the information on states. Columns are computed, and states eliminated,
     for `BLOCK` samples at a time: all at once they would take a hundred times the memory of a log.
     """
     from scipy.linalg import get_lapack_funcs  # slow to import
@@ -707,7 +716,8 @@ def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: i
 
 
 def _left(rows: _Rows, by: Array, samples: int) -> Array:
-    """Return what changes of numbers (P + 5, 1 + probes) leave of values and of what is drawn (k, rows, 1 + probes)."""
+    """Return the residuals (k, rows, 1 + probes) of values and drawn residuals after changes of numbers (P + 5, 1 +
+    probes)."""
     blocks = (rows.within(first, first + BLOCK) for first in range(0, samples, BLOCK))
     rights = (rows.right(chosen, len(by)) for chosen in blocks)
     return np.concatenate([right[..., len(by) :] + right[..., : len(by)] @ by for right in rights])

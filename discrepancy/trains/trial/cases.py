@@ -1,4 +1,4 @@
-"""Cases of a train's trial: what is hidden in which, how large, and how the wheels are driven.
+"""Cases of a train's trial: hidden effects, their sizes, and the way in which wheels are driven.
 
 A case follows from its number, the trial's seed and the train. Cases come in pairs, in which wheels yield to each other
 (odd numbers) and are held at speed (even ones). Sizes are log-uniform between `BOUNDS`.
@@ -46,15 +46,15 @@ BOUNDS = {
 """The smallest and the largest size of each effect, in its own unit; a dead gauge has none."""
 
 ONE_WAY = ("foreshortening_left_out", "axle_slip")
-"""Effects whose sizes are positive; those of others have either sign."""
+"""Effects whose sizes are positive; sizes of other effects have either sign."""
 
 THIRDS = ("small", "middle", "large")
 
 
 @dataclass(frozen=True)
 class Case:
-    """seeds: of the log and the held-out one. thirds: where each hidden effect is in its bounds, in `THIRDS`; "none" of
-    effects without a size."""
+    """seeds: of the log and the held-out log. thirds: third of its bounds in which the size of each hidden effect lies
+    (`THIRDS`); "none" for effects without a size."""
 
     number: int
     stratum: Stratum
@@ -66,7 +66,7 @@ class Case:
 
 
 def draw(number: int, seed: int, train: TrainDescription) -> Case:
-    """Return a case (number from 1) of a trial. Every kind of effect is as likely as any other, then every place."""
+    """Return a case (number from 1) of a trial. All kinds of effects are equally likely, then all places."""
     random = np.random.default_rng([seed, number])
     stratum = MIX[(number - 1) // 2 % len(MIX)]
     placed_effects = [

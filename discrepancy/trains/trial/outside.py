@@ -1,6 +1,6 @@
-"""What a train may have and the catalogue does not: the right verdict on it is "unexplained".
+"""Effects of trains outside the catalogue: the right verdict on them is "unexplained".
 
-Each changes what a log says after the drive; none changes the physics.
+Each changes a log after the drive; none changes the physics.
 """
 
 import dataclasses
@@ -20,8 +20,8 @@ LASTING = 0.2
 
 @dataclass(frozen=True)
 class Outside:
-    """Something outside the catalogue. name: in `KINDS`. wheel, frame: from 0, of which it is, if of one. value: how
-    large, in its own unit. begins: when, as a part of a log."""
+    """An effect outside the catalogue. name: in `KINDS`. wheel, frame: its place, from 0, if it has one. value: its
+    size, in the unit of its kind. begins: its start, as a part of a log."""
 
     name: str
     wheel: int
@@ -30,17 +30,18 @@ class Outside:
     begins: float
 
     def changed(self, train: TrainDescription, log: Log) -> Log:
-        """Return a log as it is with this."""
+        """Return a log changed by this effect."""
         return KINDS[self.name][0](self, train, log)
 
     @property
     def what(self) -> str:
-        """In words."""
+        """The effect in words."""
         return f"{self.name.replace('_', ' ')}, wheel {self.wheel + 1}, frame {self.frame + 1}"
 
 
 def draw_outside(train: TrainDescription, random: np.random.Generator) -> Outside:
-    """Return something outside the catalogue; every kind is as likely, sizes are log-uniform between bounds."""
+    """Return a random effect outside the catalogue; all kinds are equally likely, sizes are log-uniform between
+    bounds."""
     name = str(random.choice(sorted(KINDS)))
     _, low, high = KINDS[name]
     value = math.exp(random.uniform(math.log(low), math.log(high)))
@@ -97,5 +98,5 @@ KINDS: dict[str, tuple[Callable[[Outside, TrainDescription, Log], Log], float, f
     "sensor_late": (_sensor_late, 0.05, 0.5),
     "sensor_saturates": (_sensor_saturates, 0.5, 0.9),
 }
-"""What makes each of a log, and the smallest and the largest size: part of the counts for a while; rad, of the wheel's
-angle; rad; s; part of the largest angle, beyond which it reads no more."""
+"""The function that applies each kind to a log, and its smallest and largest size: part of the counts lost for a while;
+rad of the wheel's angle; rad; s; part of the largest angle at which the reading saturates."""

@@ -1,4 +1,4 @@
-"""Runs a train's trial: makes cases in processes of their own, then hands the finder files and nothing else.
+"""Runs a train's trial: makes cases in separate processes, then gives the finder their files and nothing else.
 
 trial.json                      what was asked for: train, cases, seed, duration
 cases/case-0001/                log.csv, holdout.csv and train.json (nominal): all that the finder gets
@@ -30,15 +30,15 @@ from discrepancy.trials.folder import asked_of, begin, do_all, name_of
 
 FORMAT = "castor-train-trial-case/1"
 STANDING = 0.5
-"""m by which a path is shorter than its time would let it be at full speed: for starting, stopping and whole legs."""
+"""m by which a path is shorter than the way at full speed: allows for starting, stopping and whole legs."""
 
 ALL = Material(0.0, 0.0)
-"""What matters in a trial: all sizes, however small."""
+"""Materiality in a trial: all sizes matter, however small."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a trial is asked for."""
+    """The settings of a trial."""
 
     cases: int
     seed: int
@@ -61,7 +61,7 @@ def make(
 
 
 def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
-    """Let the finder say what is in every case that it has not seen yet."""
+    """Run the finder on every case that has no answer yet."""
     folder, outcomes = Path(folder), Path(folder) / "outcomes"
     names = [name_of(k) for k in range(1, plan_of(folder).cases + 1)]
     missing = [name for name in names if not (outcomes / f"{name}.json").exists()]
@@ -69,15 +69,15 @@ def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
 
 
 def plan_of(folder: str | os.PathLike[str]) -> Plan:
-    """Return what a trial in a folder was asked for."""
+    """Return the settings of the trial in a folder."""
     return Plan(**asked_of(Path(folder)))
 
 
 def said(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> dict[str, Any]:
-    """Return what the finder says, by names and places in words.
+    """Return the finder's answer, with names and places in words.
 
-    verdict, reason; named: those that it is sure of; possible: all that it may be; found: those it is sure of as plain
-    data, with standard errors.
+    verdict, reason; named: the named effects; possible: these, and effects of the catalogue in ambiguous or unexplained
+    credible sets; found: the named effects as plain data, with standard errors.
     """
     diagnosis = diagnose_train(train, logs, held_out, material=ALL)
     known = {candidate.what for candidate in diagnosis.before.candidates if candidate.kinds}
@@ -128,7 +128,7 @@ def _label(case: Case, train: TrainDescription) -> dict[str, Any]:
 
 
 def _judge_case(case: Path, outcome: Path) -> None:
-    """Write what the finder says of one case; it sees the case's files."""
+    """Write the finder's answer on a case; it reads the case's files."""
     started = time.perf_counter()
     result: dict[str, Any] = {"format": FORMAT, "case": int(case.name[-4:])}
     nothing = {"named": [], "possible": [], "found": []}

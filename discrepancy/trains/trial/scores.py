@@ -1,7 +1,7 @@
-"""How good the train finder is: what it said of cases (`discrepancy.trains.trial.run`) and what was hidden in them.
+"""Scores of the train finder: its answers on cases (`discrepancy.trains.trial.run`) against the hidden effects.
 
 Counts of cases with 95 % Wilson intervals, for wheels that yield to each other and wheels held at speed apart. All
-sizes count, however small; a name is wrong where nothing that was hidden is among what the finder calls possible.
+sizes count, however small; a name is wrong if no hidden effect is among those that the finder calls possible.
 """
 
 import dataclasses
@@ -25,49 +25,49 @@ FORMAT = "castor-train-trial/3"
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """A case after the labels are open: what was hidden in it, and what was said of it."""
+    """A judged case: its label (the hidden effects) and its outcome (the finder's answer)."""
 
     label: dict[str, Any]
     outcome: dict[str, Any]
 
     @property
     def truth(self) -> set[str]:
-        """Names and places of what was hidden."""
+        """Names and places of the hidden effects."""
         return {hidden["what"] for hidden in self.label["hidden"]}
 
     @property
     def exact(self) -> bool:
-        """Whether it is what the finder is sure of, no less and no more."""
+        """Whether the finder names exactly the hidden effects."""
         return set(self.outcome["named"]) == self.truth and self.outcome["verdict"] in ("named", *QUIET)
 
     @property
     def in_the_set(self) -> bool:
-        """Whether it is all among what the finder says it may be."""
+        """Whether all hidden effects are among the possible effects."""
         return self.truth <= set(self.outcome["possible"])
 
     @property
     def wrong(self) -> bool:
-        """Whether names are given, and nothing that was hidden is among them."""
+        """Whether effects are called possible, and none of them was hidden."""
         return bool(self.outcome["possible"]) and not self.truth & set(self.outcome["possible"])
 
     @property
     def alarm(self) -> bool:
-        """Whether the finder says that something is not as described."""
+        """Whether the finder reports any discrepancy."""
         return self.outcome["verdict"] not in QUIET
 
     @property
     def flagged(self) -> bool:
-        """Whether the finder says that something has no name, or that it cannot tell which it has."""
+        """Whether the finder reports an unexplained or an ambiguous discrepancy."""
         return self.outcome["verdict"] in ("unexplained", "ambiguous")
 
     @property
     def extra(self) -> bool:
-        """Whether the finder is sure of something that was not hidden."""
+        """Whether the finder names an effect that was not hidden."""
         return bool(set(self.outcome["named"]) - self.truth)
 
 
 def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
-    """Return all cases of a trial of which the finder has spoken; raises InputError if there are none."""
+    """Return all judged cases of a trial; raises InputError if there are none."""
     folder = Path(folder)
     paths = sorted((folder / "outcomes").glob("case-*.json"))
     if not paths:
@@ -76,7 +76,7 @@ def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
-    """Return the rates of some cases."""
+    """Return the rates over these cases."""
 
     def rate(label: str, cases: Sequence[Trial], so: Callable[[Trial], bool]) -> Rate:
         count = sum(map(so, cases))
@@ -103,7 +103,7 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
 
 
 def by_effect(trials: Sequence[Trial]) -> list[Rate]:
-    """Return for each kind of effect how often it was named exactly where it was hidden alone."""
+    """Return for each kind of effect the rate at which it was named exactly where it was hidden alone."""
     counts: dict[str, list[bool]] = {}
     for trial in trials:
         if trial.label["stratum"] == "one":
@@ -114,7 +114,7 @@ def by_effect(trials: Sequence[Trial]) -> list[Rate]:
 
 
 def coverage(trials: Sequence[Trial]) -> Rate:
-    """Return how often the true size of what is named rightly lies in the 95 % interval."""
+    """Return the rate at which the true size of a rightly named effect lies in the 95 % interval."""
     inside = [
         abs(found["value"] - hidden["value"]) <= NORMAL * found["error"]
         for trial in trials

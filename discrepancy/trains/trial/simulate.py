@@ -1,4 +1,4 @@
-"""Logs of simulated trains that drive at random, to try the finder on: effects are in them, hidden from who reads."""
+"""Logs of simulated trains on random paths, with hidden effects, for trials of the finder."""
 
 from typing import Literal
 
@@ -30,7 +30,7 @@ def log_at_random(
     drive: Literal["servo", "voltage"] = "voltage",
     reference: bool = True,
 ) -> Log:
-    """Return the log of a train that drives a random path of `length` (m) in physics; its effects are in it.
+    """Return the log of a train, with its effects, that drives a random path of `length` (m) in physics.
 
     drive: "voltage" lets wheels yield to each other; "servo" holds their speeds.
     """
