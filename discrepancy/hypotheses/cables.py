@@ -28,7 +28,7 @@ DIRECTIONS, BIN = 180, 0.01
 """Grid of the scan for lines: directions in half a turn, and spacing of offsets, m."""
 
 BANDS = 3, 5, 9
-"""Width of a line in the scan, bins."""
+"""Widths of a line in the scan, bins."""
 
 PEAKS, MOST = 6, 2
 """Lines of the scan that are refined, and that are proposed."""

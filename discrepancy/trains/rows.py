@@ -44,7 +44,7 @@ SLIDING, NEARLY, AROUND = 0.002, 0.7, 5
 which on it may; and the steps before and after that are included."""
 
 BENT = 1e-4
-"""rad, to take derivatives with."""
+"""rad: step for numerical derivatives."""
 
 RAISED = 0.06
 """Standard deviation of the part of its bow by which a frame's gauges read too much under tension: they are not points,

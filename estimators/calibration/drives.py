@@ -14,7 +14,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.log_likelihood import Noise
 
 TYPICAL = Noise(along=1e-3, across=1e-3, position=2e-3, heading=5e-3)
-"""Speeds of the proposed drives."""
+"""Noise that is assumed of proposed drives."""
 
 Poses = Literal["none", "ends", "all"]
 

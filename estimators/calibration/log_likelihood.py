@@ -39,8 +39,9 @@ TIMED = 5
 """Least number of reference poses with which the offset of their clock is fitted."""
 
 EXTENDED, FADED = 2.0, 6.0
-"""Steps by which a moving robot's motion is extended beyond a log's ends, to poses from beyond; up to there their
-weight fades out. (A pose that dropped out at once could come back in the next iteration, and so on without end.)"""
+"""A moving robot's motion is extended beyond a log's ends to poses from beyond: steps up to which these have full
+weight, and at which their weight has faded to 0. (A pose that dropped out at once could come back in the next
+iteration, and so on without end.)"""
 
 REST = 6
 """Samples at a log's end in which no count may change by more than one, so that a pose from beyond the end is assigned

@@ -1,12 +1,12 @@
 """Calibration of any robot from any logs: the parameters that make all counts and reference poses most likely.
 
-Gauss and Newton's method on the squares of `log_likelihood`, in which all that truly happened is eliminated. How much
-the wheels slip and how far reference poses are off is found as well: the squares of each kind are brought to what such
-residuals leave on average (variance components by restricted maximum likelihood; averages from drawn residuals). What
-the logs say next to nothing of keeps the robot file's numbers and is told (`unseen`).
+Gauss and Newton's method on the squares of `log_likelihood`, in which the states of logs are eliminated. The noise of
+slip and of reference poses is estimated as well: the squares of each kind are brought to their expected values
+(variance components by restricted maximum likelihood; expected values from drawn residuals). Changes of parameters on
+which the logs hold next to no information keep the robot file's numbers and are reported (`unseen`).
 
-A reference is taken as it comes: another point of the body may have been tracked, its axes turned against the body's,
-its clock early or late. All of this is found beside the robot's parameters, never mistaken for them.
+A reference may track any point of the body, with axes turned against the body's and a clock that is early or late. All
+of this is fitted beside the robot's parameters, so that it does not bias them.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,54 +28,57 @@ from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
 
 UNSEEN = 0.03
-"""A change of the parameters is not seen if its standard error is larger: as a part of each length, or in rad. Rounding
-is not quite as random as it is taken to be; what is hardly seen would be made up of it."""
+"""A change of the parameters is unseen if its standard error is larger: as a part of each length, or in rad. Rounding
+errors are not quite random, and estimates of hardly seen changes would consist of them."""
 
 MOUNT = np.array([1.0, 1.0, 1.0])
-"""m, m, rad: where the tracked point may lie and how it may be turned; wide enough not to matter."""
+"""m, m, rad: prior standard deviations of the tracked point and its heading; wide enough not to matter."""
 
 TURNED = 0.25
-"""rad: how far a tracker's axes are usually turned against the body's, which they are meant to be along."""
+"""rad: usual angle between a tracker's axes and the body's, which should be parallel."""
 
 MOUNT_SEEN = 0.5
-"""Of what is believed before: a number of the mount is seen if less than so much of its uncertainty is left."""
+"""A number of the mount is seen if its standard error is less than this part of its prior standard deviation."""
 
 LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5)
 ROUNDS, PROBES = 60, 4
 CONVERGED, SETTLED, SETTLED_BY = 0.01, 0.02, 0.1
-"""Done when no parameter moves by more of its standard error, and no noise changes by more of itself or, where few
-residuals tell of it, of its standard error."""
+"""Converged when no parameter moves by more than the first part of its standard error, and no noise changes by more
+than the second part of itself or, where few residuals determine it, the third part of its standard error."""
 
 FARTHEST = 0.2
-"""No step changes a parameter by more, as a part of its scale."""
+"""Largest change of a parameter in a step, as a part of its scale."""
 
 FARTHEST_POINT = 3.0
-"""Of the robot's size: how far from its origin the tracked point may lie."""
+"""Largest distance of the tracked point from the robot's origin, as a multiple of the robot's size."""
 
 LEAST_FREEDOM = 1e-3
-"""Degrees of freedom, of residuals: fewer tell nothing of a noise's size."""
+"""Least degrees of freedom of residuals with which noise is estimated."""
 
 SHORTEST, SLACK = 1 / 64, 0.01
-"""Of a step, the least part that is taken; and the sum of squares by which a whole step may fail, by rounding alone."""
+"""Least part of a step that is taken; and the increase of the sum of squares that is accepted, as rounding may cause
+it."""
 
 SETTLING = 2
-"""Rounds in which all else settles before the parameters move."""
+"""Rounds in which states and noise converge before parameters move."""
 
 CHANGE = 1e-6
-"""Of a parameter's scale, for derivatives: rolling is linear in lengths, so that rounding alone limits it."""
+"""Step for numerical derivatives, as a part of a parameter's scale: rolling is linear in lengths, so only rounding
+limits it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What logs say of P parameters of a robot.
+    """Estimates of P parameters of a robot from logs.
 
     before, after (P,): SI. covariance (P, P): of `after`; unseen directions count as known. unseen (u, P): orthogonal
     changes, in parts of the parameters' scales, that the logs do not show; `after` keeps the robot file's numbers
     there. information (P, P): of all logs, in the same scales. noise: as found. mount (3,): the tracked point in B, m,
-    and how its axes are turned, rad; mount_covariance (3, 3): where the logs do not show it, as they do not if all end
-    where they began, that of `mount_prior`. clocks (logs, 2): the reference at t is the pose at t + clock[0] +
-    clock[1] (t - t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms of how far (m) odometry,
-    from the most likely pose at a log's first reference pose on, is off the reference, before and after; None without.
+    and how its axes are turned, rad; mount_covariance (3, 3): that of `mount_prior` where the logs do not show it, as
+    when all end where they began. clocks (logs, 2): the reference at t is the pose at t + clock[0] + clock[1] (t -
+    t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms distance (m) between odometry, which
+    starts at the most likely pose at a log's first reference pose, and the reference, before and after; None without a
+    reference.
     """
 
     robot: RobotDescription
@@ -94,12 +97,12 @@ class Calibration:
 
     @property
     def calibrated(self) -> RobotDescription:
-        """The robot with what was found."""
+        """The robot with the estimated parameters."""
         return robot_with(self.robot, self.parameters, self.after)
 
     @property
     def standard_errors(self) -> Array:
-        """Of `after` (P,); 0 of parameters that keep their numbers."""
+        """Standard errors of `after` (P,); 0 for parameters that keep their numbers."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
@@ -109,12 +112,12 @@ class Calibration:
 
     @property
     def mount_seen(self) -> NDArray[np.bool_]:
-        """Which numbers (3,) of the mount the logs show: much better than was believed without them."""
+        """Which numbers (3,) of the mount the logs show: with errors much smaller than those of the prior."""
         return self.mount_errors < MOUNT_SEEN * mount_prior(Geometry.of(self.robot))
 
 
 class State(NamedTuple):
-    """All that is sought: parameters (P,), mount (3,), and of each log its state and clock."""
+    """All unknowns: parameters (P,), mount (3,), and the state and clock of each log."""
 
     found: Array
     mount: Array
@@ -171,9 +174,9 @@ def calibrate(
 
 
 def straightened(described: Geometry, logs: Sequence[Log]) -> tuple[list[Log], float]:
-    """Return logs with the axes of their tracker along the body's, but for little; and by how much they were turned.
+    """Return logs with the axes of their tracker nearly along the body's, and the angle by which they were turned.
 
-    Of a tracker that is turned by little, logs stay as they are: that is found beside all else. turn: rad, to the left.
+    For a small angle the logs stay as they are: it is fitted with all other unknowns. turn: rad, to the left.
     """
     models = [LogLikelihood(described, log) for log in logs]
     turn = turn_of_tracker([model.ways(described) for model in models], _size(described))
@@ -195,11 +198,10 @@ def fitted(
     placed: Array = MOUNT,
     least: Noise = LEAST,
 ) -> tuple[State, Noise, "_Solution"]:
-    """Return the most likely state, the sizes of noise, and the last step, in which nothing moved if all went well.
+    """Return the most likely state, the sizes of noise, and the last step, which is near 0 on convergence.
 
-    noise: known sizes; None: they are found. start: what to begin with, of the same logs; None: what the counts say.
-    rounds: how many steps to take at most. placed (3,): standard deviations of the mount before any log speaks. least:
-    the least sizes of noise that there are.
+    noise: known sizes; None: they are fitted. start: state and noise of the same logs to begin with; None: state by
+    counts. rounds: most steps. placed (3,): prior standard deviations of the mount. least: lower bounds of noise.
     """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
@@ -244,11 +246,11 @@ def _stepped(
     solution: "_Solution",
     placed: Array,
 ) -> tuple[State, list[Leftover], float]:
-    """Return the state after a step, what it leaves of each log, and what part of the step was taken.
+    """Return the state after a step, the residuals of each log, and the part of the step that was taken.
 
-    All is moved by the whole step, or half of it, and so on: until the sum of squares, as it truly is there and not as
-    it was linearised, is no larger than before. Weights are those of the state before. Each time, poses are moved in
-    the world, and if that does not serve, relative to each other (`moved_along`).
+    All unknowns are moved by the whole step, or half of it, and so on, until the exact (not linearised) sum of squares
+    is no larger than before, with the weights of the state before. Each time, poses are moved in the world and, if that
+    fails, relative to each other (`moved_along`).
     """
     scale = _scales(parameters)
     moved_by = np.concatenate([scale[:, None] * solution.step, solution.mount])
@@ -285,7 +287,8 @@ def _scales(parameters: tuple[Parameter, ...]) -> Array:
 def information_of(
     robot: RobotDescription, parameters: tuple[Parameter, ...], logs: Sequence[Log], noise: Noise
 ) -> Array:
-    """Return what logs that fit a robot say of its parameters (P, P), in parts of their scales, at known noise."""
+    """Return the information (P, P) that logs which fit a robot hold on its parameters, in parts of their scales, at
+    known noise."""
     geometry, scale = Geometry.of(robot), _scales(parameters)
     changed = geometry_with(geometry, parameters, values_of(geometry, parameters) + CHANGE * np.diag(scale))
     models = [LogLikelihood(geometry, log) for log in logs]
@@ -303,22 +306,22 @@ CONTRADICTION = (
 )
 
 MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3)
-"""More noise than this is no noise: something else is wrong."""
+"""Largest noise of a sound robot and reference: more has another cause."""
 
 
 def mount_prior(described: Geometry) -> Array:
-    """Return the standard deviations (3,), m, m, rad, of where a tracked point is, before any log speaks."""
+    """Return the prior standard deviations (3,), m, m, rad, of a tracked point."""
     size = _size(described)
     return np.array([size, size, TURNED])
 
 
 def _size(described: Geometry) -> float:
-    """Return how far a robot's wheels may be from its origin, m."""
+    """Return the largest distance of a robot's wheels from its origin, m."""
     return float(np.max(np.hypot(*described.pivot.T) + described.offset) + np.max(np.abs(described.lateral)))
 
 
 def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
-    """Return what no sound robot with a sound reference shows."""
+    """Return findings that no sound robot with a sound reference shows, in words."""
     size = _size(described)
     away, turned = float(np.hypot(*mount[:2])), abs(float(mount[2]))
     found = []
@@ -334,8 +337,8 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
 class _Solution(NamedTuple):
     """step (P, 1 + probes), in scales; mount (3, 1 + probes) and its covariance (3, 3); moved: in standard errors.
 
-    strength (P,), way (P, P): eigenvalues and -vectors (columns) of the information, in scales; seen (P,): which of
-    them are.
+    strength (P,), way (P, P): eigenvalues and eigenvectors (columns) of the information, in scales; seen (P,): which
+    directions the logs show.
     """
 
     step: Array
@@ -350,7 +353,7 @@ class _Solution(NamedTuple):
 def _solve(
     reductions: list[Reduced], scale: Array, mount: Array, placed: Array, away: Array, farthest: float
 ) -> _Solution:
-    """Return the next step; away (P,): how far it is already from the robot file, in scales."""
+    """Return the next step; away (P,): current deviation from the robot file, in scales."""
     information = np.sum([reduced.information for reduced in reductions], axis=0)
     gradient = np.sum([reduced.gradient for reduced in reductions], axis=0)
     n = len(scale)
@@ -373,7 +376,7 @@ def _solve(
 
 
 def resized(sizes: Noise, left: list[Leftover], least: Noise = LEAST) -> Noise:
-    """Return the sizes of noise, none below `least`, by which the squares left would be what they are on average."""
+    """Return the sizes of noise, none below `least`, at which the sums of squares equal their expected values."""
     better = asdict(sizes)
     for name, size in asdict(sizes).items():
         squares, expected = (

@@ -18,7 +18,7 @@ ANGLES = ("pivot_zero", "angle")
 class Parameter:
     """One number: its kind, the index (from 0) of its castor, and of wheels the index among all of the robot's.
 
-    name: for people. scale: what a change is measured by: a length of the robot, m, or 1 rad.
+    name: for people. scale: unit of its changes: a length of the robot, m, or 1 rad.
     """
 
     kind: Kind
@@ -29,17 +29,17 @@ class Parameter:
 
     @property
     def unit(self) -> str:
-        """Of the number: "m" or "rad"."""
+        """Unit of the number: "m" or "rad"."""
         return "rad" if self.kind in ANGLES else "m"
 
 
 def parameters_of(robot: RobotDescription, pivots: bool = False) -> tuple[Parameter, ...]:
-    """Return what of a robot can be wrong, in file order.
+    """Return the parameters of a robot that calibration can find, in file order.
 
     Wheels with encoders: radius, and on castors with several wheels the lateral place. Castors with a pivot encoder:
     pivot_zero. Castors that trail: offset. Castors that are steered, and fixed ones on an omni wheel: the pivot's
-    place; fixed ones on omni wheels: the angle. pivots: also the places of the pivots of castors that turn freely; they
-    are known otherwise, and the scale of a robot that no one tracked rests on them.
+    place; fixed ones on omni wheels: the angle. pivots: also the places of the pivots of castors that turn freely;
+    without it they are taken as known, and the scale of a robot without reference poses rests on them.
     """
     size = _size(robot)
     found = []

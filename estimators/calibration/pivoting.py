@@ -34,11 +34,11 @@ FAR = 2.0
 """Factor by which a length may differ from the robot file's; dimensions are measured better than that."""
 
 ROUNDING = 3.0
-"""Counts by which rounding may seem to stray."""
+"""Counts of apparent deviation that rounding may cause."""
 
 
 class CastorParameters(NamedTuple):
-    """What eqs. 1-9 tell of a castor: r_c (...) m, beta (...) rad, r_w and d (..., 2) m, left wheel first."""
+    """The parameters of a castor in eqs. 1-9: r_c (...) m, beta (...) rad, r_w and d (..., 2) m, left wheel first."""
 
     offset: Array
     pivot_zero: Array
@@ -85,8 +85,8 @@ class Turn:
 class PivotingCalibration:
     """Parameters of all castors (n,), the mean of `estimates` (e, n), one for each castor that was held; NaN for none.
 
-    errors: standard errors: what the rounding of counts leaves, or what the estimates differ by if that is more. Slip
-    that is the same about every castor is not in them. robot: as it was described.
+    errors: standard errors, from the rounding of counts, or from the spread of the estimates if that is larger. Slip
+    that is the same about every castor is not included. robot: as it was described.
     """
 
     robot: RobotDescription
@@ -95,7 +95,7 @@ class PivotingCalibration:
     estimates: CastorParameters
 
     def applied(self) -> RobotDescription:
-        """Return the robot with what was found; a castor that was never free keeps its numbers."""
+        """Return the robot with the estimated parameters; a castor that was never free keeps its numbers."""
         found = self.parameters
         castors = []
         for i, castor in enumerate(self.robot.castors):

@@ -11,7 +11,7 @@ from castor_envs.vehicles.robot import RobotDescription
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One log for calibration, with what its maker knows of it.
+    """One log for calibration, with what is known about its recording.
 
     log: its reference, where there is one, may be known in some rows only (the first and the last). held: the castor
     (from 1) whose wheels were blocked, or None. side: of the UMBmark square that was driven, m, or None. name: of the
@@ -31,10 +31,10 @@ def in_recording(error: InputError, recording: Recording) -> InputError:
 
 @runtime_checkable
 class CalibrationMethod(Protocol):
-    """Finds a robot's parameters in logs of its own. The class is constructed without arguments."""
+    """Finds a robot's parameters from its logs. The class is constructed without arguments."""
 
     def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording], /) -> RobotDescription:
-        """Return the robot with the parameters that the recordings tell, its layout unchanged.
+        """Return the robot with the parameters estimated from the recordings, its layout unchanged.
 
         robot: as its user describes it. Raises `Declined` (`castor_envs.errors`) where the method does not serve this
         robot or such recordings; whatever else it raises is a fault, of its own or in the recordings.
@@ -46,8 +46,8 @@ class CalibrationMethod(Protocol):
 class Result:
     """One number of the robot file: before, after, and its standard error (None where no method tells it), in `unit`.
 
-    unit: "m", "rad" or "1". seen: "no": it keeps the file's number; "partly": the error holds only if what is not seen,
-    and moves this number by more, is right in the file. rests_on: what that is.
+    unit: "m", "rad" or "1". seen: "no": it keeps the file's number; "partly": the error holds only if unseen changes
+    that move this number by more are right in the file. rests_on: names of these changes.
     """
 
     name: str
@@ -61,10 +61,10 @@ class Result:
 
 @dataclass(frozen=True)
 class Report:
-    """What a method found, for people and programs.
+    """The result of a method, for people and programs.
 
-    unseen: what the logs do not show, by what it is called in `Result.rests_on`, with a sentence about it. remarks:
-    further sentences. more: plain data for programs, beside the results.
+    unseen: changes that the logs do not show, by their name in `Result.rests_on`, each with a sentence about it.
+    remarks: further sentences. more: further plain data for programs.
     """
 
     results: tuple[Result, ...]
@@ -76,10 +76,10 @@ class Report:
 
 @runtime_checkable
 class ReportingMethod(CalibrationMethod, Protocol):
-    """A method that says more than its robot; ``castor-bench calibrate`` shows it.
+    """A method that reports more than the calibrated robot; ``castor-bench calibrate`` shows the report.
 
-    title: what it does, in a line. Of its class: takes_squares, whether it needs `Recording.side`; finds_pivots,
-    whether it is made with ``pivots=True`` to find the places of free castors' pivots too.
+    title: its principle, in a line. Attributes of its class: takes_squares, whether it needs `Recording.side`;
+    finds_pivots, whether its constructor takes ``pivots=True`` to find the places of free castors' pivots too.
     """
 
     title: str
@@ -87,5 +87,5 @@ class ReportingMethod(CalibrationMethod, Protocol):
     finds_pivots: bool
 
     def report(self, robot: RobotDescription, recordings: Sequence[Recording], /) -> Report:
-        """Return what the recordings tell; raises as `calibrate` does."""
+        """Return the calibrated robot with the report; raises as `calibrate` does."""
         ...

@@ -11,8 +11,8 @@ to the left where the right wheel is the larger. To first order the centres of g
     x_cw = -2 L (alpha + beta)          x_ccw = -2 L (alpha - beta)
 
 and y holds the same two sums. As in the published worked example (OptiOdom), x alone is used. The method is of first
-order in the errors: what is left falls with their square, so a second set of runs, with the corrected robot, mends what
-large errors leave.
+order in the errors: the remaining error falls with their square, so a second set of runs, with the corrected robot,
+corrects what remains of large errors.
 """
 
 from collections.abc import Sequence
@@ -54,12 +54,13 @@ class StandardErrors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class UMBmarkCorrection:
-    """What the runs told.
+    """The result of the runs.
 
-    alpha: by how much every corner was turned too little, rad. beta: by how much every side bent to the left, rad.
-    wheel_base_factor: E_b, true over described wheel base. diameter_ratio: E_d, right over left wheel diameter, over
-    the same of the robot as described (whose wheels may be unequal already). axle: corrected wheel base and diameters.
-    covariance_of_angles and covariance: (2, 2) of alpha, beta (rad^2) and of E_b, E_d; None from single runs.
+    alpha: angle by which every corner was turned too little, rad. beta: angle by which every side bent to the left,
+    rad. wheel_base_factor: E_b, true over described wheel base. diameter_ratio: E_d, right over left wheel diameter,
+    over the same of the robot as described (whose wheels may be unequal already). axle: corrected wheel base and
+    diameters. covariance_of_angles and covariance: (2, 2) of alpha, beta (rad^2) and of E_b, E_d; None from single
+    runs.
     """
 
     alpha: float
@@ -130,7 +131,7 @@ def from_logs(
 ) -> UMBmarkCorrection:
     """Return the correction from logs of single squares with a reference at start and end.
 
-    robot: as described; its dead reckoning is held against the reference. directions: which way each log went.
+    robot: as described; its dead reckoning is compared with the reference. directions: in which each square was driven.
     side: m. Raises InputError as `from_errors` does, and for logs without reference or whose square was not closed.
     """
     return from_errors(robot, *return_errors(robot, logs, directions, side), side)
@@ -156,7 +157,8 @@ def return_errors(
 
 
 def direction_of(log: Log) -> Literal["cw", "ccw"]:
-    """Return which way a log with a reference went round; raises InputError where it has none at start or end."""
+    """Return the direction in which a log with a reference went round; raises InputError where it has none at start or
+    end."""
     ends = np.full((2, 3), np.nan) if log.reference is None else log.reference[[0, -1]]
     if not np.isfinite(ends).all():
         raise Declined("has no reference at its start and end; record the true pose at both")
@@ -218,7 +220,7 @@ def _covariance_of_angles(x_cw: Array, x_ccw: Array, side: float) -> Array | Non
 
 
 def _check_odometry(name: str, path: Array, turn: float, side: float) -> None:
-    """Raise InputError where odometry (K, 3) is so far off a square that was truly driven that the file is wrong."""
+    """Raise InputError where odometry (K, 3) of a completed square is so far off that the robot file must be wrong."""
     turned, length = path[-1, 2] - path[0, 2], float(np.sum(np.hypot(*np.diff(path[:, :2], axis=0).T)))
     if not 0.5 < turned / turn < 2.0:
         raise InputError(
@@ -233,7 +235,7 @@ def _check_odometry(name: str, path: Array, turn: float, side: float) -> None:
 
 
 def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "ccw"], side: float, name: str) -> Array:
-    """Return true minus odometry (3,) at the end of a log, as the axle saw it from its start: m, m, rad."""
+    """Return true minus odometry (3,) at the end of a log, in the frame of the axle at its start: m, m, rad."""
     at = driven_axle(robot)
     axle = robot.castors[at]
     middle = sum(robot.wheels[k].lateral for k in robot.driven_wheels) / 2

@@ -1,4 +1,4 @@
-"""No calibration at all: what every method is compared with."""
+"""No calibration: the baseline with which every method is compared."""
 
 from collections.abc import Sequence
 
