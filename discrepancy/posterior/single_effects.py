@@ -129,12 +129,12 @@ class SingleEffects:
         self._least, self._most = (np.where(single, numbers[:, k], end) for k, end in ((2, -np.inf), (3, np.inf)))
         self._precision = (numbers[:, :1] * SCALES)[:, :, None] ** -2.0  # (h, scales, 1)
 
-    def posterior(self, score: Array, most: int = MOST) -> Posterior:
-        """Return the posterior of a sum of `most` single effects, given the score (m,) at b = 0."""
+    def posterior(self, score: Array, count: int = MOST) -> Posterior:
+        """Return the posterior of a sum of `count` single effects, given the score (m,) at b = 0."""
         empty = Component(1.0, np.zeros(len(self.hypotheses)), np.zeros(len(score)), 0.0, 0.0)
-        starts = [(empty,) * most]
-        if most > 1:
-            starts += [(*pair, *(empty,) * (most - 2)) for pair in self._pairs(score)]
+        starts = [(empty,) * count]
+        if count > 1:
+            starts += [(*pair, *(empty,) * (count - 2)) for pair in self._pairs(score)]
         return max((self._settled(score, start) for start in starts), key=lambda found: found.bound)
 
     def sizes(self, posterior: Posterior, score: Array, component: int, k: int) -> tuple[Array, Array]:

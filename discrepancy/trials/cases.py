@@ -15,7 +15,7 @@ Of all cases, whatever the stratum:
 
     robot       each of the trial's in turn, in an order that the seed draws
     strength    by cost in use in one half, by z in the other (`BOUNDS`); wiring has no size
-    clean logs  three in one half of the cases of the own physics, in four of five of another simulator's; else none
+    clean logs  three in half of the cases by pymunk, and in four of five by another simulator; else none
     reference   none in one half of the cases of robots whose encoders are redundant; all others have one
 
 A case is determined by its number, the trial's seed and its robots. `strength.solve_size` finds the sizes.

@@ -1,9 +1,10 @@
 """Runs a trial: makes cases in separate processes, then gives the finder their files and nothing else.
 
-    trial.json what was asked for: cases, seed, generator, robots, duration cases/case-0001/                log.csv,
-    holdout.csv and robot.json (without effect): what the finder is given clean/asoc-prototype/1.csv ...  logs of a
-    robot without any effect, which it is given besides in some cases labels/case-0001.json, .npz     what is hidden and
-    how strong it is; the true path of the held-out log outcomes/posterior/case-0001.json     what the finder said
+    trial.json                      settings: cases, seed, generator, robots, duration
+    cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): the files for the finder
+    clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which the finder is also given in some cases
+    labels/case-0001.json, .npz     the hidden effects and their strengths; the true path of the held-out log
+    outcomes/posterior/case-0001.json     the finder's answer
 
 Files that are there already are kept, so a trial that was interrupted continues. To judge the finder again, delete its
 outcomes.
@@ -79,8 +80,8 @@ def make(
 ) -> None:
     """Make the cases of a trial that are not there yet, `jobs` at a time, each in another process.
 
-    robot: a preset's name; None: all that encoders tell the motion of and the generator can drive. Raises InputError
-    for a folder that holds another trial.
+    robot: a preset's name; None: all whose encoders determine their motion and that the generator can drive.
+    Raises InputError for a folder that holds another trial.
     """
     folder = Path(folder)
     plan = Plan(cases, seed, generator_name, robots_for(generator(generator_name), robot), duration)
@@ -115,9 +116,9 @@ def plan_of(folder: str | os.PathLike[str]) -> Plan:
 
 
 def robots_for(source: Generator, robot: str | None = None) -> list[str]:
-    """Return the presets that a generator can drive and whose encoders tell their motion, or the one asked for.
+    """Return the presets that a generator can drive and whose encoders determine their motion, or the given preset.
 
-    Raises InputError where that one is none of them.
+    Raises InputError if the given preset is not among them.
     """
     found = []
     for name in preset_names() if robot is None else [robot]:

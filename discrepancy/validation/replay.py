@@ -73,8 +73,8 @@ class Replay:
     start, end (N,): s, on the log's clock. place (N, 2): where it began, m in the reference's frame, NaN without one.
     driven (N,): m that the body's origin moved in the simulation. body (N, 3): simulated less measured motion from
     start to end, in the body's frame at the start: along (forward), across (to the left), m, turned, rad; NaN where the
-    reference does not tell. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot
-    encoders): rad, that the simulated encoders read beyond the measured.
+    reference is unknown. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot encoders):
+    rad, that the simulated encoders read beyond the measured.
     """
 
     drive: Drive
@@ -321,7 +321,7 @@ def _windows(
 
 
 def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
-    """Return when, within a log (k,), and where the body stood as the reference tells (k, 3); see `replay`."""
+    """Return the times within a log (k,) and poses of the body (k, 3) by the reference; see `replay`."""
     if log.reference is None:
         return np.zeros(0), np.zeros((0, 3))
     ahead, rate = np.asarray(clock, dtype=float)
@@ -335,7 +335,7 @@ def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLi
 
 
 def _body_of(robot: RobotDescription, shown: Array) -> Array:
-    """Return the body's poses (k, 3) that the reference, with the robot's effects on it, shows as `shown` (k, 3)."""
+    """Return the body's poses (k, 3) for which the reference, with the robot's effects on it, shows `shown` (k, 3)."""
     body = shown
     for _ in range(4 if len(shown) else 0):  # one is enough for another point, another scale takes more
         seen = body

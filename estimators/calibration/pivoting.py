@@ -315,7 +315,7 @@ class PivotingMethod:
     finds_pivots = False
 
     def calibrate(self, robot: RobotDescription, recordings: Sequence[Recording]) -> RobotDescription:
-        """Return the robot with the mean of what the turns about each castor tell of the others."""
+        """Return the robot with the mean of the parameters by turns about each castor."""
         return self._fit(robot, recordings).applied()
 
     def report(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Report:

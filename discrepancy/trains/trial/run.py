@@ -1,9 +1,9 @@
 """Runs a train's trial: makes cases in separate processes, then gives the finder their files and nothing else.
 
-trial.json                      what was asked for: train, cases, seed, duration
-cases/case-0001/                log.csv, holdout.csv and train.json (nominal): all that the finder gets
-labels/case-0001.json           what was hidden
-outcomes/case-0001.json         what the finder said
+trial.json                      settings: train, cases, seed, duration
+cases/case-0001/                log.csv, holdout.csv and train.json (nominal): the files for the finder
+labels/case-0001.json           the hidden effects
+outcomes/case-0001.json         the finder's answer
 """
 
 import dataclasses

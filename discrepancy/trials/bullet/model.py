@@ -11,8 +11,8 @@ mm wide the prototype's wheels were 0.8 % of their way off, on spheres 0.0005 %.
 wheel's all the same.
 
 Contacts are rigid along the floor: Coulomb's friction with its cone, no creep below it. Across the floor they give a
-little, for rigid ones leave open which of more than three carries how much. Nothing sinks into rolling radii by that:
-a sphere's lowest point stays at its radius. What a tyre's rolling radius has beside that (load, wear), it has as a gear
+little, for rigid ones leave open which of more than three carries how much. Nothing sinks into rolling radii by that: a
+sphere's lowest point stays at its radius. Other changes of a tyre's rolling radius (load, wear) are modelled as a gear
 between tyre and rim (`Rig.radius`), because Bullet's shapes cannot change while they roll.
 
 Wheels and steering have velocity servos: torque = gain * (command - rate), within the motor's torque. Bullet's motors
@@ -50,19 +50,19 @@ SINKING, REDUNDANT = 4e-5, 10.0
 castors, to have all of them carry with radii that differ."""
 
 SKID_SINKING = 2e-4
-"""The same of skids, m: softer, so that wheels carry whatever their radii."""
+"""The same for skids, m: softer, so that wheels carry the load whatever their radii."""
 
 CONTACT_DAMPING = 0.7
-"""Of contacts across the floor, in parts of the critical one under static load."""
+"""Damping of contacts normal to the floor, in parts of the critical damping under static load."""
 
 GRAVITY = 9.81
-"""m/s2, to choose dampers for."""
+"""m/s2: gravity for which dampers are chosen."""
 
 HEIGHT = 1.0
 """Height of the chassis' centre of mass over the axles, in wheel radii."""
 
 TILTING = 0.6
-"""Inertia of chassis and forks about level axes over that about the vertical: flat things."""
+"""Inertia of chassis and forks about level axes over that about the vertical: they are flat."""
 
 ROCKING = 0.2
 """Part of its fork's mass and inertia that a rocking axle has."""
@@ -124,7 +124,7 @@ class Parts:
 
 @dataclass(eq=False)
 class Rig:
-    """A robot in a Bullet world of its own, and its state.
+    """A robot in a separate Bullet world, and its state.
 
     client, body: numbers that Bullet gave to the world and the robot. center (3,): of mass of the chassis, in B, m.
     load (w,): at rest, N. step_size: s. hinges, spheres: Bullet's numbers of the links on hinges, and of those that

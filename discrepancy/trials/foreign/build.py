@@ -1,6 +1,6 @@
 """The numbers of a robot file as foreign simulators take them, and how effects on dimensions change them.
 
-Written anew from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: foreign
+Written independently from the definitions in `castor_envs.vehicles.robot` and `castor_envs.effects.dimensions`: foreign
 simulators share no geometry code with the project's own.
 """
 

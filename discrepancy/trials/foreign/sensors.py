@@ -1,8 +1,8 @@
 """How encoders of foreign simulators are read: effects on sensors and time, at the simulation's own fine steps.
 
-Written anew from the definitions of the effects in `castor_envs.effects`; none of their sensor models is called. A
-stage is called with one sample period after the other, as the simulator has computed it: times (m,) and angles
-(m, w + n) of wheels and castors, rad, the sample in the last row. The first call has the start alone.
+Written independently from the definitions of the effects in `castor_envs.effects`; none of their sensor models is
+called. A stage is called with one sample period after the other, as the simulator has computed it: times (m,) and
+angles (m, w + n) of wheels and castors, rad, the sample in the last row. The first call has the start alone.
 """
 
 import math

@@ -38,13 +38,13 @@ ROCKING = 16.0
 """How many times softer the springs are where one wheel rises and its neighbours sink."""
 
 SPRING_DAMPING = 0.7
-"""Of springs, in parts of the critical one under static load."""
+"""Damping of springs, in parts of the critical damping under static load."""
 
 THINNESS = 0.15
 """A wheel's half width over its radius."""
 
 GRAVITY = 9.81
-"""m/s2, to choose dampers for."""
+"""m/s2: gravity for which dampers are chosen."""
 
 HEIGHT = 2.0
 """Height of the chassis' centre of mass over the axles, in wheel radii."""
@@ -63,7 +63,7 @@ AHEAD = (1 + IMPEDANCE * CONTACT_TIME) / 2
 slip lags behind the turning of the contacts, which MuJoCo leaves out."""
 
 PIVOT_DAMPING = 1e-3
-"""N m s, of a free pivot."""
+"""N m s: damping of a free pivot."""
 
 
 def text(*values: float) -> str:
@@ -331,12 +331,13 @@ def _damping(sinking: float) -> float:
 
 
 def _rocking(build: Build, wheel: int) -> float:
-    """Return how many times softer a wheel's own spring is than those that its castor stands on."""
+    """Return how many times softer the spring of a single wheel is than the springs of its castor."""
     return ROCKING if np.sum(build.castor == build.castor[wheel]) > 1 else 1.0
 
 
 def _share_loads(parts: Parts) -> None:
-    """Add springs that only the common rising of a castor's wheels presses in, as stiff as that they sink in asks."""
+    """Add springs that only the common rising of a castor's wheels compresses, with the stiffness that their sinking
+    requires."""
     tendons = ET.SubElement(parts.root, "tendon")
     for i in range(len(parts.castors)):
         wheels = np.flatnonzero(parts.build.castor == i)
