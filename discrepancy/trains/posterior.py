@@ -47,7 +47,7 @@ def diagnose_train(
     if held_out:
         among = _of_trains([effect.candidate for effect in named])
         found = with_effects(train, named)
-        held_logs, state = equations_of(found, held_out)  # axles slide as they do in the train with what is named
+        held_logs, state = equations_of(found, held_out)  # axles slide as with the named effects
         without, beside = linearise(train, held_logs, state, among), linearise(found, held_logs, state, among)
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
@@ -72,7 +72,7 @@ def _named(
         in_model = _sizes(seen, named)
         fitted = _sizes(
             seen, [effect for effect in named if not effect.effect.binary]
-        )  # what is there or not has no size to fit
+        )  # a binary effect has no size to fit
         posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted)
         return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
 

@@ -112,7 +112,7 @@ class Wobble(Outside):
 
 @dataclass(frozen=True, kw_only=True)
 class WeakStretch(Outside):
-    """Of a stretch of the run, `start` to `end` (s), an encoder misses the fraction `value` of what it turns."""
+    """An encoder misses the fraction `value` of its turn in a stretch of the run, `start` to `end` (s)."""
 
     step = 1e-2
     only = "all"

@@ -156,7 +156,7 @@ def held_castor(robot: RobotDescription, log: Log) -> int:
 
 
 class _Measured(NamedTuple):
-    """Of one turn: gamma (n,), size of the turn, wheel angles (n, 2), direction."""
+    """Measurements of one turn: gamma (n,), size of the turn, wheel angles (n, 2), direction."""
 
     gamma: Array
     turn: Array

@@ -32,10 +32,11 @@ from estimators.calibration.protocol import Recording, Report, Result, in_record
 from estimators.robots.dead_reckoning import DeadReckoning
 
 CLOSED = 0.25
-"""How far from its start a run may end, as a fraction of the side: more is no square that odometry closed."""
+"""Largest distance of a run's end from its start, as a fraction of the side: beyond it, odometry did not close the
+square."""
 
 TURNED = np.pi / 4
-"""By how much a run's true turn may differ from a full one, rad: half a corner."""
+"""rad: largest difference of a run's true turn from a full turn: half a corner."""
 
 
 FIRST_ORDER = "the method is of first order: of errors of per cents, calibrate again with the calibrated robot"

@@ -1,1 +1,1 @@
-"""What is there of no one size: variances that a fault adds, beside what robots in good order show."""
+"""Faults without a constant size: variances, events and curves that they add beyond what robots in good order show."""

@@ -32,7 +32,8 @@ MIX: tuple[Stratum, ...] = (
     "one",
     "outside",
 )
-"""Of every twelve pairs, in order: 6 one effect, 2 two, 2 clean, 2 something outside the catalogue."""
+"""The pairs of every twelve, in order: 6 with one effect, 2 with two, 2 clean, 2 with an effect outside the
+catalogue."""
 
 BOUNDS = {
     "gauge_gain": (0.05, 0.4),

@@ -223,7 +223,7 @@ class Rig:
         self.joint = self.joint + self.step_size * self.rate
 
     def loads(self) -> Array:
-        """Return what the floor carries of each wheel (w,), N."""
+        """Return the loads of wheels on the floor (w,), N."""
         load = np.zeros(len(self.spheres))
         for contact in self.bullet.getContactPoints(self.body, physicsClientId=self.client):
             if contact[3] in self.spheres:

@@ -132,7 +132,7 @@ class Rig:
         self.geom = places(mujoco.mjtObj.mjOBJ_GEOM, [f"wheel_{k}" for k in range(w)], np.arange(self.model.ngeom))
 
     def loads(self) -> Array:
-        """Return what the wheels' springs carry (w,), N."""
+        """Return the loads of the wheels' springs (w,), N."""
         return -self.data.qfrc_spring[self.slide_dof]
 
     def set_radius(self, wheel: int, radius: float) -> None:

@@ -109,7 +109,8 @@ def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
 
 
 def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
-    """Return how far the wheels of each row roll in each window (W, R), m; of side slip the castor's mean wheel."""
+    """Return the distances that the wheels of each row roll in each window (W, R), m; for side slip the mean of the
+    castor's wheels."""
     rolled = np.abs(windows.rolled)
     columns = [rolled[:, wheel] for wheel in layout.wheels]
     for castor in layout.castors:
