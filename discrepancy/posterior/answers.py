@@ -181,10 +181,10 @@ def answers_of(
             continue
         probability = component.probability
         members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
-        same = [k for k in members if single.hypotheses[k].name == credible[0]]
-        families = [seen.candidates[places[k].candidate].family for k in same]
+        identical = [k for k in members if single.hypotheses[k].name == credible[0]]
+        families = [seen.candidates[places[k].candidate].family for k in identical]
         best = max(
-            same,
+            identical,
             key=lambda k: (modelled[places[k].candidate], _is_called(seen, places[k], credible[0]), probability[k]),
         )
         family = seen.candidates[places[best].candidate].family

@@ -25,8 +25,8 @@ robot can have it, or if it makes the logs less likely."""
 
 
 RIVALS, SIMILAR = 2, 0.5
-"""Rivals that a large effect is compared with: those whose signatures have the largest squared cosine with its own, and
-the least that counts."""
+"""Most rivals with which a large effect is compared, those of the most similar signatures; and the least squared cosine
+of the signatures of a rival."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +111,15 @@ def exchanged(
     """Return the effects in the model with a large effect exchanged for a rival with which the logs are likelier, and
     the statistics beside them; None if there is no such rival.
 
-    Which of two effects with similar signatures is there was decided linearly, by statistics around a state that was
-    fitted without either. Fitted anew, a large effect and its rival are compared as they are.
+    The posterior compares two effects with similar signatures linearly, by statistics about a state that was fitted
+    without them, which is inexact for large effects. Here the whole model is fitted with each.
     """
     said, single = (
         together(seen.logs),
-        {c: k for c, (k, *rest) in zip(seen.candidates, seen.columns, strict=True) if not rest},
+        {c: k for c, (k, *further) in zip(seen.candidates, seen.columns, strict=True) if not further},
     )
-    here, best = {sized.candidate for sized in named}, None
-    most = seen.log_evidence + LOG_ODDS
+    in_model, best = {sized.candidate for sized in named}, None
+    threshold = seen.log_evidence + LOG_ODDS
     for sized in named:
         if sized.candidate not in large or sized.candidate not in single:
             continue
@@ -127,16 +127,16 @@ def exchanged(
         parts = {
             rival: (float(said.information[j, k]), float(said.information[j, j]))
             for rival, j in single.items()
-            if rival.kinds and rival not in here and said.information[j, j] > 0
+            if rival.kinds and rival not in in_model and said.information[j, j] > 0
         }
-        cosine = {rival: both**2 / (own * said.information[k, k]) for rival, (both, own) in parts.items()}
+        cosine = {rival: product**2 / (square * said.information[k, k]) for rival, (product, square) in parts.items()}
         for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
-            both, own = parts[rival]
-            instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * both / own)
+            product, square = parts[rival]
+            instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * product / square)
             effects = tuple(instead if effect is sized else effect for effect in named)
-            now, fitted = refitted(vehicle, look, worse, named, effects, seen)
-            if fitted.log_evidence > most and any(effect.candidate == rival for effect in now):
-                most, best = fitted.log_evidence, (now, fitted)
+            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen)
+            if fitted.log_evidence > threshold and any(effect.candidate == rival for effect in refit_effects):
+                threshold, best = fitted.log_evidence, (refit_effects, fitted)
     return best
 
 
