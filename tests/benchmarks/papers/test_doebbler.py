@@ -29,7 +29,7 @@ def table():
 
 
 @pytest.fixture(scope="module")
-def computed(table):
+def values(table):
     """Return the computed values, mm, by (simulation, robot file, estimator)."""
     return {tuple(value for _, value in comparison.place): comparison.ours for comparison in table.comparisons}
 
@@ -107,9 +107,9 @@ def test_without_errors_and_with_fine_encoders_little_is_off_but_for_euler_steps
     assert min(np.min(error) for error in floor.values()) > 0.05
 
 
-def test_the_third_castor_helps_and_two_castor_methods_agree(computed):
+def test_the_third_castor_helps_and_two_castor_methods_agree(values):
     for file in TABLE_2:
-        ipec, cast, all_castors = (computed["honest-arc", file, name] for name in ESTIMATORS)
+        ipec, cast, all_castors = (values["honest-arc", file, name] for name in ESTIMATORS)
         assert all_castors < 0.9 * cast
         assert ipec == pytest.approx(cast, rel=0.08)
 
@@ -124,19 +124,19 @@ def test_uncalibrated_errors_are_the_papers_and_calibrated_ones_far_below(table)
                 assert comparison.ratio < 0.2
 
 
-def test_lossy_encoders_and_euler_steps_are_ten_times_worse_after_calibration(computed):
+def test_lossy_encoders_and_euler_steps_are_ten_times_worse_after_calibration(values):
     for name in ESTIMATORS:
-        ratio = computed["lossy-euler", "calibrated", name] / computed["honest-arc", "calibrated", name]
+        ratio = values["lossy-euler", "calibrated", name] / values["honest-arc", "calibrated", name]
         assert 7 < ratio < 20
 
 
-def test_how_the_pivots_swing_is_taken_decides_about_the_third_castor(computed):
+def test_how_the_pivots_swing_is_taken_decides_about_the_third_castor(values):
     """Euler's step turns the swing by the end heading too, or not: two castors hardly notice, three do."""
     for name in ("IPEC-1", "CAST-1"):
-        swung, exact = (computed[step, "calibrated", name] for step in ("lossy-euler", "lossy-euler-axle"))
+        swung, exact = (values[step, "calibrated", name] for step in ("lossy-euler", "lossy-euler-axle"))
         assert exact == pytest.approx(swung, rel=0.1)
-    assert computed["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=2.0)
-    assert computed["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.2, abs=2.0)
+    assert values["lossy-euler", "calibrated", "CAST-0"] == pytest.approx(97.2, abs=2.0)
+    assert values["lossy-euler-axle", "calibrated", "CAST-0"] == pytest.approx(15.2, abs=2.0)
 
 
 def test_phases_do_not_matter_to_lossy_encoders():
