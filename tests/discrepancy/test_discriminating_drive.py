@@ -1,6 +1,7 @@
 """The drive that separates two effects is one that does, and is new; none separates an effect from itself."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -44,9 +45,15 @@ def answer(candidate, size, *others):
 
 def proposed(candidate, size, *others, driven, among=None):
     """Return what is proposed after a drive, if such candidates are looked at; None: these."""
-    logs = [log_of(ROBOT, path, "all") for name, make in DRIVES.items() if driven in name for path in make(ROBOT)]
-    seen = linearise(ROBOT, logs, among=among or [candidate, *others])
+    seen = looked_at(driven, tuple(among or (candidate, *others)))
     return separating_drives(ROBOT, [answer(candidate, size, *others)], seen)[0]
+
+
+@cache
+def looked_at(driven, among):
+    """Return what a drive says of candidates."""
+    logs = [log_of(ROBOT, path, "all") for name, make in DRIVES.items() if driven in name for path in make(ROBOT)]
+    return linearise(ROBOT, logs, among=among)
 
 
 def only(monkeypatch, drive_name):
