@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
@@ -16,6 +17,7 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
 from discrepancy.posterior.single_effects import Hypothesis
 from estimators.calibration.drives import DRIVES, log_of
+from estimators.calibration.maximum_likelihood import mount_prior
 
 PARTS = np.arange(7) / 4
 """Parts of an effect that wheel creep may mask, all with the same prior probability."""
@@ -120,7 +122,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     """
     stands, unseen = same_effects(robot.as_described())
     names = [stands.get(candidate.family, candidate.family) for candidate in seen.candidates]
-    count = len(seen.usual)
+    count, width = len(seen.usual), 2 * float(mount_prior(Geometry.of(robot))[0])
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     hypotheses, places = [], []
@@ -130,15 +132,20 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = PARTS.tolist() if hides else [0.0]
         share = 1 / names.count(names[k]) / len(parts) / (steps if candidate.sought_in_steps else 1)
-        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share) for part in parts]
+        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, width) for part in parts]
         places += [Place(k, part) for part in parts]
     return hypotheses, places
 
 
-def hypothesis_of(seen: Seen, place: Place, name: str, share: float) -> Hypothesis:
-    """Return the hypothesis that a candidate is present, with a part of it masked by wheel creep."""
+def hypothesis_of(seen: Seen, place: Place, name: str, share: float, width: float = np.inf) -> Hypothesis:
+    """Return the hypothesis that a candidate is present, with a part of it masked by wheel creep.
+
+    width (m) of the vehicle: no length of it is wrong by more.
+    """
     candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
     lower, upper = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
+    if candidate.kinds and candidate.kinds[0].unit == "m":
+        lower, upper = max(lower, -width), min(upper, width)
     scale = FAULT * float(np.mean(tolerances(seen)[columns]))
     return Hypothesis(name, direction_of(seen, place), scale, share, lower, upper)
 

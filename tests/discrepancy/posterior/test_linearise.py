@@ -8,7 +8,7 @@ import pytest
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.linearise import linearise
-from discrepancy.posterior.priors import bounds_of, same_effects
+from discrepancy.posterior.priors import bounds_of, hypotheses_of, same_effects
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.validation.cost import cost_of
 
@@ -68,3 +68,20 @@ def test_no_encoder_foretells_and_what_is_there_or_not_is_about_one():
     assert bounds_of(kinds["pivot_backlash"])[0] == 0.0
     least, most = bounds_of(kinds["lost_remainders"])
     assert least < 1 < most
+
+
+def test_no_length_is_wrong_by_more_than_the_robot_is_wide():
+    """A castor 1 m out of place turns the robot as little as wheels that are too large by 1 % do, and cannot be."""
+    linear = seen()[1]
+    hypotheses, places = hypotheses_of(ROBOT, linear)
+    candidates = [linear.candidates[place.candidate] for place in places]
+    limits = {
+        candidate.kinds[0].name: (hypothesis.least, hypothesis.most)
+        for candidate, hypothesis in zip(candidates, hypotheses, strict=True)
+        if candidate.kinds and candidate.columns == 1
+    }
+    reach = max(np.hypot(*castor.pivot) + castor.offset + castor.wheels[0].lateral for castor in ROBOT.castors)
+    for name in ("pivot_position_x", "pivot_position_y", "pivot_offset"):
+        assert -2.5 * reach < limits[name][0] < -reach
+        assert reach < limits[name][1] < 2.5 * reach
+    assert limits["wheel_radius"] == bounds_of(next(c.kinds[0] for c in candidates if c.family == "wheel_radius 1 1"))
