@@ -562,9 +562,13 @@ class LogLikelihood:
         turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
         stiff = np.sqrt(yields.min(axis=1, keepdims=True) / yields)[..., None]
         moved = np.concatenate([a, turning], axis=-1)
-        rounding = 1e-12 * np.abs(missing).max(axis=(0, 1), initial=0.0)
-        missing -= moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * missing))
-        missing[np.abs(missing) <= rounding] = 0.0  # effects without contradiction have no masked part
+        by_motion = np.linalg.pinv(stiff * moved, rcond=1e-10)
+        largest = np.zeros(missing.shape[-1])
+        for k in _blocks(len(missing)):
+            np.maximum(largest, np.abs(missing[k]).max(axis=(0, 1), initial=0.0), out=largest)
+            missing[k] -= moved[k] @ (by_motion[k] @ (stiff[k] * missing[k]))
+        for k in _blocks(len(missing)):  # effects without contradiction have no masked part
+            missing[k][np.abs(missing[k]) <= 1e-12 * largest] = 0.0
         return missing
 
     def missing(
@@ -577,7 +581,7 @@ class LogLikelihood:
         """
         missed = self._contradicting(geometry, changed, change, state, readings)
         missed[..., len(change) :] -= slips
-        return self.as_motion(geometry, state, -missed)
+        return self.as_motion(geometry, state, np.negative(missed, out=missed))
 
     def as_motion(self, geometry: Geometry, state: Array, slips: Array) -> Array:
         """Return the motion of the body in every step (K - 1, 3, n), in B, that odometry computes from slips (K - 1,
@@ -596,11 +600,13 @@ class LogLikelihood:
         """
         missed = self._contradicting(geometry, changed, change, state, readings)
         missed[..., len(change) :] -= slips
-        columns = np.concatenate([self.missed(geometry, state)[..., None], -missed], axis=-1)
+        seen, less = self.missed(geometry, state)[..., None], np.negative(missed, out=missed)
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        columns -= a @ (np.linalg.pinv(a, rcond=1e-10) @ columns)
-        return columns[..., 0], columns[..., 1:]
+        by_motion = np.linalg.pinv(a, rcond=1e-10)
+        for k in _blocks(len(less)):
+            less[k] -= a[k] @ (by_motion[k] @ less[k])
+        return (seen - a @ (by_motion @ seen))[..., 0], less
 
     def _contradicting(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array
@@ -608,8 +614,12 @@ class LogLikelihood:
         """Return the change of the residuals of every step (K - 1, rows, G + R), per unit as in `fought`."""
         residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
-        by_reading = start[..., 3:] @ readings[:-1] + end[..., 3:] @ readings[1:]
-        return np.concatenate([by_change, -by_reading], axis=-1)
+        found = np.empty((*residual.shape, len(change) + readings.shape[-1]))
+        found[..., : len(change)] = by_change
+        for k in _blocks(len(found)):
+            later = slice(k.start + 1, k.stop + 1)
+            found[k, :, len(change) :] = -(start[k, :, 3:] @ readings[k] + end[k, :, 3:] @ readings[later])
+        return found
 
     def _angles(self, geometry: Geometry, counts: Array) -> Array:
         """Return the castors' angles (..., K, n) at counts (K, s + d)."""
@@ -714,6 +724,11 @@ def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: i
             above = np.array([[after[size - 1 + a - b, b] for b in range(size)] for a in range(size)])
             over = block[-1] - above.T @ half[-size:]
     return total
+
+
+def _blocks(count: int) -> list[slice]:
+    """Return slices of at most `BLOCK` of so many steps."""
+    return [slice(first, min(first + BLOCK, count)) for first in range(0, count, BLOCK)]
 
 
 def _left(rows: _Rows, by: Array, samples: int) -> Array:
