@@ -704,8 +704,8 @@ def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: i
     size = len(factors) // 2
     samples = factors.shape[1] // size
     total, over = np.zeros((columns, columns)), np.zeros((size, columns))
-    for first in range(0, samples, BLOCK):
-        last = min(first + BLOCK, samples)
+    for samples_of_block in _blocks(samples):
+        first, last = samples_of_block.start, samples_of_block.stop
         block = np.zeros((last - first + 1, size, columns))
         block[0] = over
         for rows in kinds:
@@ -727,14 +727,14 @@ def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: i
 
 
 def _blocks(count: int) -> list[slice]:
-    """Return slices of at most `BLOCK` of so many steps."""
+    """Return slices of at most `BLOCK` of so many samples or steps."""
     return [slice(first, min(first + BLOCK, count)) for first in range(0, count, BLOCK)]
 
 
 def _left(rows: _Rows, by: Array, samples: int) -> Array:
     """Return the residuals (k, rows, 1 + probes) of values and drawn residuals after changes of numbers (P + 5, 1 +
     probes)."""
-    blocks = (rows.within(first, first + BLOCK) for first in range(0, samples, BLOCK))
+    blocks = (rows.within(block.start, block.stop) for block in _blocks(samples))
     rights = (rows.right(chosen, len(by)) for chosen in blocks)
     return np.concatenate([right[..., len(by) :] + right[..., : len(by)] @ by for right in rights])
 
