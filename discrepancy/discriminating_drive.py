@@ -20,7 +20,7 @@ from discrepancy.posterior.answers import Answer, Place
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS, direction_of, order_of, sizes_of
-from discrepancy.posterior.random_effects import Statistics
+from discrepancy.posterior.random_effects import GoodOrder, Statistics
 from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of, moves_sideways
 
 SEEDS = (1, 2, 3)
@@ -56,13 +56,15 @@ def separating_drives(
     asked = {k: likely for k, answer in enumerate(answers) if len(likely := _likely(answer, seen)) > 1}
     poses: Poses = "none" if seen.gap is None else "all"
     effects = [candidate for candidate in seen.candidates if candidate.kinds]
+    order = order_of(seen, None)
+    known = order.beyond(seen.logs).information
     for drive in _new_drives(robot, seen) if asked else ():
         try:
             new = linearise(robot, [log_of(robot, drive, poses)], among=effects).at_noise(seen.noise)
         except (InputError, np.linalg.LinAlgError):  # the robot cannot drive it, or it shows nothing
             continue
         for k, likely in asked.items():
-            expected, before = _expected(new, seen, answers[k], likely), best[k]
+            expected, before = _expected(new, seen, answers[k], likely, order, known), best[k]
             if expected > (LOG_ODDS if before is None else before.expected):
                 best[k] = SeparatingDrive(drive, poses, expected)
     return best
@@ -79,16 +81,18 @@ def _likely(answer: Answer, seen: Linearised) -> list[int]:
     return list(likely.values())
 
 
-def _expected(new: Linearised, seen: Linearised, answer: Answer, likely: Sequence[int]) -> float:
+def _expected(
+    new: Linearised, seen: Linearised, answer: Answer, likely: Sequence[int], order: GoodOrder, known: Array
+) -> float:
     """Return the least log Bayes factor to be expected between the effects of an answer; 0 if the drive hides one.
 
-    The answer's effect, the first, is as large as it was found; each other one as large as it looks most like that in
-    the logs there are. What they are told from may be of any size, and hidden by wheels in any part.
+    known (m, m): information of the logs there are, beyond good order. The answer's effect, the first, is as large as
+    it was found; each other one as large as it looks most like that in the logs there are. What they are told from may
+    be of any size, and hidden by wheels in any part.
     """
     if any(seen.candidates[k] not in new.candidates for k in likely):
         return 0.0
-    order = order_of(seen, None)
-    known, told = order.beyond(seen.logs).information, order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
+    told = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
     directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
     found = sizes_of(likely[:1], [answer.amplitudes], [answer.hidden], seen)
     sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
