@@ -186,13 +186,16 @@ def named_together(
             families = frozenset(effect.candidate.family for effect in new)
             if families not in tried:
                 break
-        if families not in tried:
-            named, seen = refitted(vehicle, look, worse, named, new, seen)
-        elif (better := exchanged(vehicle, look, worse, named, _large(answers), seen)) is not None:
-            named, seen = better
-            families = frozenset(effect.candidate.family for effect in named)
-        if families in tried or len(tried) > LOOKS:
+        if len(tried) > LOOKS:
             return named, seen, posterior, answers
+        if families not in tried:
+            better = refitted(vehicle, look, worse, named, new, seen)
+        else:
+            better = exchanged(vehicle, look, worse, named, _large(answers), seen)
+            families = frozenset(effect.candidate.family for effect in (named if better is None else better[0]))
+        if better is None or families in tried:  # what is returned belongs to these answers
+            return named, seen, posterior, answers
+        named, seen = better
         tried.append(families)
         seen = look(named, seen, None)
 

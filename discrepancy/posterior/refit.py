@@ -23,7 +23,6 @@ REFITS, SETTLED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
 
-
 RIVALS, SIMILAR = 2, 0.5
 """Most rivals with which a large effect is compared, those of the most similar signatures; and the least squared cosine
 of the signatures of a rival."""
@@ -114,10 +113,12 @@ def exchanged(
     The posterior compares two effects with similar signatures linearly, by statistics about a state that was fitted
     without them, which is inexact for large effects. Here the whole model is fitted with each.
     """
-    said, single = (
-        together(seen.logs),
-        {c: k for c, (k, *further) in zip(seen.candidates, seen.columns, strict=True) if not further},
-    )
+    said = together(seen.logs)
+    single = {
+        candidate: int(columns[0])
+        for candidate, columns in zip(seen.candidates, seen.columns, strict=True)
+        if len(columns) == 1
+    }
     in_model, best = {sized.candidate for sized in named}, None
     threshold = seen.log_evidence + LOG_ODDS
     for sized in named:
