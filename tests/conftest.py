@@ -13,10 +13,13 @@ settings.load_profile("untimed")
 
 
 @pytest.fixture(autouse=True)
-def _forget_plugins(tmp_path, monkeypatch):
+def _forget_plugins(request, monkeypatch):
     """Take modules that a test wrote to its folder, and import paths that it added, back again."""
     monkeypatch.setattr(sys, "path", list(sys.path))
+    tmp_path = request.getfixturevalue("tmp_path") if "tmp_path" in request.fixturenames else None
     yield
+    if tmp_path is None:
+        return
     for name, module in list(sys.modules.items()):
         if str(getattr(module, "__file__", None) or "").startswith(str(tmp_path)):
             del sys.modules[name]
