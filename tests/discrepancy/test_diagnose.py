@@ -32,7 +32,7 @@ ROBOT = preset("asoc-prototype")
 LATE, SWAPPED = EncoderLatency(castor=3, value=0.006), EncodersSwapped(castor=1)
 
 
-def rolled(robot, seed, duration=20.0, reference=True):
+def rolled(robot, seed, duration=12.0, reference=True):
     """A log of perfect rolling, by hand, of a robot with its effects."""
     true = robot.as_built()
     motion = roll(true, wander(np.random.default_rng([seed, 1]), duration=duration), [0.3, 2.0, -1.5])
@@ -44,10 +44,10 @@ def rolled(robot, seed, duration=20.0, reference=True):
 
 
 @pytest.mark.slow
-def test_an_effect_is_found_behind_wrong_wiring_that_clean_logs_do_not_have():
-    """Encoders are exchanged after all else that they do, so wiring stands last in the file; clean logs are older."""
+def test_an_effect_is_found_behind_wrong_wiring():
+    """Encoders are exchanged after all else that they do, so wiring stands last in the file; clean logs are without."""
     robot = ROBOT.with_effects(LATE, SWAPPED)
-    examined = examine(ROBOT, {"a": rolled(robot, 1)}, {"b": rolled(robot, 2)}, {"c": rolled(ROBOT, 3)})
+    examined = examine(ROBOT, {"a": rolled(robot, 1, 20.0)}, {"b": rolled(robot, 2)}, {"c": rolled(ROBOT, 3, 20.0)})
     assert examined.data["verdict"] == "named", examined.data["answers"]
     assert examined.found is not None
     late, swapped = examined.found.effects
@@ -59,19 +59,19 @@ def test_an_effect_is_found_behind_wrong_wiring_that_clean_logs_do_not_have():
     assert after["pivots_rms_mrad"] < 0.5 * before["pivots_rms_mrad"]
 
 
-def test_how_a_tracker_is_mounted_is_no_effect_of_the_robot():
-    log = rolled(ROBOT, 1, duration=12.0)
+def test_the_mount_of_a_tracker_is_no_effect_of_the_robot():
+    log = rolled(ROBOT, 1)
     assert log.reference is not None
     turned = dataclasses.replace(log, reference=log.reference + np.array([0.0, 0.0, 0.02]))
-    found = diagnose(ROBOT, [turned], clean=[rolled(ROBOT, 3, duration=12.0)])
+    found = diagnose(ROBOT, [turned], clean=[rolled(ROBOT, 3)])
     assert not found.found.effects
     assert found.verdict in ("no discrepancy", "negligible")
     assert found.before.state.mount[2] == pytest.approx(0.02, abs=1e-3)
 
 
 @pytest.mark.slow
-def test_without_a_reference_encoders_alone_tell():
-    examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(LATE), 1, duration=12.0, reference=False)}, {}, {})
+def test_without_a_reference_encoders_suffice():
+    examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(LATE), 1, reference=False)}, {}, {})
     assert examined.found is not None
     assert examined.found.effects[0].name == "encoder_latency"
     assert examined.data["gap"] is None
@@ -123,7 +123,7 @@ def test_options_take_several_logs(folder, capsys, monkeypatch):
     ],
     ids=["constant", "backward", "short", "not a number", "another robot's"],
 )
-def test_bad_logs_are_one_line_and_leave_nothing(folder, capsys, spoil, said):
+def test_bad_logs_are_refused_in_one_line_and_leave_no_files(folder, capsys, spoil, said):
     lines = (folder / "a.csv").read_text().splitlines()
     (folder / "a.csv").write_text("\n".join(spoil(lines)) + "\n")
     code, text, err = call(capsys, folder / "a.csv", "--out", folder / "found")
@@ -139,7 +139,7 @@ def test_bad_logs_are_one_line_and_leave_nothing(folder, capsys, spoil, said):
 def not_turned(name):
     """Return a robot, a log of it, its calibration and its diagnosis, with a tracker that is not turned."""
     robot = preset(name)
-    log = drive(robot, wander(np.random.default_rng([1, 1]), duration=24.0), 1, duration=24.0)
+    log = drive(robot, wander(np.random.default_rng([1, 1]), duration=16.0), 1, duration=16.0)
     return robot, log, calibrate(robot, [log]), examine(robot, {"a": log}, {}, {}).data
 
 

@@ -27,12 +27,17 @@ RADIUS, TRACK = CANDIDATES["wheel_radius 1 1"], CANDIDATES["track 1"]
 ECCENTRIC = CANDIDATES["pivot_eccentricity 1"], CANDIDATES["pivot_eccentricity 2"]
 
 
+rolled = cache(log_of)
+"""The log of a drive, rolled once for all tests."""
+
+
 @pytest.fixture(autouse=True)
 def _few_drives(monkeypatch):
     few = {name: make for name, make in DRIVES.items() if "2 m" in name or "on the spot" in name}
     assert len(few) == 2
     monkeypatch.setattr(discriminating_drive, "DRIVES", few)
     monkeypatch.setattr(discriminating_drive, "SEEDS", ())
+    monkeypatch.setattr(discriminating_drive, "log_of", rolled)
 
 
 def answer(candidate, size, *others):
@@ -52,7 +57,7 @@ def proposed(candidate, size, *others, driven, among=None):
 @cache
 def looked_at(driven, among):
     """Return what a drive says of candidates."""
-    logs = [log_of(ROBOT, path, "all") for name, make in DRIVES.items() if driven in name for path in make(ROBOT)]
+    logs = [rolled(ROBOT, path, "all") for name, make in DRIVES.items() if driven in name for path in make(ROBOT)]
     return linearise(ROBOT, logs, among=among)
 
 
@@ -62,7 +67,7 @@ def only(monkeypatch, drive_name):
     monkeypatch.setattr(discriminating_drive, "DRIVES", {name: DRIVES[name]})
 
 
-def test_it_is_the_drive_that_tells_more(monkeypatch):
+def test_the_drive_with_the_largest_bayes_factor_is_proposed(monkeypatch):
     told, alone = proposed(RADIUS, 3e-3, TRACK, driven="squares"), []
     assert told is not None
     for name in list(discriminating_drive.DRIVES):
@@ -78,7 +83,7 @@ def test_it_is_the_drive_that_tells_more(monkeypatch):
     [(RADIUS, 3e-3, TRACK, "squares"), (ECCENTRIC[0], 0.05, ECCENTRIC[1], "random path")],
     ids=["one amplitude", "two amplitudes"],
 )
-def test_an_effect_of_twice_the_size_is_told_four_times_as_surely(monkeypatch, candidate, size, other, driven):
+def test_twice_the_effect_has_four_times_the_log_bayes_factor(monkeypatch, candidate, size, other, driven):
     monkeypatch.setattr(discriminating_drive, "DRIVES", {})
     monkeypatch.setattr(discriminating_drive, "SEEDS", (1,))
     once, twice = (proposed(candidate, k * size, other, driven=driven) for k in (1, 2))
@@ -96,7 +101,7 @@ def test_a_drive_that_hides_one_of_the_effects_is_not_proposed(monkeypatch):
     assert proposed(first, 0.05, second, driven="random path") is not None
 
 
-def test_what_was_driven_already_is_not_proposed(monkeypatch):
+def test_a_drive_of_the_logs_is_not_proposed(monkeypatch):
     only(monkeypatch, "on the spot")
     assert proposed(RADIUS, 3e-3, TRACK, driven="squares") is not None
     (turns,) = discriminating_drive.DRIVES.values()
@@ -105,7 +110,7 @@ def test_what_was_driven_already_is_not_proposed(monkeypatch):
     assert proposed(RADIUS, 3e-3, TRACK, driven="on the spot") is None
 
 
-def test_a_log_is_of_a_drive_at_any_speed_and_place_but_not_of_another_one():
+def test_a_drive_is_recognised_at_any_speed_and_place():
     def poses(*runs, start=(0.0, 0.0, 0.0)):
         path = Trajectory("", runs, start)
         return path.at(np.linspace(-1.0, path.duration + 1.0, 300))[0]
@@ -121,7 +126,7 @@ def test_a_log_is_of_a_drive_at_any_speed_and_place_but_not_of_another_one():
         assert not _has_driven(poses(*other), asked, 0.1)
 
 
-def test_what_is_tiny_or_of_one_name_no_drive_separates():
+def test_no_drive_separates_tiny_effects_or_effects_of_one_family():
     assert proposed(RADIUS, 1e-7, TRACK, driven="squares") is None
     kind = CountsPerRev(castor=1, wheel=1, value=CountsPerRev.step)
     twin = Candidate(described(kind), (kind,))
@@ -130,14 +135,13 @@ def test_what_is_tiny_or_of_one_name_no_drive_separates():
     assert proposed(RADIUS, 3e-3, twin, TRACK, driven="squares") is not None
 
 
-def test_of_what_has_no_name_nothing_is_proposed():
+def test_nothing_is_proposed_for_a_single_effect():
     assert proposed(RADIUS, 3e-3, among=[RADIUS, TRACK], driven="squares") is None
 
 
 @pytest.mark.slow
-def test_driving_what_is_proposed_names_what_circles_cannot_tell(monkeypatch, tmp_path, capsys):
+def test_the_proposed_drive_names_what_circles_cannot(tmp_path, capsys):
     """By the command, its file and a second log; scripts/study_separating_drives.py measures how often."""
-    monkeypatch.setattr(discriminating_drive, "DRIVES", DRIVES)
     robot, log = preset("differential"), tmp_path / "first.csv"
     real = robot.with_effects(WheelRadius(castor=1, wheel=1, value=-0.004))
     first = drive(real, motion(robot, "circles", 2, 20.0), 4, duration=20.0)
@@ -158,7 +162,7 @@ def test_driving_what_is_proposed_names_what_circles_cannot_tell(monkeypatch, tm
     assert again["separating_drive_file"] is None
 
 
-def test_a_file_that_is_there_is_not_written_over(tmp_path, capsys):
+def test_a_file_that_exists_is_not_overwritten(tmp_path, capsys):
     there = tmp_path / "there.csv"
     there.write_text("mine")
     with pytest.raises(SystemExit) as ended:

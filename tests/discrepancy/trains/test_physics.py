@@ -23,22 +23,22 @@ def only(found):
     return answer.candidate.sized(answer.amplitudes), answer.size, answer.error
 
 
-@pytest.mark.parametrize("seed", [11, 12, 15])
+@pytest.mark.parametrize("seed", [11, 12])
 def test_wheels_held_at_speeds_that_disagree_are_no_effect(seed):
     """Here frames pull at their axles with 10 N and more, which slip a third of a per cent."""
-    found = diagnose_train(TRAIN, [log_at_random(TRAIN, seed, 6.0, "servo")])
+    found = diagnose_train(TRAIN, [log_at_random(TRAIN, seed, 5.0, "servo")])
     assert (found.verdict, found.answers) == ("no discrepancy", ())
 
 
-def test_an_effect_is_named_though_wheels_are_held_at_speed():
+def test_an_effect_is_named_with_wheels_held_at_speed():
     modules = (TRAIN.modules[0], TRAIN.modules[1].with_effects(WheelRadius(castor=1, wheel=2, value=0.01)))
-    found = diagnose_train(TRAIN, [log_at_random(dataclasses.replace(TRAIN, modules=modules), 3, 5.0, "servo")])
+    found = diagnose_train(TRAIN, [log_at_random(dataclasses.replace(TRAIN, modules=modules), 3, 4.0, "servo")])
     placed, value, error = only(found)
     assert (placed.effect.name, placed.axle) == ("wheel_radius", 2)
     assert abs(value - 0.01) < 3 * error < 0.003
 
 
-def test_axles_that_slide_are_told():
+def test_sliding_axles_are_reported():
     """A gain of 40 % sets the driver's axles so much against each other that they slide."""
     train = TRAIN.with_effects(GaugeGain(frame=1, value=0.4))
     data = examine_train(TRAIN, {"a.csv": log_at_random(train, 5, 4.0, "servo")}, {}, {}).data
@@ -47,7 +47,7 @@ def test_axles_that_slide_are_told():
     assert f"pre-flight: {remark}" in sentences.as_lines(data)
 
 
-def test_counts_that_are_lost_are_no_sliding():
+def test_lost_counts_are_no_sliding():
     """A wheel that counts 10 % less for a while would have to slide, and nothing else tells of what would push it."""
     log = Outside("lost_counts", wheel=3, frame=0, value=0.1, begins=0.3).changed(TRAIN, log_at_random(TRAIN, 7, 4.0))
     found = diagnose_train(TRAIN, [log])

@@ -19,7 +19,7 @@ from discrepancy.trains.trial.scores import Trial
 TRAIN = cfmmr(2)
 
 
-def test_cases_are_what_their_numbers_and_the_seed_say():
+def test_cases_follow_from_number_and_seed():
     cases = [draw(number, 3, TRAIN) for number in range(1, 2 * len(MIX) + 1)]
     assert cases == [draw(number, 3, TRAIN) for number in range(1, 2 * len(MIX) + 1)]
     assert [case.drive for case in cases[:4]] == ["yielding", "held", "yielding", "held"]
@@ -51,30 +51,30 @@ def test_bounds_are_sizes_that_effects_can_have():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trial")
-    run.make(4, 5, "cfmmr-2", folder, duration=8.0, jobs=1)
+    run.make(4, 5, "cfmmr-2", folder, duration=6.0, jobs=1)
     return folder
 
 
-def test_the_finder_gets_logs_and_the_nominal_train_alone(folder):
+def test_the_finder_gets_only_logs_and_the_nominal_train(folder):
     for number in range(1, 5):
         own = folder / "cases" / f"case-000{number}"
         assert sorted(path.name for path in own.iterdir()) == ["holdout.csv", "log.csv", "train.json"]
         train = TrainDescription.load(own / "train.json")
         assert train == TRAIN
         log, held_out = (read_log(own / name, train) for name in ("log.csv", "holdout.csv"))
-        assert log.t[-1] == pytest.approx(8.0, abs=4.0)
+        assert log.t[-1] == pytest.approx(6.0, abs=3.0)
         assert log.wheel[-1].tolist() != held_out.wheel[-1].tolist()
     one, clean = (json.loads((folder / "labels" / f"case-000{k}.json").read_text()) for k in (1, 3))
     assert one["hidden"][0]["what"] == draw(1, 5, TRAIN).hidden[0].what(TRAIN)
     assert (clean["stratum"], clean["hidden"]) == ("clean", [])
 
 
-def test_a_trial_goes_on_where_it_stopped_and_is_judged(folder):
+def test_a_trial_is_continued_and_judged(folder):
     times = {path: path.stat().st_mtime_ns for path in (folder / "cases").rglob("*.*")}
-    run.make(4, 5, "cfmmr-2", folder, duration=8.0, jobs=1)
+    run.make(4, 5, "cfmmr-2", folder, duration=6.0, jobs=1)
     assert times == {path: path.stat().st_mtime_ns for path in times}
     with pytest.raises(InputError, match="another trial"):
-        run.make(4, 6, "cfmmr-2", folder, duration=8.0, jobs=1)
+        run.make(4, 6, "cfmmr-2", folder, duration=6.0, jobs=1)
     run.judge(folder, jobs=1)
     scored = scores.report(folder)
     assert scored["judged"] == 4
@@ -110,7 +110,7 @@ def trial(hidden, named, possible=(), verdict="named", found=(), stratum="one"):
     return Trial(label, outcome)
 
 
-def test_scores_count_what_was_said_against_what_was_hidden():
+def test_scores_compare_answers_with_what_was_hidden():
     right, missed = trial("a", "a"), trial("a", "", verdict="no discrepancy")
     unsure, other, more = trial("a", "", "ab", "ambiguous"), trial("a", "b"), trial("a", "ab")
     flagged = trial("a", "a", verdict="unexplained")
@@ -139,7 +139,7 @@ def test_the_command_makes_judges_and_scores_trains(capsys):
 
 
 @pytest.mark.parametrize("name", sorted(KINDS))
-def test_what_the_catalogue_does_not_have_changes_the_log_alone(folder, name):
+def test_a_fault_outside_the_catalogue_changes_only_the_log(folder, name):
     log = read_log(folder / "cases" / "case-0003" / "log.csv", TRAIN)
     size = KINDS[name][2]
     changed = Outside(name, wheel=1, frame=0, value=size, begins=0.3).changed(TRAIN, log)
