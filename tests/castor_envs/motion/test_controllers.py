@@ -80,8 +80,8 @@ def distance(off):
 
 
 @pytest.mark.parametrize("name", ["straight", "arc", "s-bend", "random"])
-@pytest.mark.parametrize("n", [2, 4, 7])
-def test_all_axles_follow_the_path_and_each_the_one_ahead(n, name):
+@pytest.mark.parametrize("n", [2, 5])
+def test_all_axles_follow_the_path(n, name):
     """Within 4 cm of where they belong, 8 cm after 5 m of random arcs: what the front axle loses to slip."""
     path = named_path(name, np.random.default_rng(1))
     off, _, world = drive(quiet(n), path)
@@ -109,7 +109,7 @@ def test_what_the_front_axle_misses_is_slip_and_half_samples():
 
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("n", [2, 3])
-def test_an_axle_pushed_aside_comes_back_behind_the_one_ahead(n, side):
+def test_an_axle_pushed_aside_returns_behind_the_one_ahead(n, side):
     """Without sensors it stays aside."""
     kick = (1.0, 1.8, side * 1.5 * np.array([-1.0, 1.0]))
     path, ends = named_path("straight"), {}
