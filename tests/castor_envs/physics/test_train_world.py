@@ -192,17 +192,16 @@ def test_a_train_started_elsewhere_drives_the_same_path_there(shift, turn):
     np.testing.assert_allclose(moved, compose(start, path), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("n", [2, 3])
-def test_reference_and_compiled_stepper_agree(n):
-    """On a rough floor, with servos, voltage and motors off by turns."""
+def test_reference_and_compiled_stepper_agree():
+    """Of a train of three axles on a rough floor, with servos, voltage and motors off by turns."""
     paths = []
     for stepper in ("reference", "compiled"):
         random, rows = np.random.default_rng(7), []
-        world = TrainWorld(lopsided(n), FLOOR, bends=0.3, stepper=stepper, substeps=100)
+        world = TrainWorld(lopsided(3), FLOOR, bends=0.3, stepper=stepper, substeps=100)
         for k in range(18):
             drive = ("servo", "voltage", "off")[k // 3 % 3]
             limit = 6.0 if drive == "servo" else 0.4
-            world.advance(random.uniform(0, limit, 2 * n), drive)
+            world.advance(random.uniform(0, limit, 6), drive)
             rows.append([*world.poses.ravel(), *world.wheel_angles, *np.concatenate(world.joint_angles)])
         paths.append(np.array(rows))
     assert np.ptp(paths[0][:, 0]) > 0.1
