@@ -36,7 +36,7 @@ def named(found):
     return {(placed.effect.name, placed.axle): one.size for one, placed in sure}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_train_in_good_order_raises_no_alarm(driven, seed):
     found = found_in(driven(seed=seed, reference=seed > 1))
     assert found.verdict in ("no discrepancy", "negligible")
@@ -75,7 +75,7 @@ def test_a_sensor_that_stops_is_named_at_its_time(driven):
     assert only(denied).verdict == "unconfirmed"
 
 
-def test_without_a_reference_sensors_and_wheels_still_tell(driven):
+def test_without_a_reference_sensors_and_wheels_suffice(driven):
     found = found_in(driven(tracks=(1.0, 0.97), reference=False))
     assert [*named(found)] == [("track", 2)]
     answer = only(found)
@@ -105,26 +105,26 @@ def test_a_wheel_that_loses_counts_for_a_while_is_unexplained(driven):
     assert found.found == found.robot
 
 
-def test_a_name_that_held_out_logs_deny_is_not_confirmed(driven):
-    found = found_in(driven(gains=(1.15,) * 4), held_out=[driven(seed=2)[0]])
+def test_a_name_that_held_out_logs_contradict_is_not_confirmed(driven):
+    found = found_in(driven(tracks=(1.03, 1.0)), held_out=[driven(seed=2)[0]])
     assert only(found).verdict == "unconfirmed"
 
 
 def test_a_motion_that_does_not_show_it_confirms_nothing(driven):
-    hidden = {"gains": (1.15,) * 4}
+    hidden = {"tracks": (1.03, 1.0)}
     found = found_in(driven(**hidden), held_out=[driven(seed=2, straight=True, **hidden)[0]])
     assert only(found).verdict == "unconfirmed"
     assert found.found == found.robot
 
 
-def test_what_clean_logs_show_as_well_is_good_order(driven):
+def test_effects_of_clean_logs_are_good_order(driven):
     worn = {"gains": (1.1,) * 4}
     clean = [driven(seed=seed, **worn)[0] for seed in (4, 5)]
     found = found_in(driven(tracks=(1.03, 1.0), **worn), clean=clean)
     assert [*named(found)] == [("track", 1)]
 
 
-def test_what_costs_less_than_matters_is_negligible(driven):
+def test_an_effect_of_little_cost_is_negligible(driven):
     found = found_in(driven(drift=0.02), material=Material(10.0, 10.0))
     assert found.verdict == "negligible"
     assert found.found == found.robot
@@ -155,8 +155,8 @@ def _words(written):
     return told(written, "--out", str(written / "out"))
 
 
-def test_json_and_words_say_the_same(written, words):
-    data = json.loads(told(written, "--json"))
+def test_json_and_text_agree(written, words):
+    data = json.loads((written / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert (data["format"], data["verdict"]) == ("castor-diagnosis/2", "named")
     (answer,) = data["answers"]
     assert (answer["effect"]["name"], answer["effect"]["axle"]) == ("track", 1)
@@ -167,7 +167,7 @@ def test_json_and_words_say_the_same(written, words):
 
 
 @pytest.mark.usefixtures("words")
-def test_the_folder_written_holds_the_page_the_data_and_the_train(written):
+def test_the_folder_holds_page_data_and_train(written):
     assert sorted(path.name for path in (written / "out").iterdir()) == ["diagnosis.json", "report.html", "train.json"]
     data = json.loads((written / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert data["robot_file"] == str(written / "out" / "train.json")
