@@ -91,6 +91,7 @@ def reading(
     return read
 
 
+@lru_cache(maxsize=64)
 def yielding(train: TrainDescription) -> tuple[Array, Array]:
     """Return the slip of the contacts of each axle per newton, along and across, (N,) each, 1/N."""
     stiffness = ([getattr(m.contact, f"slip_stiffness_{way}") for m in train.modules] for way in ("long", "lat"))
@@ -115,7 +116,6 @@ def sliding_force(train: TrainDescription) -> Array:
     return np.array([module.contact.friction for module in train.modules]) * carried(train)
 
 
-@lru_cache(maxsize=64)
 def carried(train: TrainDescription) -> Array:
     """Return the load of the wheels of each axle, (N,), N: their module, and half of each frame on it."""
     half = [0.5 * frame.linear_density * frame.length for frame in train.frames]

@@ -4,6 +4,7 @@ out."""
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class Linearised:
         """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
         return -self.settled.deviance / 2
 
-    @property
+    @cached_property
     def gap(self) -> tuple[float, float] | None:
         """Error of the train's localisation (`localised_off`), m and rad."""
         return localised_off(self.train, self.train_logs, self.settled)
