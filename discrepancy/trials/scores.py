@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json
@@ -236,6 +235,8 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     """Return the 95 % Wilson interval of a share; (0, 1) for no cases."""
     if not total:
         return 0.0, 1.0
+    from scipy.stats import binomtest  # slow to import
+
     interval = binomtest(count, total).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
 

@@ -23,7 +23,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
 from castor_envs.effects.catalogue import readings
 from castor_envs.errors import InputError
@@ -267,6 +266,8 @@ def _known(commands: Array | None, at: NDArray[np.intp]) -> Array | None:
 
 
 def _smooth(angle: Array) -> Array:
+    from scipy.signal import savgol_filter  # slow to import
+
     return np.asarray(savgol_filter(angle, SMOOTHED, 2, axis=0), float) if len(angle) >= SMOOTHED else angle
 
 
