@@ -133,7 +133,7 @@ def turns(exact_motion, robot, seed, theta=None):
 
 
 @pytest.mark.parametrize(("n", "robots"), [(2, 3), (3, 1)])
-def test_steady_turns_tell_what_equations_1_to_9_tell(n, robots, exact_motion):
+def test_steady_turns_agree_with_equations_1_to_9(n, robots, exact_motion):
     """With two castors eqs. 1-9 have one estimate of each, and their standard error is that of rounding alone."""
     for seed in range(robots):
         true = wrong(n_castor(n), seed)
@@ -149,7 +149,7 @@ def test_steady_turns_tell_what_equations_1_to_9_tell(n, robots, exact_motion):
             np.testing.assert_allclose(error, closed.errors.offset, rtol=0.2)
 
 
-def test_castors_that_swing_in_tell_more_than_steady_ones(exact_motion):
+def test_swinging_castors_show_more_than_steady_ones(exact_motion):
     errors = {"likely": [], "closed": []}
     for seed in range(3):
         described = preset("asoc-prototype")
@@ -391,7 +391,7 @@ def permuted(robot, order):
     return dataclasses.replace(robot, castors=tuple(robot.castors[i] for i in order))
 
 
-def test_mirror_images_orders_of_logs_and_of_castors_change_nothing(exact_motion):
+def test_mirror_images_and_orders_change_nothing(exact_motion):
     described, order = n_castor(3), [2, 0, 1]
     logs = [base_log(exact_motion, wrong(described, 5), seed) for seed in (1, 2)]
     found = calibrate(described, logs, noise=KNOWN)
@@ -424,7 +424,7 @@ def scaled(robot, by):
 
 
 @pytest.mark.parametrize("pivots", [False, True])
-def test_a_robot_described_larger_is_found_larger_without_reference(pivots, exact_motion):
+def test_without_reference_the_scale_is_that_described(pivots, exact_motion):
     """Slip per metre grows with the root of the scale; FLOOR and rounding of the arithmetic are left."""
     described = n_castor(3)
     log = dataclasses.replace(base_log(exact_motion, wrong(described, 6), 6), reference=None)
@@ -484,7 +484,7 @@ def test_channels_that_contradict_the_robot_are_refused(name, reference, wandere
 
 
 @pytest.mark.parametrize("swap", [True, False])
-def test_contradictions_of_a_differential_robot_are_refused(swap):
+def test_channels_that_contradict_a_differential_robot_are_refused(swap):
     log = differential_log(seed=2, count=20)
     bad = dataclasses.replace(log, wheel=log.wheel[:, ::-1] if swap else log.wheel * [1, -1])
     with pytest.raises(InputError, match=r"cannot be made to fit .* look for channels that are swapped, reversed"):
@@ -495,7 +495,7 @@ def thinned(log, rows):
     return Log(log.t[rows], log.wheel[rows], log.pivot[rows], reference=log.reference[rows])
 
 
-def test_logs_of_two_rows_tell_a_little_and_disturb_nothing(wandered):
+def test_logs_of_two_rows_are_harmless(wandered):
     described, true, log = wandered
     short = thinned(log, slice(0, 2))
     found = calibrate(described, [log, short], noise=KNOWN)
@@ -542,9 +542,9 @@ def sessions():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["140120211508", "140120211525"])
-def test_measured_tricycle(name, sessions):
-    session = read_session(sessions[name])
+def test_measured_tricycle(sessions):
+    """The session with the larger residuals of two."""
+    session = read_session(sessions["140120211508"])
     found = calibrate(session.robot, session.runs)
     front, _ = found.calibrated.castors
     assert 0.9 < np.degrees(front.pivot_zero) < 1.4
@@ -555,7 +555,7 @@ def test_measured_tricycle(name, sessions):
 
 
 @pytest.mark.parametrize("name", ["230620202042", "230620202144"])
-def test_measured_differential_agrees_with_the_published_and_serves_runs_held_out(name, sessions):
+def test_measured_differential_agrees_with_the_published_and_held_out_runs(name, sessions):
     session = read_session(sessions[name])
     found = calibrate(session.robot, [session.runs[k - 1] for k in (1, 3, 4, 6)]).calibrated
     left, right = found.castors[0].wheels
