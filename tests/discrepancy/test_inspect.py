@@ -39,8 +39,8 @@ def verdict(robot, log):
 
 
 @pytest.mark.parametrize("trajectory", TRAJECTORIES)
-@pytest.mark.parametrize("name", ["asoc-prototype", "omnimate", "asoc-full-scale"])
-def test_perfect_rolling_is_never_accused(name, trajectory):
+@pytest.mark.parametrize("name", ["asoc-prototype", "omnimate"])
+def test_perfect_rolling_is_consistent(name, trajectory):
     robot = preset(name)
     for log in logs(robot, TRAJECTORIES[trajectory], seeds=10):
         assert verdict(robot, log) == CONSISTENT
@@ -48,7 +48,7 @@ def test_perfect_rolling_is_never_accused(name, trajectory):
 
 @pytest.mark.parametrize("period", [0.01, 0.1])
 @pytest.mark.parametrize("trajectory", ["stops", "rounded", "eight"])
-def test_sampling_coarsely_or_finely_accuses_nobody(period, trajectory):
+def test_perfect_rolling_is_consistent_at_any_period(period, trajectory):
     robot = dataclasses.replace(preset("asoc-prototype"), sample_period=period)
     for log in logs(robot, TRAJECTORIES[trajectory], seeds=4):
         assert verdict(robot, log).startswith("consistent ")

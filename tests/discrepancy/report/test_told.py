@@ -48,7 +48,7 @@ def log(tmp_path_factory):
     return write(tmp_path_factory.mktemp("worn") / "log.csv", REAL)
 
 
-def test_the_folder_holds_page_data_and_the_robot_whose_gap_is_told(log, tmp_path, capsys):
+def test_the_folder_holds_page_data_and_the_robot_with_the_reported_gap(log, tmp_path, capsys):
     out = tmp_path / "found"
     code, text, err = command(capsys, log, "--out", out)
     assert code == 0, err
@@ -82,7 +82,7 @@ def test_the_folder_holds_page_data_and_the_robot_whose_gap_is_told(log, tmp_pat
     assert command(capsys, log, "--out", out)[0] == 2
 
 
-def test_wiring_that_is_undone_is_in_the_robot_and_the_verdict(tmp_path, capsys):
+def test_undone_wiring_is_in_robot_and_verdict(tmp_path, capsys):
     log = write(tmp_path / "log.csv", ROBOT.with_effects(EncoderReversed(castor=1, wheel=2)))
     code, text, err = command(capsys, log, "--out", tmp_path / "found")
     assert code == 0, err
@@ -95,7 +95,7 @@ def test_wiring_that_is_undone_is_in_the_robot_and_the_verdict(tmp_path, capsys)
     assert sentences.sentence(data) == "Gross mistake: wheel_1r counts backwards. Nothing else that matters is missing."
 
 
-def test_what_is_not_confirmed_is_not_written_and_slip_is_shown(log, tmp_path, capsys):
+def test_the_unconfirmed_is_not_written_and_slip_is_shown(log, tmp_path, capsys):
     (tmp_path / "good").mkdir()
     held_out = write(tmp_path / "good" / "log.csv", ROBOT, seed=2)
     code, text, err = command(capsys, log, "--holdout", held_out, "--out", tmp_path / "found")
