@@ -402,7 +402,7 @@ class LogLikelihood:
             return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
 
         def squares_at(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
-            values = self._values(geometry, state, clock, mount, weights)
+            values = self._values(self.missed(geometry, state), state, clock, mount, weights)
             return float(sum(np.sum(part**2) for part in (*values.values(), (clock - expected_clock) / believed)))
 
         return Reduced(
@@ -428,11 +428,11 @@ class LogLikelihood:
         return found | {name: np.full((1, 1), 1 / getattr(noise, name)) for name in ("position", "heading")}
 
     def _values(
-        self, geometry: Geometry, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
+        self, missed: Array, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
     ) -> dict[str, Array]:
         """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "pinned", or the
-        field of `Noise` that weights them."""
-        slips, rolling = self.missed(geometry, state) - self._expected, len(self._rolling)
+        field of `Noise` that weights them. missed: those in the constraints (`missed`)."""
+        slips, rolling = missed - self._expected, len(self._rolling)
         residuals = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
         if self.poses:
             at, part, known = self._shown(clock)
@@ -466,7 +466,8 @@ class LogLikelihood:
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         extra_count = extra.parameters if extra else 0
         count = first + extra_count + len(mount) + len(clock)
-        values = self._values(geometry, state, clock, mount, weights)
+        residual, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
+        values = self._values(residual, state, clock, mount, weights)
 
         def read(chosen: slice) -> Array:
             by = np.zeros((*self._readings[chosen].shape, count))
@@ -477,7 +478,6 @@ class LogLikelihood:
 
         kinds = {"counts": _Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
-        residual, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         rolling = len(self._rolling)
 
