@@ -158,7 +158,7 @@ def test_an_independent_integration_agrees_within_a_millimetre(name, friction, s
     even = weight / math.sqrt(1 + 0.06**2 + 0.04**2) / len(robot.wheels)
     model = Model(robot, floor, [even] * len(robot.wheels))
     world, controller, commands, path = RobotWorld(robot, floor), KinematicController(robot), [], []
-    for k in range(round(2.5 / robot.sample_period)):
+    for k in range(round(2.0 / robot.sample_period)):
         wanted = wanted_twist(robot, (k + 0.5) * robot.sample_period, speed)
         commands.append(controller.commands(world.castor_angles, wanted))
         world.advance(*commands[-1])
