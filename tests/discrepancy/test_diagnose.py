@@ -47,7 +47,9 @@ def rolled(robot, seed, duration=12.0, reference=True):
 def test_an_effect_is_found_behind_wrong_wiring():
     """Encoders are exchanged after all else that they do, so wiring stands last in the file; clean logs are without."""
     robot = ROBOT.with_effects(LATE, SWAPPED)
-    examined = examine(ROBOT, {"a": rolled(robot, 1, 20.0)}, {"b": rolled(robot, 2)}, {"c": rolled(ROBOT, 3, 20.0)})
+    examined = examine(
+        ROBOT, {"a": rolled(robot, 1, 20.0)}, {"b": rolled(robot, 2, 20.0)}, {"c": rolled(ROBOT, 3, 20.0)}
+    )
     assert examined.data["verdict"] == "named", examined.data["answers"]
     assert examined.found is not None
     late, swapped = examined.found.effects
