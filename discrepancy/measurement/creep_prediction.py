@@ -73,6 +73,16 @@ class Slipping:
         explained = self._creep - self._predicted(self._over + slip)
         return self._model.rows_of(explained.rolling, explained.side)
 
+    def by_effects(self) -> Array:
+        """Return the predicted creep (K - 1, rows) that the robot's effects cause: the difference to that of a robot
+        without them whose encoders read the same."""
+        if not self._robot.effects:
+            return np.zeros_like(self.yields)
+        plain, state = replace(self._robot, effects=()), self._state.copy()
+        state[:, 3:] = self._channels.read(self._robot, self._log, state[:, 3:])
+        caused = self._creep - Slipping(plain, self._model, self._log, state)._creep
+        return self._model.rows_of(caused.rolling, caused.side)
+
     def _predicted(self, known: Slip | None = None, consistent: bool = False, quick: bool = False) -> Slip:
         """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree."""
         robot, motion = self._without, self._channels.motion(self._log, self._state, consistent_wheels=consistent)

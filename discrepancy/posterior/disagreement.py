@@ -56,14 +56,17 @@ class Disagreement:
     steps: NDArray[np.intp]
 
     @classmethod
-    def of(cls, design: Columns, log: Log, hiding: Array, parts: Array, released: NDArray[np.bool_]) -> "Disagreement":
-        """Return the disagreement of a log. hiding (K - 1, rows, e): slips by which creep masks the robot's effects, in
-        the proportions `parts` (e,).
+    def of(
+        cls, design: Columns, log: Log, caused: Array, hiding: Array, parts: Array, released: NDArray[np.bool_]
+    ) -> "Disagreement":
+        """Return the disagreement of a log beyond slips `caused` (K - 1, rows) by the robot's effects. hiding (K - 1,
+        rows, e): slips by which creep masks these effects in addition, in the proportions `parts` (e,).
 
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
         model = design.model
         seen, by_size = model.disagreement(*design.alone())
+        seen = seen - caused + model.explained(design.geometry, design.state, caused)
         way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
         samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
         starts = np.arange(0, len(way), samples)

@@ -149,7 +149,14 @@ def linearise(
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(design, log, slip.known[..., CREEPS:], shared.parts[CREEPS:], steps)
+        Disagreement.of(
+            design,
+            log,
+            shared.parts[0] * slip.slipping.by_effects(),
+            slip.known[..., CREEPS:],
+            shared.parts[CREEPS:],
+            steps,
+        )
         for design, log, slip, steps in zip(designs, logs, slips, released, strict=True)
     )
     said, log_evidence = _said(designs, disagreements, shared, noise, candidates, columns)

@@ -268,12 +268,12 @@ class LogLikelihood:
         path += shared_out(known - path[anchors])
         return np.column_stack([path, self._counts])
 
-    def odometry(self, geometry: Geometry) -> Array:
-        """Return poses (K, 3) from counts alone, by least squares in every step.
+    def odometry(self, geometry: Geometry, slips: Array | float = 0.0) -> Array:
+        """Return poses (K, 3) from counts and from slips (K - 1, rows), m, by least squares in every step.
 
         From the first reference pose on, or from 0 at the first sample.
         """
-        path = _chained(self._twist(geometry))
+        path = _chained(self._twist(geometry, slips))
         anchors = np.flatnonzero(self._posed)[:1]
         return compose(self._reference[anchors[0]], relative_pose(path[anchors[0]], path)) if len(anchors) else path
 
@@ -282,18 +282,20 @@ class LogLikelihood:
         used = self._used_poses
         return self.odometry(geometry)[used], self._reference[used]
 
-    def _twist(self, geometry: Geometry) -> Array:
-        """Return the body's motion (K - 1, 3) in every step, in B, from counts alone, by least squares."""
+    def _twist(self, geometry: Geometry, slips: Array | float = 0.0) -> Array:
+        """Return the body's motion (K - 1, 3) in every step, in B, from counts and slips, by least squares."""
         angle = self._angles(geometry, self._counts)
         a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         right = self._rolled(geometry, self._counts) - b * np.diff(angle, axis=0)[:, self._castor]
+        right += slips / self._magnified(geometry)[..., 0]
         return (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
 
     def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array) -> Array:
-        """Return the error of odometry at every reference pose (poses, 3); it starts at the state's first pose."""
+        """Return the error at every reference pose (poses, 3) of odometry that accounts for the expected slips
+        (`expect`); it starts at the state's first pose."""
         known = np.flatnonzero(self._posed)
         at, part = self._sought(known, clock)
-        path = compose(self.odometry(geometry), mount)
+        path = compose(self.odometry(geometry, self._expected), mount)
         truly = compose(state[:, :3], mount)
         part = np.clip(part, 0.0, 1.0)
         path, truly = ((1 - part) * poses[at] + part * poses[at + 1] for poses in (path, truly))
@@ -589,6 +591,12 @@ class LogLikelihood:
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         return np.linalg.pinv(a, rcond=1e-10) @ slips
+
+    def explained(self, geometry: Geometry, state: Array, slips: Array) -> Array:
+        """Return the part of slips (K - 1, rows) that a motion of the body explains, by least squares."""
+        angle = self._angles(geometry, state[:, 3:])
+        a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
+        return (a @ (np.linalg.pinv(a, rcond=1e-10) @ slips[..., None]))[..., 0]
 
     def disagreement(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
