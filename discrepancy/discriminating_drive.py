@@ -94,7 +94,7 @@ def _expected(
         return 0.0
     told = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
     directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
-    found = sizes_of(likely[:1], [answer.amplitudes], [answer.hidden], seen)
+    found = sizes_of([Place(likely[0], answer.hidden)], [answer.amplitudes], seen)
     sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
     pairs = itertools.permutations(range(len(likely)), 2)
     left = (sizes[a] - _nearest(sizes[a], directions[b], told) for a, b in pairs)

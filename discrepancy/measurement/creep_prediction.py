@@ -16,15 +16,18 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Channels, differ, stacked
+from discrepancy.hypotheses.candidates import Candidate, Channels
 from estimators.calibration.log_likelihood import LogLikelihood
 
 CREEPS, FORCED, QUICK = 4, 1, slice(2, 4)
 """Kinds of predicted creep: steady disagreement of wheels; forces of the motion; and disagreement that changes from
 step to step, along and to the side."""
+
+STEP = 0.05
+"""Part of an amplitude by which it is changed for the derivative of predicted creep."""
 
 SLOWEST = 0.02
 """Least rolling speed of a contact, as a part of the fastest wheel's speed."""
@@ -60,13 +63,12 @@ class Slipping:
         return self._model.rows_of(total.rolling, total.side)
 
     def known(self) -> Array:
-        """Return slips known up to factors (K - 1, rows, CREEPS + e): each kind of predicted creep, then the slips that
-        would mask each of the robot's effects."""
+        """Return the slips (K - 1, rows, CREEPS) of each kind of predicted creep, which are known up to factors."""
         slow, forced = self._creep, self._predicted(consistent=True)
         quick, zeros = self._predicted(self._over, quick=True) - slow, np.zeros_like
         kinds = slow - forced, forced, Slip(quick.rolling, zeros(quick.side)), Slip(zeros(quick.rolling), quick.side)
         rows = [self._model.rows_of(kind.rolling, kind.side) for kind in kinds]
-        return np.concatenate([np.stack(rows, axis=-1), self._hiding()], axis=-1)
+        return np.stack(rows, axis=-1)
 
     def seen_as_creep(self, slip: Slip) -> Array:
         """Return the reduction of predicted creep (K - 1, rows) if wheels are known to slip by `slip`."""
@@ -82,6 +84,20 @@ class Slipping:
         state[:, 3:] = self._channels.read(self._robot, self._log, state[:, 3:])
         caused = self._creep - Slipping(plain, self._model, self._log, state)._creep
         return self._model.rows_of(caused.rolling, caused.side)
+
+    def masking(self, effect: Effect, candidate: Candidate) -> Array:
+        """Return the change of predicted creep (K - 1, rows, c) per unit of the amplitudes of one of the robot's
+        effects, where encoders read the same."""
+        robot, channels, state = self._robot, self._channels, self._state.copy()
+        amplitudes, changes = candidate.amplitudes(effect), []
+        read, step = channels.read(robot, self._log, state[:, 3:]), STEP * float(np.linalg.norm(amplitudes))
+        for unit in np.eye(len(amplitudes)):
+            changed = candidate.effect(amplitudes + step * unit)
+            vehicle = replace(robot, effects=tuple(changed if part is effect else part for part in robot.effects))
+            state[:, 3:] = Channels(vehicle).unread(vehicle, self._log, read, self._state[:, 3:])
+            more = Slipping(vehicle, self._model, self._log, state)._creep - self._creep
+            changes.append(self._model.rows_of(more.rolling, more.side) / step)
+        return np.stack(changes, axis=-1)
 
     def _predicted(self, known: Slip | None = None, consistent: bool = False, quick: bool = False) -> Slip:
         """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree."""
@@ -101,20 +117,3 @@ class Slipping:
             if isinstance(effect, Bump):
                 total = total + effect.slip(ContactMotion(self._robot.as_built(), motion))
         return total
-
-    def _hiding(self) -> Array:
-        """Return the slips (K - 1, rows, e) that would mask each of the robot's effects completely."""
-        robot, channels, model = self._robot, self._channels, self._model
-        counts, slips = self._state[:, 3:], np.zeros((len(self._log) - 1, len(model.rows), 0))
-        read = channels.read(robot, self._log, counts)
-        for k, effect in enumerate(robot.effects):
-            without = replace(robot, effects=robot.effects[:k] + robot.effects[k + 1 :])
-            geometry: Geometry = Geometry.of(without.as_built())
-            if differ(channels.geometry, geometry) and effect.radius_change(without.as_built()) is None:
-                changed, step, excess = stacked(geometry, [geometry]), np.array([-1.0]), np.zeros((*counts.shape, 0))
-            else:
-                changed, step = stacked(geometry, []), np.zeros(0)
-                excess = (read - channels.read(without, self._log, counts))[..., None]
-            hidden_slip = model.fought(channels.geometry, changed, step, self._state, excess, self.yields)
-            slips = np.concatenate([slips, hidden_slip], axis=-1)
-        return slips

@@ -27,9 +27,9 @@ UNEVEN = 0.3
 class Columns:
     """The columns of one log's linear problem about a state. Of C amplitudes the first G change the geometry
     (`geometries`, changed by `steps` (G,)), the other R change readings (K, s + d, R) and slips (K - 1, rows, R).
-    fought (K - 1, rows, C): slips that mask each amplitude; known_slips (K - 1, rows, e): slips known up to a factor.
-    rates (R,): rate of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine
-    it."""
+    fought (K - 1, rows, C): slips that mask each amplitude; for the robot's effects, as predicted. known_slips (K - 1,
+    rows, e): slips known up to a factor. rates (R,): rate of the reference's clock, s/s; rate: its rate by the robot's
+    effects, None where no poses determine it."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -66,6 +66,10 @@ class Columns:
         found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
         changed = stacked(geometry, found.geometries)
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slipping.yields)
+        for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
+            for effect in robot.effects:
+                if candidate.is_of(effect) and not effect.binary:
+                    fought[..., columns] = parts[0] * slipping.masking(effect, candidate)
         slips = np.zeros((*known_slips.shape[:2], len(found.slips)))
         for k, slip in enumerate(found.slips):
             slips[..., k] = model.rows_of(slip.rolling, slip.side)

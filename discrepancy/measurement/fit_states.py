@@ -20,8 +20,7 @@ from estimators.calibration.log_likelihood import ExtraColumns, LogLikelihood, N
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 
 DOUBT = 0.5
-"""Prior standard deviation of the factors of predicted creep, and of the part that creep masks of effects in the
-model."""
+"""Prior standard deviation of the factors of predicted creep."""
 
 MOST_CREEP = 4.0
 """Largest factor of predicted creep."""
@@ -66,7 +65,7 @@ def settled(
         off = _corrected(robot, models, logs, at, off)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least)
-    parts, k = np.zeros(CREEPS + len(robot.effects)), SETTLED if start is None else SETTLED_AGAIN
+    parts, k = np.zeros(CREEPS), SETTLED if start is None else SETTLED_AGAIN
     while True:
         slips = []
         for model, log, state in zip(models, logs, at.states, strict=True):
@@ -106,21 +105,14 @@ def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Arra
         model.expect(log_slips.certain + log_slips.known @ parts)
 
 
-def _limits(e: int) -> tuple[Array, Array]:
-    """Return the bounds (e,) of the factors of known slips."""
-    upper = np.where(np.arange(e) < CREEPS, MOST_CREEP, 1.0)
-    return np.where(np.arange(e) < CREEPS, 0.0, -1.0), upper
-
-
-def _foreseen(e: int, usual: Array | None, rigid: bool) -> tuple[Array, Array]:
-    """Return the prior means and standard deviations of the factors (e,) of predicted creep and of masking slips.
-    rigid: whether contacts hardly creep under forces."""
-    expected, doubt = np.zeros(e), np.full(e, DOUBT)
-    if usual is None:
-        expected[:CREEPS], doubt[FORCED], expected[QUICK] = 1.0, AS_DESCRIBED, 0.5
-        expected[FORCED] = 0.0 if rigid else 1.0
-    else:
-        expected[:CREEPS], doubt[:CREEPS] = usual[:CREEPS], AS_USUAL
+def _foreseen(usual: Array | None, rigid: bool) -> tuple[Array, Array]:
+    """Return the prior means and standard deviations of the factors (CREEPS,) of predicted creep. rigid: whether
+    contacts hardly creep under forces."""
+    if usual is not None:
+        return usual, np.full(CREEPS, AS_USUAL)
+    expected, doubt = np.ones(CREEPS), np.full(CREEPS, DOUBT)
+    doubt[FORCED], expected[QUICK] = AS_DESCRIBED, 0.5
+    expected[FORCED] = 0.0 if rigid else 1.0
     return expected, doubt
 
 
@@ -133,18 +125,17 @@ def _shared(
     parts: Array,
     usual: Array | None,
 ) -> Shared:
-    """Return the shared nuisances with the most probable factors (e,) of predicted creep and of the slips that mask the
-    robot's effects."""
-    unchanged, e = stacked(geometry, []), known[0].shape[-1]
+    """Return the shared nuisances with the most probable factors of predicted creep."""
+    unchanged = stacked(geometry, [])
     told: list[tuple[tuple[Candidate, ...], Reduced]] = []
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
         extra = ExtraColumns(np.zeros((len(state), state.shape[1] - 3, 0)), (slips,))
         told.append(((), model.reduce(geometry, unchanged, np.zeros(0), state, clock, at.mount, noise, 0, extra)))
     _, information, gradient, _ = together(told)
-    freely = Shared(parts, _foreseen(e, None, False)[0], np.full(e, DOUBT), at.mount)
+    freely = Shared(parts, _foreseen(None, False)[0], np.full(CREEPS, DOUBT), at.mount)
     rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
-    shared = Shared(parts, *_foreseen(e, usual, rigid), at.mount)
-    return replace(shared, parts=np.clip(_best(information, gradient, shared), *_limits(e)))
+    shared = Shared(parts, *_foreseen(usual, rigid), at.mount)
+    return replace(shared, parts=np.clip(_best(information, gradient, shared), 0.0, MOST_CREEP))
 
 
 def _best(information: Array, gradient: Array, shared: Shared) -> Array:

@@ -40,15 +40,14 @@ Sizes = tuple[float, float]
 class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
-    seen (W, rows): disagreement beyond what creep masks of the robot's effects. by_size (W, rows, C): its change per
-    unit of each candidate's size. hidden (W, rows, e): its change where creep masks the robot's effects. told_by (W,):
-    windows that count. along (rows,): true for rolling constraints, false for side slip. t (W,): when windows begin, s.
-    way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps in each window.
+    seen (W, rows): disagreement that the robot's effects do not cause. by_size (W, rows, C): its change per unit of
+    each candidate's size. told_by (W,): windows that count. along (rows,): true for rolling constraints, false for side
+    slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of
+    steps in each window.
     """
 
     seen: Array
     by_size: Array
-    hidden: Array
     told_by: NDArray[np.bool_]
     along: NDArray[np.bool_]
     t: Array
@@ -56,11 +55,8 @@ class Disagreement:
     steps: NDArray[np.intp]
 
     @classmethod
-    def of(
-        cls, design: Columns, log: Log, caused: Array, hiding: Array, parts: Array, released: NDArray[np.bool_]
-    ) -> "Disagreement":
-        """Return the disagreement of a log beyond slips `caused` (K - 1, rows) by the robot's effects. hiding (K - 1,
-        rows, e): slips by which creep masks these effects in addition, in the proportions `parts` (e,).
+    def of(cls, design: Columns, log: Log, caused: Array, released: NDArray[np.bool_]) -> "Disagreement":
+        """Return the disagreement of a log beyond the slips (K - 1, rows) that the robot's effects cause.
 
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
@@ -72,14 +68,13 @@ class Disagreement:
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
         rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        parts_of = (seen - hiding @ parts, by_size, hiding)
-        sums = [np.add.reduceat(part, starts, axis=0) for part in parts_of]
-        of_way, by_size, hidden = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
+        sums = [np.add.reduceat(part, starts, axis=0) for part in (seen, by_size)]
+        of_way, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
         steps = np.diff([*starts, len(way)])
         along = model.rows < len(design.geometry.radius)
         told_by = ~np.logical_or.reduceat(released.any(axis=1), starts)
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, by_size, hidden, told_by, along, log.t[starts], way, steps)
+        return cls(of_way, by_size, told_by, along, log.t[starts], way, steps)
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
@@ -105,15 +100,15 @@ class Disagreement:
         return slips
 
     def told(self, sizes: Sizes) -> tuple[Array, Array, float]:
-        """Return information and score of sizes (C,), of the masked amount of each (C,) and of parts (e,), and the
-        log-likelihood where all of these are 0.
+        """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
+        where all of these are 0.
 
         Beyond `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic.
         """
         size = np.where(self.along, *sizes)
         off = np.abs(self.seen) / size
         weight = self.told_by[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
-        columns = np.concatenate([self.by_size, -self.by_size, self.hidden], axis=-1) * weight[..., None]
+        columns = np.concatenate([self.by_size, -self.by_size], axis=-1) * weight[..., None]
         columns, seen = columns.reshape(self.seen.size, -1), (self.seen * weight).reshape(-1)
         far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
         likely = -float(self.told_by.sum() * np.sum(np.log(size))) - float(np.sum(far[self.told_by]))

@@ -18,11 +18,10 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
-from discrepancy.measurement.creep_prediction import CREEPS
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
 from discrepancy.posterior.calibrated import SIGNATURE
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import hypotheses_of, order_of, sizes_of
+from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
@@ -122,11 +121,9 @@ def _diagnosed(
         return linearise(mended, logs, start=start, creep=creep, among=only, places=extra, released=released)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        candidates = [seen.candidates.index(effect.candidate) for effect in named]  # type: ignore[arg-type]
-        in_model = sizes_of(
-            candidates, [effect.amplitudes for effect in named], seen.parts[CREEPS + len(base.effects) :].tolist(), seen
-        )
-        return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), in_model)
+        places = [place_in_model(seen, effect.candidate) for effect in named]
+        sizes = sizes_of(places, [effect.amplitudes for effect in named], seen)
+        return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes)
 
     def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released)

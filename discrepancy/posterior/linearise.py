@@ -19,7 +19,6 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.measurement.creep_prediction import CREEPS
 from discrepancy.measurement.design_matrix import UNEVEN, Columns, Shared, columns_of, quieter
 from discrepancy.measurement.fit_states import settled
 from discrepancy.measurement.gap import gap_of
@@ -48,10 +47,10 @@ class Linearised:
 
     usual (C,): size of unnamed alternatives in logs of a robot in good order; NaN for effects of the catalogue. cost
     (2, C): odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
-    clock. parts: proportions of predicted creep, and the masked proportion of each of the robot's effects.
+    clock. parts: factors of predicted creep.
     log_evidence: log-likelihood of the logs with all sizes 0, nuisances integrated out (natural logarithm, up to a
-    constant of the logs). gap: rms difference between odometry and reference, m and rad; None without a reference.
-    slips (K - 1, w): slips of wheels beyond the predicted ones, m.
+    constant of the logs). gap: rms difference between odometry, with predicted creep, and reference, m and rad; None
+    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m.
     """
 
     candidates: tuple[Candidate, ...]
@@ -149,14 +148,7 @@ def linearise(
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(
-            design,
-            log,
-            shared.parts[0] * slip.slipping.by_effects(),
-            slip.known[..., CREEPS:],
-            shared.parts[CREEPS:],
-            steps,
-        )
+        Disagreement.of(design, log, shared.parts[0] * slip.slipping.by_effects(), steps)
         for design, log, slip, steps in zip(designs, logs, slips, released, strict=True)
     )
     said, log_evidence = _said(designs, disagreements, shared, noise, candidates, columns)
@@ -208,9 +200,8 @@ def _of_sizes(
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
     parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
-    of_disagreement = np.concatenate([np.arange(n), np.arange(n + CREEPS, n + len(shared.parts))])
-    information[np.ix_(of_disagreement, of_disagreement)] += disagreement[0]
-    score[of_disagreement] += disagreement[1]
+    information[:n, :n] += disagreement[0]
+    score[:n] += disagreement[1]
     rows = design.known_slips.shape[1]
     uneven = np.arange(rows) + n + len(shared.parts)
     creep = uneven + rows

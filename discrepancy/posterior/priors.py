@@ -11,7 +11,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
-from discrepancy.posterior.answers import Place, Seen
+from discrepancy.posterior.answers import Cause, Place, Seen
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
@@ -155,17 +155,22 @@ def direction_of(seen: Seen, place: Place) -> Array:
     columns = seen.columns[place.candidate]
     direction = np.zeros((len(seen.logs[0].score), len(columns)))
     direction[columns, np.arange(len(columns))] = 1.0
-    if place.hidden:
+    if place.hidden and len(direction) > len(seen.usual):
         direction[columns + len(seen.usual), np.arange(len(columns))] = place.hidden
     return direction
 
 
-def sizes_of(candidates: Sequence[int], sizes: Sequence[Array], hidden: Sequence[float], seen: Seen) -> Array:
+def sizes_of(places: Sequence[Place], sizes: Sequence[Array], seen: Seen) -> Array:
     """Return b (m,) for candidates of these sizes, masked in these parts."""
     total = np.zeros(len(seen.logs[0].score))
-    for k, size, part in zip(candidates, sizes, hidden, strict=True):
-        total += direction_of(seen, Place(k, part)) @ size
+    for place, size in zip(places, sizes, strict=True):
+        total += direction_of(seen, place) @ size
     return total
+
+
+def place_in_model(seen: Seen, candidate: Cause) -> Place:
+    """Return the place of a candidate that is in the model: creep masks of it what it is predicted to mask."""
+    return Place(seen.candidates.index(candidate), 1.0)
 
 
 @lru_cache(maxsize=256)

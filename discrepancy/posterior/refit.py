@@ -14,7 +14,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen
 from discrepancy.posterior.calibrated import LOG_ODDS
-from discrepancy.posterior.priors import bounds_of
+from discrepancy.posterior.priors import bounds_of, direction_of, place_in_model
 from discrepancy.posterior.random_effects import together
 
 S = TypeVar("S", bound=Seen)
@@ -30,10 +30,14 @@ of the signatures of a rival."""
 
 @dataclass(frozen=True, eq=False)
 class Sized:
-    """A candidate of the catalogue and its amplitudes (columns,)."""
+    """A candidate of the catalogue and its amplitudes (columns,); that of a binary effect is 0 or 1."""
 
     candidate: Cause
     amplitudes: Array
+
+    def __post_init__(self) -> None:
+        if self.candidate.kinds[0].binary:
+            object.__setattr__(self, "amplitudes", (self.amplitudes != 0).astype(np.float64))
 
     @property
     def effect(self) -> Effect:
@@ -70,12 +74,19 @@ def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
 
 
 def refitted(
-    vehicle: Any, look: Look[S], worse: float, before: Sequence[Sized], named: Sequence[Sized], seen: S
+    vehicle: Any,
+    look: Look[S],
+    worse: float,
+    before: Sequence[Sized],
+    named: Sequence[Sized],
+    seen: S,
+    threshold: float = -np.inf,
 ) -> tuple[tuple[Sized, ...], S]:
     """Return effects of maximum-likelihood size, and the statistics beside them, of their candidates only.
 
     worse: loss of log-likelihood (natural logarithm) within which logs count as explained no worse. before: effects
-    that are in the model already, in which `seen` was computed.
+    that are in the model already, in which `seen` was computed. threshold: log evidence that is to be exceeded; sizes
+    that cannot reach it, by twice the gain that the linear formula predicts, are not refined.
     """
     sizes = {effect.candidate: effect for effect in before}
     known = tuple(
@@ -88,11 +99,12 @@ def refitted(
         if not current:
             break
         said = together(seen.logs)
-        columns = np.concatenate([seen.columns[seen.candidates.index(effect.candidate)] for effect in current])
-        information = said.information[np.ix_(columns, columns)]
-        changes = np.linalg.lstsq(information, said.score[columns], rcond=1e-9)[0]
+        directions = np.concatenate([_direction(seen, effect.candidate) for effect in current], axis=1)
+        information, score = directions.T @ said.information @ directions, directions.T @ said.score
+        changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
-        if np.all(np.abs(changes) < SETTLED * errors):
+        gain = float(score @ changes)
+        if np.all(np.abs(changes) < SETTLED * errors) or seen.log_evidence + gain < threshold:
             break
         ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
@@ -114,31 +126,34 @@ def exchanged(
     without them, which is inexact for large effects. Here the whole model is fitted with each.
     """
     said = together(seen.logs)
-    single = {
-        candidate: int(columns[0])
-        for candidate, columns in zip(seen.candidates, seen.columns, strict=True)
-        if len(columns) == 1
-    }
+    single = [candidate for candidate in seen.candidates if candidate.columns == 1]
     in_model, best = {sized.candidate for sized in named}, None
     threshold = seen.log_evidence + LOG_ODDS
     for sized in named:
         if sized.candidate not in large or sized.candidate not in single:
             continue
-        k = single[sized.candidate]
-        parts = {
-            rival: (float(said.information[j, k]), float(said.information[j, j]))
-            for rival, j in single.items()
-            if rival.kinds and rival not in in_model and said.information[j, j] > 0
-        }
-        cosine = {rival: product**2 / (square * said.information[k, k]) for rival, (product, square) in parts.items()}
+        of_effect = _direction(seen, sized.candidate)[:, 0]
+        by_effect = said.information @ of_effect
+        parts = {}
+        for rival in single:
+            direction = _direction(seen, rival)[:, 0]
+            square = float(direction @ said.information @ direction)
+            if rival.kinds and rival not in in_model and square > 0:
+                parts[rival] = float(direction @ by_effect), square
+        cosine = {rival: product**2 / (square * (of_effect @ by_effect)) for rival, (product, square) in parts.items()}
         for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
             product, square = parts[rival]
             instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * product / square)
             effects = tuple(instead if effect is sized else effect for effect in named)
-            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen)
+            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, threshold)
             if fitted.log_evidence > threshold and any(effect.candidate == rival for effect in refit_effects):
                 threshold, best = fitted.log_evidence, (refit_effects, fitted)
     return best
+
+
+def _direction(seen: Seen, candidate: Cause) -> Array:
+    """Return the change of all sizes (m, columns) per unit of a candidate's amplitudes, masked as is predicted."""
+    return direction_of(seen, place_in_model(seen, candidate))
 
 
 def _nearer(

@@ -8,6 +8,7 @@ import numpy as np
 
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.priors import place_in_model, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder
 from discrepancy.posterior.refit import Sized
 from estimators.calibration.identifiability import COVERAGE
@@ -95,10 +96,9 @@ def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: Goo
     without it."""
     if answer.candidate not in held_out.candidates:
         return 0.0
-    size = np.zeros(len(held_out.logs[0].score))
     amplitudes = next(
         (effect.amplitudes for effect in named if effect.candidate == answer.candidate), answer.amplitudes
     )
-    size[held_out.columns[held_out.candidates.index(answer.candidate)]] = amplitudes
+    size = sizes_of([place_in_model(held_out, answer.candidate)], [amplitudes], held_out)
     said = order.beyond([log.at(-size) for log in held_out.logs])
     return float(said.score @ size - size @ said.information @ size / 2)

@@ -14,7 +14,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
-from discrepancy.posterior.priors import hypothesis_of, order_of, sizes_of
+from discrepancy.posterior.priors import hypothesis_of, order_of, place_in_model, sizes_of
 from discrepancy.posterior.refit import Sized, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
@@ -93,8 +93,8 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
 
 
 def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
-    candidates = [seen.candidates.index(candidate) for candidate in _of_trains([effect.candidate for effect in named])]
-    return sizes_of(candidates, [effect.amplitudes for effect in named], [0.0] * len(named), seen)
+    places = [place_in_model(seen, candidate) for candidate in _of_trains([effect.candidate for effect in named])]
+    return sizes_of(places, [effect.amplitudes for effect in named], seen)
 
 
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:
