@@ -90,7 +90,7 @@ class Candidate:
         size = float(effect.value)
         if self.columns == 1:
             return np.array([size])
-        phase = float(effect.phase)
+        phase = float(place_of(effect)["phase"])  # type: ignore[arg-type]
         return size * np.array([math.cos(phase), math.sin(phase)])
 
     def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:

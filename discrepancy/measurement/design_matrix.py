@@ -68,7 +68,7 @@ class Columns:
         fought = model.fought(geometry, changed, found.steps, state, found.readings, slipping.yields)
         for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
             for effect in robot.effects:
-                if candidate.is_of(effect) and not effect.binary:
+                if candidate.is_of(effect) and not effect.binary and np.any(candidate.amplitudes(effect)):
                     fought[..., columns] = parts[0] * slipping.masking(effect, candidate)
         slips = np.zeros((*known_slips.shape[:2], len(found.slips)))
         for k, slip in enumerate(found.slips):

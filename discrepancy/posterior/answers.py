@@ -192,7 +192,11 @@ def answers_of(
         weight = probability[same_candidate] / probability[same_candidate].sum()
         mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same_candidate])
         called = {credible[0]: family} if credible[0] in families else {}
-        shown = {called.get(name, name): p for name, p in posterior.probabilities(component).items() if p > SHOWN}
+        shown = {
+            called.get(name, name): p
+            for name, p in posterior.probabilities(component).items()
+            if p > SHOWN or name == credible[0]
+        }
         columns = seen.columns[places[best].candidate]
         answer = Answer(
             probabilities=shown | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
