@@ -92,11 +92,12 @@ class Slipping:
         amplitudes, changes = candidate.amplitudes(effect), []
         read, step = channels.read(robot, self._log, state[:, 3:]), STEP * float(np.linalg.norm(amplitudes))
         for unit in np.eye(len(amplitudes)):
-            changed = candidate.effect(amplitudes + step * unit)
+            by = -step if amplitudes @ unit > 0 else step  # not beyond a bound that the effect may be at
+            changed = candidate.effect(amplitudes + by * unit)
             vehicle = replace(robot, effects=tuple(changed if part is effect else part for part in robot.effects))
             state[:, 3:] = Channels(vehicle).unread(vehicle, self._log, read, self._state[:, 3:])
             more = Slipping(vehicle, self._model, self._log, state)._creep - self._creep
-            changes.append(self._model.rows_of(more.rolling, more.side) / step)
+            changes.append(self._model.rows_of(more.rolling, more.side) / by)
         return np.stack(changes, axis=-1)
 
     def _predicted(self, known: Slip | None = None, consistent: bool = False, quick: bool = False) -> Slip:

@@ -1,7 +1,7 @@
 """Puts effects into the model and finds their maximum-likelihood sizes, with the states fitted anew at each step."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
@@ -119,36 +119,46 @@ def refitted(
 def exchanged(
     vehicle: Any, look: Look[S], worse: float, named: Sequence[Sized], large: Sequence[Cause], seen: S
 ) -> tuple[tuple[Sized, ...], S] | None:
-    """Return the effects in the model with a large effect exchanged for a rival with which the logs are likelier, and
-    the statistics beside them; None if there is no such rival.
+    """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
+    there are none.
 
-    The posterior compares two effects with similar signatures linearly, by statistics about a state that was fitted
-    without them, which is inexact for large effects. Here the whole model is fitted with each.
+    Tried are the effects without one of them, if that makes the logs hardly less likely, and with a large effect
+    exchanged for a similar one. The posterior compares effects linearly, by statistics about one state, which is
+    inexact for large effects. Here the whole model is fitted with each.
     """
-    said = together(seen.logs)
-    single = [candidate for candidate in seen.candidates if candidate.columns == 1]
-    in_model, best = {sized.candidate for sized in named}, None
-    threshold = seen.log_evidence + LOG_ODDS
+    best, found = seen.log_evidence, None
+    for effects, advantage in _alternatives(named, large, seen):
+        refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
+        if fitted.log_evidence > best + advantage and len(refit_effects) == len(effects):
+            best, found = fitted.log_evidence - advantage, (refit_effects, fitted)
+    return found
+
+
+def _alternatives(
+    named: Sequence[Sized], large: Sequence[Cause], seen: Seen
+) -> Iterator[tuple[tuple[Sized, ...], float]]:
+    """Yield alternatives to the effects in the model, and the increase of the log evidence from which each is better:
+    negative if it has an effect less."""
+    if len(named) > 1:
+        for sized in named:
+            yield tuple(effect for effect in named if effect is not sized), -LOG_ODDS
+    said, in_model = together(seen.logs), {sized.candidate for sized in named}
+    rivals = {
+        candidate: _direction(seen, candidate)[:, 0]
+        for candidate in seen.candidates
+        if candidate.columns == 1 and candidate.kinds and candidate not in in_model
+    }
+    square = {rival: float(direction @ said.information @ direction) for rival, direction in rivals.items()}
     for sized in named:
-        if sized.candidate not in large or sized.candidate not in single:
+        if sized.candidate not in large or sized.candidate.columns > 1:
             continue
         of_effect = _direction(seen, sized.candidate)[:, 0]
         by_effect = said.information @ of_effect
-        parts = {}
-        for rival in single:
-            direction = _direction(seen, rival)[:, 0]
-            square = float(direction @ said.information @ direction)
-            if rival.kinds and rival not in in_model and square > 0:
-                parts[rival] = float(direction @ by_effect), square
-        cosine = {rival: product**2 / (square * (of_effect @ by_effect)) for rival, (product, square) in parts.items()}
+        product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}
+        cosine = {rival: product[rival] ** 2 / (square[rival] * (of_effect @ by_effect)) for rival in product}
         for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
-            product, square = parts[rival]
-            instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * product / square)
-            effects = tuple(instead if effect is sized else effect for effect in named)
-            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, threshold)
-            if fitted.log_evidence > threshold and any(effect.candidate == rival for effect in refit_effects):
-                threshold, best = fitted.log_evidence, (refit_effects, fitted)
-    return best
+            instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * product[rival] / square[rival])
+            yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS
 
 
 def _direction(seen: Seen, candidate: Cause) -> Array:
