@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from discrepancy.hypotheses.candidates import stacked
-from discrepancy.measurement.design_matrix import Columns
+from discrepancy.measurement.design_matrix import UNEVEN, Columns
 
 WINDOW = 1.0
 """s: window over which disagreement is summed. Errors of rounding, and of castors that turn between two commands,
@@ -40,13 +40,15 @@ Sizes = tuple[float, float]
 class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
-    seen (W, rows): disagreement that the robot's effects do not cause. by_size (W, rows, C): its change per unit of
+    seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
+    cause. by_size (W, rows, C): its change per unit of
     each candidate's size. told_by (W,): windows that count. along (rows,): true for rolling constraints, false for side
     slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of
     steps in each window.
     """
 
     seen: Array
+    doubt: Array
     by_size: Array
     told_by: NDArray[np.bool_]
     along: NDArray[np.bool_]
@@ -62,19 +64,19 @@ class Disagreement:
         """
         model = design.model
         seen, by_size = model.disagreement(*design.alone())
-        seen = seen - caused + model.explained(design.geometry, design.state, caused)
+        caused = caused - model.explained(design.geometry, design.state, caused)
         way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
         samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
         rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        sums = [np.add.reduceat(part, starts, axis=0) for part in (seen, by_size)]
-        of_way, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
+        sums = [np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused), by_size)]
+        of_way, doubt, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
         steps = np.diff([*starts, len(way)])
         along = model.rows < len(design.geometry.radius)
         told_by = ~np.logical_or.reduceat(released.any(axis=1), starts)
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, by_size, told_by, along, log.t[starts], way, steps)
+        return cls(of_way, doubt, by_size, told_by, along, log.t[starts], way, steps)
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
@@ -83,11 +85,11 @@ class Disagreement:
 
     def beside(self, columns: Sequence[int]) -> Array:
         """Return the disagreement (W, rows) in units of its usual size, after least squares of these columns; 0 in
-        windows that do not count."""
-        scale = np.where(self.along, *self.sizes())
+        windows that do not count. Where the robot's effects cause much of it, it is usually larger."""
+        scale = np.hypot(np.where(self.along, *self.sizes()), self.doubt)
         left = (self.told_by[:, None] * self.seen / scale).reshape(-1)
         if len(columns):
-            by_size = (self.by_size[..., list(columns)] / scale[:, None]).reshape(len(left), len(columns))
+            by_size = (self.by_size[..., list(columns)] / scale[..., None]).reshape(len(left), len(columns))
             by_size = np.repeat(self.told_by, self.seen.shape[1])[:, None] * by_size
             left = left - by_size @ np.linalg.lstsq(by_size, left, rcond=1e-9)[0]
         return left.reshape(self.seen.shape)
