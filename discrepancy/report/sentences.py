@@ -77,7 +77,7 @@ def as_lines(data: Data) -> list[str]:
         if of is not None:
             before, after = (None if gap is None else off(gap) for gap in of)
             now = f"; with {file} {after}, {_part(*of)} stays" if after is not None else ""
-            lines.append(f"odometry is off the reference{log_set} by {before} (rms){now}")
+            lines.append(f"odometry with predicted creep is off the reference{log_set} by {before} (rms){now}")
     replays = mapping(data["replay"])
     if before := mapping(replays.get("before")):
         now = f"; with {file} {missed(replays['after'])}" if replays.get("after") else ""

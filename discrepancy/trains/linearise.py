@@ -70,9 +70,13 @@ class Linearised:
         """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
         return -self.settled.deviance / 2
 
-    @cached_property
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Error of the train's localisation (`localised_off`), m and rad."""
+        return self._gap
+
+    @cached_property
+    def _gap(self) -> tuple[float, float] | None:
         return localised_off(self.train, self.train_logs, self.settled)
 
     def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
