@@ -29,6 +29,10 @@ FARTHEST = 2.0
 LEAST_KEPT = 1e-3
 """Least part of a row's slip that must show as disagreement with the other rows, so that the slip can be estimated."""
 
+MOST_CAUSED = 1.5
+"""Largest factor of the disagreement that is predicted of effects in the model: 1 if a controller that does not know of
+them holds its wheels at speed, 0 if wheels give way to each other."""
+
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
 
@@ -58,13 +62,16 @@ class Disagreement:
 
     @classmethod
     def of(cls, design: Columns, log: Log, caused: Array, released: NDArray[np.bool_]) -> "Disagreement":
-        """Return the disagreement of a log beyond the slips (K - 1, rows) that the robot's effects cause.
+        """Return the disagreement of a log beyond the slips (K - 1, rows) that the robot's effects cause, or the part
+        of these that explains most.
 
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
         model = design.model
         seen, by_size = model.disagreement(*design.alone())
         caused = caused - model.explained(design.geometry, design.state, caused)
+        square = max(float(np.sum(caused**2)), 1e-30)
+        caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
         way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
         samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
         starts = np.arange(0, len(way), samples)

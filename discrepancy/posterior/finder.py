@@ -198,8 +198,13 @@ def named_together(
 
 
 def _large(answers: Sequence[Answer]) -> list[Cause]:
-    """Return the effects that explain so much that their linear signatures may be wrong by more than noise."""
-    return [answer.candidate for answer in answers if answer.explained * SIGNATURE**2 > 1]
+    """Return the effects that explain so much that their linear signatures may be wrong by more than noise, and the
+    binary ones: what is there or not is no linear question."""
+    return [
+        answer.candidate
+        for answer in answers
+        if answer.explained * SIGNATURE**2 > 1 or any(kind.binary for kind in answer.candidate.kinds)
+    ]
 
 
 def asked(
