@@ -31,8 +31,8 @@ from discrepancy.report.parts import names_apart
 from discrepancy.report.told import Data
 from discrepancy.report.traces import Traces, traces_of
 from discrepancy.validation.replay import Replay, joined, replay
-from estimators.calibration.log_likelihood import Noise
 from estimators.calibration.maximum_likelihood import State, straightened
+from estimators.likelihood.log_likelihood import Noise
 
 Logs = Mapping[str, Log]
 

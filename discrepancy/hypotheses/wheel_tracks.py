@@ -19,8 +19,8 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import contact_paths, contact_places
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Channels
-from estimators.calibration.log_likelihood import GAP, LogLikelihood
 from estimators.calibration.maximum_likelihood import State
+from estimators.likelihood.log_likelihood import GAP, LogLikelihood
 
 FLOOR = 1e-4
 """m that is added to a step's length for the variance of its slip."""

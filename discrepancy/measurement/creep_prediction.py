@@ -20,7 +20,7 @@ from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels
-from estimators.calibration.log_likelihood import LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 CREEPS, FORCED, QUICK = 4, 1, slice(2, 4)
 """Kinds of predicted creep: steady disagreement of wheels; forces of the motion; and disagreement that changes from

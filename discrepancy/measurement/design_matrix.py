@@ -13,8 +13,8 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, rate_of, signatures_of, stacked
 from discrepancy.measurement.creep_prediction import Slipping
-from estimators.calibration.log_likelihood import TIMED, ExtraColumns, LogLikelihood, Noise, Reduced
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
+from estimators.likelihood.log_likelihood import TIMED, ExtraColumns, LogLikelihood, Noise, Reduced
 
 QUIETER_ROUNDS, SAME = 20, 0.02
 """Most rounds in which noise beside given candidates is estimated, and the change at which they end."""

@@ -16,8 +16,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
 from discrepancy.measurement.creep_prediction import CREEPS, FORCED, QUICK, Slipping
 from discrepancy.measurement.design_matrix import Shared, together, without
-from estimators.calibration.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
+from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 
 DOUBT = 0.5
 """Prior standard deviation of the factors of predicted creep."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from castor_envs.motion.kinematics import Geometry
-from estimators.calibration.log_likelihood import LogLikelihood
 from estimators.calibration.maximum_likelihood import State
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 
 def gap_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:

@@ -25,8 +25,8 @@ from discrepancy.measurement.gap import gap_of
 from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
-from estimators.calibration.log_likelihood import LogLikelihood, Noise
 from estimators.calibration.maximum_likelihood import MOUNT, State
+from estimators.likelihood.log_likelihood import LogLikelihood, Noise
 
 CREEP = 7e-5
 """Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.

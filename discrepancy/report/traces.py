@@ -13,7 +13,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.replay import measured_in, poses_in
-from estimators.calibration.log_likelihood import LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 WINDOW = 1.0
 """s: over which slip is added up."""

@@ -11,7 +11,7 @@ from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.log_likelihood import Noise
+from estimators.likelihood.log_likelihood import Noise
 
 TYPICAL = Noise(along=1e-3, across=1e-3, position=2e-3, heading=5e-3)
 """Noise that is assumed of proposed drives."""

@@ -24,8 +24,8 @@ from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.log_likelihood import Leftover, LogLikelihood, Noise, Reduced, moved_along
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
+from estimators.likelihood.log_likelihood import Leftover, LogLikelihood, Noise, Reduced, moved_along
 
 UNSEEN = 0.03
 """A change of the parameters is unseen if its standard error is larger: as a part of each length, or in rad. Rounding

@@ -14,7 +14,7 @@ from castor_envs.logs.importers import import_sessions, importer, importer_of
 from castor_envs.logs.importers.optiodom import direction, find_sessions, published_correction, read_session
 from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.vehicles.load import load_robot
-from estimators.calibration.log_likelihood import LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 METADATA = {
     "type": ["diff"],

@@ -54,6 +54,8 @@ def test_odometry_with_predicted_creep_is_right_where_odometry_alone_is_not(name
     seen = linearise(robot, [log], among=())
     (design,) = seen.designs
     path = design.model.odometry(design.geometry)
+    assert log.reference is not None
+    assert seen.gap is not None
     off = relative_pose(path[0], path)[-1] - relative_pose(log.reference[0], log.reference[-1])
     assert seen.gap[0] < 5e-3
     assert np.hypot(*off[:2]) > 4 * seen.gap[0]

@@ -15,8 +15,8 @@ from discrepancy.measurement import fit_states
 from discrepancy.measurement.creep_prediction import FORCED, QUICK
 from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
-from estimators.calibration.log_likelihood import LogLikelihood
 from estimators.calibration.maximum_likelihood import LEAST
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 ROBOT = preset("asoc-prototype")
 """Its logs are of the physics: whatever creeps there, no formula of the finder's made it."""

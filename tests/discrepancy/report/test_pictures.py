@@ -19,7 +19,7 @@ from discrepancy.report import pictures
 from discrepancy.report.answers import html_of
 from discrepancy.report.traces import dead_reckoning, traces_of
 from discrepancy.validation.replay import replay
-from estimators.calibration.log_likelihood import LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 ASOC = preset("asoc-prototype")

@@ -13,7 +13,7 @@ are banded (Cholesky's factors by LAPACK). Angles and twist are linearised at th
 rounded regressors would bias the parameters toward zero.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -28,6 +28,7 @@ from castor_envs.geometry.steps import body_motion, even_steps, half_way, integr
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
+from estimators.likelihood.elimination import Rows, add, banded, blocks, eliminated, left_by
 
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
@@ -56,9 +57,6 @@ Errors of such poses within seconds (jitter of clocks, a filter) are correlated.
 
 CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
-
-BLOCK = 256
-"""Samples whose columns are in memory at a time."""
 
 RATE_KNOWN = 1e-6
 """s/s: standard deviation of a known rate."""
@@ -102,32 +100,6 @@ class Reduced(NamedTuple):
     log_evidence: float
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
-
-
-class _Rows(NamedTuple):
-    """Equations of one kind, over their standard deviations, one sample or step k after another.
-
-    at (k,): the sample, none before the last. values (k, rows); derivatives by the state at that sample, `start` (k,
-    rows, m), and at the next sample, `end`, or None. numbers: maps a slice of equations to derivatives by parameters,
-    mount and clock (k, rows, P + 5), or None; drawn (k, rows, probes): drawn residuals in place of values.
-    """
-
-    at: NDArray[np.intp]
-    values: Array
-    start: Array
-    end: Array | None = None
-    numbers: Callable[[slice], Array] | None = None
-    drawn: Array | None = None
-
-    def within(self, first: int, last: int) -> slice:
-        """Return the equations of samples from `first` to before `last`."""
-        return slice(*np.searchsorted(self.at, (first, last)).tolist())
-
-    def right(self, chosen: slice, count: int) -> Array:
-        """Return derivatives by `count` numbers, values and drawn residuals of chosen equations (k, rows, columns)."""
-        values = self.values[chosen, :, None]
-        by = np.zeros((*values.shape[:2], count)) if self.numbers is None else self.numbers(chosen)
-        return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
 
 
 class ExtraColumns(NamedTuple):
@@ -358,12 +330,12 @@ class LogLikelihood:
         for name, rows in kinds.items():
             kinds[name] = rows._replace(drawn=random.normal(size=(*rows.values.shape, probes)))
             start = np.swapaxes(rows.start, 1, 2)
-            _add(diagonal, rows.at, start @ rows.start)
+            add(diagonal, rows.at, start @ rows.start)
             if rows.end is not None:
-                _add(diagonal, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ rows.end)
-                _add(above, rows.at, start @ rows.end)
-        factors = cholesky_banded(_banded(diagonal, above), overwrite_ab=True, check_finite=False)
-        numbers_block = _eliminated(kinds.values(), factors, n, n + 1 + probes)
+                add(diagonal, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ rows.end)
+                add(above, rows.at, start @ rows.end)
+        factors = cholesky_banded(banded(diagonal, above), overwrite_ab=True, check_finite=False)
+        numbers_block = eliminated(kinds.values(), factors, n, n + 1 + probes)
         least = float(numbers_block[n, n])
         numbers_block = numbers_block[:n]
         believed, expected_clock = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6, np.zeros(2)
@@ -383,17 +355,17 @@ class LogLikelihood:
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
             all_by = np.concatenate([moved_by, set_by])
-            lefts = {name: _left(rows, all_by, len(state)) for name, rows in kinds.items()}
+            lefts = {name: left_by(rows, all_by, len(state)) for name, rows in kinds.items()}
             columns = np.zeros((len(state), size, 1 + probes))
             for name, rows in kinds.items():
-                _add(columns, rows.at, np.swapaxes(rows.start, 1, 2) @ lefts[name])
+                add(columns, rows.at, np.swapaxes(rows.start, 1, 2) @ lefts[name])
                 if rows.end is not None:
-                    _add(columns, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ lefts[name])
+                    add(columns, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ lefts[name])
             away = -cho_solve_banded((factors, False), columns.reshape(-1, 1 + probes), check_finite=False)
             away = away.reshape(len(state), size, 1 + probes)
             if part < 1:
                 away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
-                lefts = {name: _left(rows, all_by, len(state)) for name, rows in kinds.items()}
+                lefts = {name: left_by(rows, all_by, len(state)) for name, rows in kinds.items()}
             squares, expected = {}, {}
             for name, rows in kinds.items():
                 left = lefts[name] + rows.start @ away[rows.at]
@@ -463,7 +435,7 @@ class LogLikelihood:
         mount: Array,
         weights: dict[str, Array],
         extra: ExtraColumns | None,
-    ) -> dict[str, _Rows]:
+    ) -> dict[str, Rows]:
         """Return all equations linearised about a state, by the kinds of `_values`."""
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         extra_count = extra.parameters if extra else 0
@@ -478,7 +450,7 @@ class LogLikelihood:
                 np.multiply(self._readings[chosen, :, None], extra.readings[chosen], out=by[..., first:end])
             return by
 
-        kinds = {"counts": _Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
+        kinds = {"counts": Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         rolling = len(self._rolling)
@@ -495,9 +467,9 @@ class LogLikelihood:
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
             parts = (weights[name][..., None] * part[:, wheel_rows] for part in derivatives)
             by = partial(missed, wheel_rows=wheel_rows, weight=weights[name])
-            kinds[name] = _Rows(samples[:-1], values[name], *parts, numbers=by)
+            kinds[name] = Rows(samples[:-1], values[name], *parts, numbers=by)
         if not self.poses:
-            kinds["pinned"] = _Rows(samples[:1], values["pinned"], eye[None, :3] / PINNED)
+            kinds["pinned"] = Rows(samples[:1], values["pinned"], eye[None, :3] / PINNED)
             return kinds
 
         at, part, known = self._shown(clock)
@@ -517,7 +489,7 @@ class LogLikelihood:
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]
             start, end, by_numbers = (weight * slope[:, axes] for slope in parts)
-            kinds[name] = _Rows(at, values[name], start, end, by_numbers.__getitem__)
+            kinds[name] = Rows(at, values[name], start, end, by_numbers.__getitem__)
         return kinds
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
@@ -566,10 +538,10 @@ class LogLikelihood:
         moved = np.concatenate([a, turning], axis=-1)
         by_motion = np.linalg.pinv(stiff * moved, rcond=1e-10)
         largest = np.zeros(missing.shape[-1])
-        for k in _blocks(len(missing)):
+        for k in blocks(len(missing)):
             np.maximum(largest, np.abs(missing[k]).max(axis=(0, 1), initial=0.0), out=largest)
             missing[k] -= moved[k] @ (by_motion[k] @ (stiff[k] * missing[k]))
-        for k in _blocks(len(missing)):  # effects without contradiction have no masked part
+        for k in blocks(len(missing)):  # effects without contradiction have no masked part
             missing[k][np.abs(missing[k]) <= 1e-12 * largest] = 0.0
         return missing
 
@@ -612,7 +584,7 @@ class LogLikelihood:
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         by_motion = np.linalg.pinv(a, rcond=1e-10)
-        for k in _blocks(len(less)):
+        for k in blocks(len(less)):
             less[k] -= a[k] @ (by_motion[k] @ less[k])
         return (seen - a @ (by_motion @ seen))[..., 0], less
 
@@ -624,7 +596,7 @@ class LogLikelihood:
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         found = np.empty((*residual.shape, len(change) + readings.shape[-1]))
         found[..., : len(change)] = by_change
-        for k in _blocks(len(found)):
+        for k in blocks(len(found)):
             later = slice(k.start + 1, k.stop + 1)
             found[k, :, len(change) :] = -(start[k, :, 3:] @ readings[k] + end[k, :, 3:] @ readings[later])
         return found
@@ -700,80 +672,8 @@ def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
     return np.array(kept, dtype=np.intp)
 
 
-def _eliminated(kinds: Collection[_Rows], factors: Array, count: int, columns: int) -> Array:
-    """Return products of numbers' derivatives, values and drawn residuals (columns, columns), states eliminated.
-
-    factors: upper banded Cholesky factors of the information on states. Columns are computed, and states eliminated,
-    for `BLOCK` samples at a time: all at once they would take a hundred times the memory of a log.
-    """
-    from scipy.linalg import get_lapack_funcs  # slow to import
-
-    (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
-    size = len(factors) // 2
-    samples = factors.shape[1] // size
-    total, over = np.zeros((columns, columns)), np.zeros((size, columns))
-    for samples_of_block in _blocks(samples):
-        first, last = samples_of_block.start, samples_of_block.stop
-        block = np.zeros((last - first + 1, size, columns))
-        block[0] = over
-        for rows in kinds:
-            chosen = rows.within(first, last)
-            if chosen.start == chosen.stop:
-                continue
-            right, at = rows.right(chosen, count), rows.at[chosen] - first
-            _add(block, at, np.swapaxes(rows.start[chosen], 1, 2) @ right)
-            if rows.end is not None:
-                _add(block, at + 1, np.swapaxes(rows.end[chosen], 1, 2) @ right)
-            total += _squared(right.reshape(-1, columns))
-        half, _ = solve(factors[:, first * size : last * size], block[:-1].reshape(-1, columns), trans="T")
-        total -= _squared(half)
-        if last < samples:
-            after = factors[:, last * size : (last + 1) * size]
-            above = np.array([[after[size - 1 + a - b, b] for b in range(size)] for a in range(size)])
-            over = block[-1] - above.T @ half[-size:]
-    return total
-
-
-def _blocks(count: int) -> list[slice]:
-    """Return slices of at most `BLOCK` of so many samples or steps."""
-    return [slice(first, min(first + BLOCK, count)) for first in range(0, count, BLOCK)]
-
-
-def _left(rows: _Rows, by: Array, samples: int) -> Array:
-    """Return the residuals (k, rows, 1 + probes) of values and drawn residuals after changes of numbers (P + 5, 1 +
-    probes)."""
-    blocks = (rows.within(block.start, block.stop) for block in _blocks(samples))
-    rights = (rows.right(chosen, len(by)) for chosen in blocks)
-    return np.concatenate([right[..., len(by) :] + right[..., : len(by)] @ by for right in rights])
-
-
-def _squared(rows: Array) -> Array:
-    """Return the products of all columns with each other (n, n); twice as fast as a product of two matrices."""
-    return rows.T @ rows
-
-
 def _share_of_reading(counts: Array) -> Array:
     """Return for every count (K,) one over the length of the run of equal counts that it is in."""
     begins = np.concatenate([[True], np.diff(counts) != 0])
     run = np.cumsum(begins) - 1
     return 1.0 / np.bincount(run)[run]
-
-
-def _add(total: Array, at: NDArray[np.intp], values: Array) -> None:
-    """Add values (k, ...) to a total (K, ...) at some samples, several times where a sample comes several times."""
-    if len(at) == at[-1] - at[0] + 1 and np.all(np.diff(at) == 1):
-        total[at[0] : at[-1] + 1] += values
-    else:
-        np.add.at(total, at, values)
-
-
-def _banded(diagonal: Array, above: Array) -> Array:
-    """Return a symmetric matrix of blocks (K, m, m) and those right of them (K - 1, m, m) in upper banded form."""
-    k, m, _ = diagonal.shape
-    band = np.zeros((2 * m, k, m))
-    for a in range(m):
-        for b in range(m):
-            if a <= b:
-                band[2 * m - 1 + a - b, :, b] = diagonal[:, a, b]
-            band[m - 1 + a - b, 1:, b] = above[:, a, b]
-    return band.reshape(2 * m, k * m)

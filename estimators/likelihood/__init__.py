@@ -1,0 +1,1 @@
+"""The likelihood of logs: one measurement model, for calibration and for diagnosis."""
