@@ -78,9 +78,21 @@ def _judgement(
         log_odds = _log_odds(answer, named, held_out[1], order) if answer.confirmed is None else answer.confirmed
         if log_odds < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {description}"
-        if grows:
-            return "unconfirmed", f"the held-out gap does not shrink with {description}"
+        if grows or (answer.confirmed is None and not _better(held_out[0], held_out[1], material)):
+            return "unconfirmed", f"held-out logs are not explained better with {description}"
     return "named", description
+
+
+def _better(without: Seen, with_named: Seen, material: Material) -> bool:
+    """Whether effects together make the held-out logs likelier, fitted anew with them and without, or make the gap
+    smaller by what matters: of effects that hide a little, as backlash does, the likelihood is not exact enough."""
+    if with_named.log_evidence - without.log_evidence > LOG_ODDS:
+        return True
+    if without.gap is None or with_named.gap is None:
+        return False
+    return any(
+        before - after > matters for before, after, matters in zip(without.gap, with_named.gap, material, strict=True)
+    )
 
 
 def _grows(answers: Sequence[Answer], without: Seen, with_named: Seen) -> bool:
