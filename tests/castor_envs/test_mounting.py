@@ -27,7 +27,7 @@ def test_any_turn_is_found_wherever_the_tracked_point_and_the_world_are(turn):
     assert turn_of_tracker(ways, 0.4) == pytest.approx(turn, abs=0.01)
 
 
-def test_what_is_hardly_turned_or_not_told_is_not_turned():
+def test_a_tracker_hardly_turned_or_unseen_is_not_turned():
     body = path(np.random.default_rng(1))
     assert turn_of_tracker([(body, compose(body, [0.1, 0.0, 0.8 * TURNED]))], 0.4) == 0.0
     assert turn_of_tracker([], 0.4) == 0.0

@@ -98,7 +98,7 @@ def test_boards_of_equally_good_estimators_are_split_in_five_of_a_hundred(kind, 
     assert split / boards <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / boards)
 
 
-def test_estimators_that_are_equally_good_are_told_apart_no_oftener_beside_worse_ones():
+def test_equal_estimators_are_separated_no_oftener_beside_worse_ones():
     """A step-down test drops what is significant; what remains must keep its 5 %."""
     random, wrong = np.random.default_rng(9), 0
     for _ in range(200):

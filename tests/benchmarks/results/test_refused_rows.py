@@ -207,7 +207,7 @@ def test_an_episode_that_cannot_be_used_is_refused_by_name(folder, fake_tasks, c
         EpisodeStore(folder).load("arcs", 1, 1)
 
 
-def test_rows_of_an_older_format_are_told_in_one_line_and_not_mixed(folder, fake_tasks):
+def test_rows_of_an_older_format_are_reported_in_a_line_and_not_mixed(folder, fake_tasks):
     for path in row_path(folder).parent.glob("*.npz"):
         rewrite(path, put("format", value="castor-row/1"))
     leaderboard, text = shown(folder, fake_tasks.Arcs())

@@ -282,7 +282,7 @@ def test_a_task_without_its_data_is_left_out(tmp_path, fake_tasks, plugin, jobs_
     assert ResultsStore(tmp_path).versions() == [("arcs", 1)]
 
 
-def test_a_task_with_a_bug_is_told_apart_from_bad_input(tmp_path, fake_tasks, plugin, jobs_here):
+def test_a_task_with_a_bug_is_distinguished_from_bad_input(tmp_path, fake_tasks, plugin, jobs_here):
     entry = load_estimator(plugin("followers:Follower"))
     with pytest.raises(RuntimeError, match=r"(?s)task broken, case 0.*ZeroDivisionError: a bug"):
         run([Assignment(fake_tasks.Broken(), (0,), (entry,))], tmp_path)

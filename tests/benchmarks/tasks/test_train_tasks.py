@@ -248,7 +248,7 @@ def test_a_driving_train_starts_from_the_truth_and_is_followed(fake_trains):
     assert time > 0
 
 
-def test_without_any_reading_odometry_goes_on_and_nothing_is_said(fake_trains):
+def test_without_any_reading_odometry_continues_silently(fake_trains):
     (drive,) = fake_trains.moving_train().runs
     blind = Run(dataclasses.replace(drive.log, rps=np.full((len(drive.log), 6), np.nan)))
     entry = load_estimator("estimators.trains.grpec:GRPECXY")
@@ -415,7 +415,7 @@ def test_who_stays_put_in_a_snapshot_is_ranked_all_the_same(castor_bench):
         ("OfRobots", "mine:OfRobots declines this robot: is written for robots: it asks for 'castors'"),
     ],
 )
-def test_a_plug_in_that_is_not_for_trains_is_told_apart(castor_bench, name, said):
+def test_a_plug_in_that_is_not_for_trains_is_distinguished(castor_bench, name, said):
     arguments = ("run", "--task", "configuration-static", "--cases", 1, "--jobs", 1, "--estimator")
     code, out, _ = castor_bench(*arguments, f"mine.py:{name}")
     assert code == 1

@@ -198,7 +198,7 @@ def test_an_unknown_effect_is_refused_with_the_known_names():
         ({"name": "pivot_bias", "castor": 1.5, "value": 0.1}, r"effects\.0\.pivot_bias\.castor: .*1\.5"),
     ],
 )
-def test_a_wrong_effect_in_a_file_is_told_by_place_and_key(given, said):
+def test_a_wrong_effect_in_a_file_is_reported_by_place_and_key(given, said):
     with pytest.raises(InputError, match=rf"mine\.json: {said}") as error:
         RobotDescription.from_dict(ROBOT.to_dict() | {"effects": [given]}, source="mine.json")
     assert "\n" not in str(error.value)

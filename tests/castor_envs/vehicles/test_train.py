@@ -364,7 +364,7 @@ def test_an_unknown_vehicle_is_refused_with_advice(spec, said):
             load(spec)
 
 
-def test_a_file_of_another_kind_is_told_from_a_preset(tmp_path, monkeypatch):
+def test_a_file_of_another_kind_is_distinguished_from_a_preset(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("log.csv", "swerve"):
         (tmp_path / name).write_text("t\n")

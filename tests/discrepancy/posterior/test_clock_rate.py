@@ -33,7 +33,7 @@ def test_an_offset_is_no_rate():
     assert sum(bool(rate_of(candidate.kinds)) for candidate in candidates_of(ROBOT)) == 1
 
 
-def test_what_is_said_of_a_rate_does_not_hang_on_what_is_in_the_model():
+def test_the_answer_on_a_rate_does_not_depend_on_the_model():
     """The score at 0 beside a rate in the model is that of all of it, less what the model has."""
     effect, log = ClockSkew(value=0.002), driven(3, ClockSkew(value=0.002))
     without, beside = linearise(ROBOT, [log]), linearise(ROBOT.with_effects(effect), [log])
@@ -68,6 +68,6 @@ def test_a_rate_is_named_and_a_radius_beside_it_is_not_taken_for_one():
         assert error < 0.1 * abs(effect.value)
 
 
-def test_a_clock_as_good_as_crystals_are_is_not_told():
+def test_a_clock_as_good_as_crystals_is_not_reported():
     log = driven(3, ClockSkew(value=3e-5))
     assert "clock_skew" not in [answer.candidate.family for answer in diagnose(ROBOT, [log]).answers]

@@ -48,7 +48,7 @@ def test_a_robot_in_good_order_raises_no_alarm(robot):
     assert diagnose(preset(robot), [driven(robot, 3, duration=10.0)]).verdict in ("no discrepancy", "negligible")
 
 
-def test_a_large_effect_is_told_from_its_most_similar_rival_by_fits_of_both():
+def test_a_large_effect_is_distinguished_from_its_rival_by_fits_of_both():
     """A castor 12 cm out of place; to first order, the other castor out of place the other way looks the same."""
     effect = PivotPositionY(castor=2, value=-0.1215)
     (answer,) = diagnose(preset("omnimate"), [driven("omnimate", 3, effect)]).answers
@@ -119,7 +119,7 @@ def test_logs_of_another_robot_do_not_confirm_a_name():
     assert answer.verdict == "unconfirmed"
 
 
-def test_a_motion_that_does_not_show_it_cannot_bear_it_out():
+def test_a_motion_without_the_effect_does_not_confirm_it():
     """Counts are lost while a wheel turns; in the held-out log the robot stands still."""
     effect = TickLoss(castor=1, wheel=2, value=0.05, above=5.0)
     log = driven("asoc-prototype", 3, effect)
@@ -129,7 +129,7 @@ def test_a_motion_that_does_not_show_it_cannot_bear_it_out():
     assert not diagnosis.found.effects
 
 
-def test_a_measured_base_that_was_told_too_large_is_named():
+def test_a_measured_base_described_too_large_is_named():
     root = Path(os.environ.get("CASTOR_DATA", ""))
     if not os.environ.get("CASTOR_DATA") or not (root / "optiodom").is_dir():
         pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/")
@@ -162,7 +162,7 @@ def test_clean_logs_that_have_the_effect_too_make_it_good_order():
     assert not [answer for answer in diagnosis.answers if answer.verdict == "named"]
 
 
-def test_an_encoder_that_loses_counts_for_some_seconds_is_told_without_a_name():
+def test_counts_lost_for_some_seconds_are_unexplained():
     outside = WeakStretch(channel=0, value=0.2, start=8.0, end=13.0)
     motion = wander(np.random.default_rng([3, 1]), duration=15.0)
     log = drive(ROBOT, motion, 3, duration=15.0, outside=outside)

@@ -154,7 +154,7 @@ def test_of_a_gap_that_is_noise_it_says_so():
     assert not sentences.unexplained(data)
 
 
-def test_a_gross_mistake_is_told_with_what_else_it_may_be():
+def test_a_gross_mistake_is_reported_with_its_alternatives():
     mistake = {"verdict": "ambiguous", "what": "pivot_1 is reversed: see", "alternatives": ["wheel_1l is reversed"]}
     text = sentences.sentence(answered(mistakes=[mistake]))
     assert text.startswith("Gross mistake: pivot_1 is reversed, or else wheel_1l is reversed.")

@@ -51,7 +51,7 @@ def test_a_generator_that_is_not_installed_says_how_it_is(monkeypatch):
         generator("bullet")
 
 
-def test_what_is_unknown_is_told(capsys):
+def test_unknown_numbers_are_reported(capsys):
     for options, known in (
         (("--generator", "gazebo"), "pymunk"),
         (("--robot", "cfmmr-33"), "did you mean 'cfmmr-"),

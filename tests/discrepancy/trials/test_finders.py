@@ -41,7 +41,7 @@ class Answers:
     answers: list
 
 
-def test_nothing_said_is_no_discrepancy(monkeypatch):
+def test_no_answer_is_no_discrepancy(monkeypatch):
     assert posterior_says(monkeypatch) == said_of([]) == Said("no discrepancy")
 
 

@@ -56,7 +56,7 @@ def test_calibration_error_by_hand():
     assert [one["total"] for one in reliability([(1.0, True), (0.99, True), (0.05, False)])] == [1, 2]
 
 
-def test_names_are_told_from_five_percent_on():
+def test_names_are_reported_from_five_percent_on():
     one = trial("one", ["track 1"], probabilities={"track 1": 0.9, "track 2": 0.06, "track 3": 0.04})
     assert sorted(one.told()) == [(0.06, False), (0.9, True)]
     assert trial("wiring", ["encoders_swapped 1"], ["encoders_swapped 1"]).told() == []

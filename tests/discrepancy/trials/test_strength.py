@@ -212,7 +212,7 @@ def test_strength_of_a_wider_gaussian(metric):
     assert ratio == pytest.approx(4.0, rel=1e-2)  # variances count, where there is little
 
 
-def test_jitter_adds_the_variance_that_it_is_said_to_add(metric):
+def test_jitter_adds_the_stated_variance(metric):
     sigma, draws, squares = 2e-4, 40, []
     for seed in range(draws):
         signal = metric.signal(metric.read(SampleJitter(value=sigma, seed=seed)))

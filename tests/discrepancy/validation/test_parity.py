@@ -107,7 +107,7 @@ def test_the_residual_of_perfect_rolling_shrinks_with_the_cube_of_the_period(nam
 
 
 @pytest.mark.parametrize("name", ["asoc-prototype", "2-castor", "powered-caster"])
-def test_rounded_counts_leave_what_is_foretold(name):
+def test_rounded_counts_leave_the_predicted_variance(name):
     robot = preset(name)
     parity = parity_residual(robot, rolled_log(robot, duration=30.0))
     assert parity.moving.mean() > 0.99

@@ -106,7 +106,7 @@ def test_words_say_what_would_help():
 
 
 @pytest.mark.slow
-def test_what_nobody_saw_is_in_no_interval_unsaid(with_pivots, unseen_with_pivots):
+def test_unseen_directions_are_stated_with_intervals(with_pivots, unseen_with_pivots):
     """The file's scale is off: intervals that do not know of it miss; with what they are told to rest on, they hold."""
     found, unseen = with_pivots, unseen_with_pivots
     scale = np.array([p.scale for p in found.parameters])
@@ -188,7 +188,7 @@ def test_a_straight_line_shows_radii_against_each_other_and_nothing_of_offsets()
         assert not still & {change.what for change in left if change.shown_by == drive}
 
 
-def test_a_differential_robot_is_told_which_drive_to_add():
+def test_a_drive_to_add_is_proposed_for_a_differential_robot():
     robot = preset("differential")
     logs = [rolled(robot, straight(), poses=[0, -1])]
     found = calibrate(robot, logs, noise=SLIP)

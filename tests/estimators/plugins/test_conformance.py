@@ -281,7 +281,7 @@ def test_builtins_pass(spec, robot):
     assert len(findings) == 12
 
 
-def test_robot_that_the_estimator_does_not_serve_is_said():
+def test_a_robot_that_the_estimator_does_not_serve_is_reported():
     assert "needs at least two castors" in failed(CAST, preset("differential"))["serves the robot"]
 
 

@@ -279,7 +279,7 @@ def test_entry_pickles_as_its_spec(spec):
     assert again.factory() is not None
 
 
-def test_name_declared_by_two_packages_must_be_told_apart(tmp_path, monkeypatch):
+def test_a_name_declared_by_two_packages_is_refused(tmp_path, monkeypatch):
     for name, target in (("one", "one_mod:A"), ("two", "two_mod:B")):
         info = tmp_path / f"{name}-1.0.dist-info"
         info.mkdir()

@@ -120,7 +120,7 @@ def driven(seed, *effects):
     return drive(robot, wander(np.random.default_rng([seed, 1]), duration=40.0), seed, duration=40.0)
 
 
-def test_a_wheel_that_loses_counts_in_physics_is_named_and_held_out_logs_bear_it_out():
+def test_counts_lost_in_physics_are_named_and_confirmed():
     effect = TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
     found = diagnose(preset("swerve"), [driven(3, effect)], [driven(4, effect)])
     assert found.verdict == "named", [answer.reason for answer in found.answers]
@@ -131,7 +131,7 @@ def test_a_wheel_that_loses_counts_in_physics_is_named_and_held_out_logs_bear_it
     assert answer.effect.period == pytest.approx(4.0, abs=0.05)
 
 
-def test_held_out_logs_in_which_nothing_is_lost_do_not_bear_it_out():
+def test_held_out_logs_without_losses_do_not_confirm_them():
     robot, effect = preset("swerve"), TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
     seen, good = (linearise(robot, [log], among=()) for log in (driven(3, effect), driven(4)))
     events = Events(faulty=tuple(at_times(seen, None, [], 100)))

@@ -37,13 +37,13 @@ def test_intervals_hold_what_was_put_in(size):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_without_jitter_or_with_no_more_than_clean_logs_nothing_is_said(seed):
+def test_no_more_jitter_than_in_clean_logs_is_not_reported(seed):
     assert answer(log_of(seed)) is None
     assert answer(log_of(seed, 0.005), clean=[log_of(seed + 10, 0.005)]) is None
     assert answer(log_of(seed, 0.010), clean=[log_of(seed + 10, 0.005)]) is not None
 
 
-def test_held_out_logs_bear_it_out_or_not():
+def test_held_out_logs_confirm_jitter_or_deny_it():
     log = log_of(1, 0.005)
     assert answer(log, held_out=[log_of(2, 0.005)]).confirmed > 3
     assert answer(log, held_out=[log_of(2)]).confirmed < -3

@@ -50,7 +50,7 @@ def test_the_curve_put_in_comes_out_within_its_errors():
     assert np.median(np.abs(off) / curve.errors) < 3
 
 
-def test_other_logs_bear_it_out_and_those_of_a_robot_in_good_order_do_not():
+def test_other_logs_confirm_it_and_clean_logs_do_not():
     curve = found(True)
     assert curve is not None
     assert helps(ROBOT, curve, [driven(4, True)], None)

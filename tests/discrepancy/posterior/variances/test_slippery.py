@@ -73,7 +73,7 @@ def test_the_rectangle_in_which_wheels_slip_is_found():
     assert patches_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
 
 
-def test_a_patch_is_sure_where_it_lies_and_other_logs_that_come_there_bear_it_out():
+def test_a_patch_is_named_and_logs_that_reach_it_confirm_it():
     patch = found()
     assert patch is not None
     assert overlap(patch.effect, PATCH) > 0.3
