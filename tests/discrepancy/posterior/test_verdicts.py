@@ -1,0 +1,71 @@
+"""Verdicts follow from probabilities, held-out logs and cost: on statistics that are written down by hand."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import WheelRadius
+from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.random_effects import Statistics
+from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
+
+CAUSE: Any = SimpleNamespace(
+    what="wheel radius",
+    family="wheel_radius 1 1",
+    kinds=(WheelRadius(castor=1, wheel=1, value=0.01),),
+    columns=1,
+    effect=lambda amplitudes: WheelRadius(castor=1, wheel=1, value=float(amplitudes[0])),
+)
+ANSWER = Answer(
+    probabilities={"wheel_radius 1 1": 1.0},
+    credible=("wheel_radius 1 1",),
+    unnamed=False,
+    candidate=CAUSE,
+    amplitudes=np.array([0.01]),
+    covariance=np.array([[1e-8]]),
+    hidden=0.0,
+    explained=100.0,
+    cost=np.array([1.0, 1.0]),
+)
+ORDER: Any = SimpleNamespace(beyond=lambda logs: logs[0])
+
+
+def seen(log_evidence, gap) -> Any:
+    """Held-out logs that say 10 ± 0.1 mm, by the formula."""
+    said = Statistics(np.array([[1e8]]), np.array([0.0]))
+    return SimpleNamespace(
+        candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]), cost=np.ones((2, 1)),
+        log_evidence=log_evidence, gap=gap,
+    )  # fmt: skip
+
+
+def verdict(without, with_named, material=MATERIAL):
+    named = [Sized(CAUSE, ANSWER.amplitudes)]
+    return verdict_of(judged([ANSWER], named, (without, with_named), ORDER, material))
+
+
+@pytest.mark.parametrize(
+    ("likelier", "gap", "expected"),
+    [
+        (LOG_ODDS + 1, (5e-3, 5e-3), "named"),
+        (LOG_ODDS - 1, (5e-3, 5e-3), "unconfirmed"),
+        (-500.0, (3.9e-3, 5e-3), "named"),
+        (-500.0, (4.1e-3, 5e-3), "unconfirmed"),
+        (-500.0, (5e-3, 3.9e-3), "named"),
+        (LOG_ODDS + 1, (7e-3, 5e-3), "unconfirmed"),
+        (LOG_ODDS + 1, None, "named"),
+        (LOG_ODDS - 1, None, "unconfirmed"),
+    ],
+)
+def test_names_explain_held_out_logs_better_or_are_not_confirmed(likelier, gap, expected):
+    """Better: 19 times as likely, fitted anew, or a gap that is smaller by what matters; and no larger gap."""
+    without = seen(0.0, None if gap is None else (5e-3, 5e-3))
+    assert verdict(without, seen(likelier, gap)) == expected
+
+
+def test_an_effect_that_costs_less_than_matters_is_negligible_whatever_held_out_logs_say():
+    assert verdict(seen(0.0, None), seen(-500.0, None), Material(1.0, 1.0)) == "negligible"
