@@ -165,8 +165,9 @@ def test_clean_logs_that_have_the_effect_too_make_it_good_order():
 def test_counts_lost_for_some_seconds_are_unexplained():
     outside = WeakStretch(channel=0, value=0.2, start=8.0, end=13.0)
     motion = wander(np.random.default_rng([3, 1]), duration=15.0)
-    log = drive(ROBOT, motion, 3, duration=15.0, outside=outside)
-    diagnosis = diagnose(ROBOT, [log], [driven("asoc-prototype", 4)])
+    robot = preset("omnimate")
+    log = drive(robot, motion, 3, duration=15.0, outside=outside)
+    diagnosis = diagnose(robot, [log], [driven("omnimate", 4)])
     assert diagnosis.verdict == "unexplained"
     assert not diagnosis.found.effects
     told = [answer.candidate.what for answer in diagnosis.answers if answer.verdict == "unexplained"]
