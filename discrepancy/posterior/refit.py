@@ -142,6 +142,9 @@ def _alternatives(
     if len(named) > 1:
         for sized in named:
             yield tuple(effect for effect in named if effect is not sized), -LOG_ODDS
+    compared = [sized for sized in named if sized.candidate in large and sized.candidate.columns == 1]
+    if not compared:
+        return
     said, in_model = together(seen.logs), {sized.candidate for sized in named}
     rivals = {
         candidate: _direction(seen, candidate)[:, 0]
@@ -149,9 +152,7 @@ def _alternatives(
         if candidate.columns == 1 and candidate.kinds and candidate not in in_model
     }
     square = {rival: float(direction @ said.information @ direction) for rival, direction in rivals.items()}
-    for sized in named:
-        if sized.candidate not in large or sized.candidate.columns > 1:
-            continue
+    for sized in compared:
         of_effect = _direction(seen, sized.candidate)[:, 0]
         by_effect = said.information @ of_effect
         product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}

@@ -568,7 +568,7 @@ class LogLikelihood:
         """Return the part of slips (K - 1, rows) that a motion of the body explains, by least squares."""
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        return (a @ (np.linalg.pinv(a, rcond=1e-10) @ slips[..., None]))[..., 0]
+        return (a @ self.as_motion(geometry, state, slips[..., None]))[..., 0]
 
     def disagreement(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array

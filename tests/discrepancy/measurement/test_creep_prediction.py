@@ -57,8 +57,8 @@ def test_odometry_with_predicted_creep_is_right_where_odometry_alone_is_not(name
     assert log.reference is not None
     assert seen.gap is not None
     off = relative_pose(path[0], path)[-1] - relative_pose(log.reference[0], log.reference[-1])
-    assert seen.gap[0] < 5e-3
-    assert np.hypot(*off[:2]) > 4 * seen.gap[0]
+    assert seen.gap[0] < 2e-3
+    assert np.hypot(*off[:2]) > 8 * seen.gap[0]
 
 
 SMALL = [
@@ -96,4 +96,4 @@ def test_a_refit_reaches_a_large_effect_that_creep_masks_in_a_step():
     near = (Sized(candidate, np.array([-0.09])),)
     found, _ = refitted(robot, look, 0.5 * len(log), (), near, linearise(robot, [log], among=[candidate]))
     assert found[0].amplitudes[0] == pytest.approx(RADIUS.value, abs=5e-4)
-    assert looked[1][0].amplitudes[0] == pytest.approx(RADIUS.value, abs=2e-3)
+    assert looked[1][0].amplitudes[0] == pytest.approx(RADIUS.value, abs=1e-3)
