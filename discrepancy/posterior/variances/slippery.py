@@ -32,7 +32,7 @@ SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
 """Parts of friction that may be missing, all with the same prior probability."""
 
 TRIED = SLIPPERY[3]
-"""Part of friction with which a rectangle must raise the likelihood, to be evaluated with all of them."""
+"""Part of friction with which rectangles are compared; the likeliest is evaluated with all parts."""
 
 WINDOW = 2.0
 """s: length of a replayed window."""
@@ -64,25 +64,25 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
         plain = _missed(robot, logs, seen)
     except InputError:  # a robot that cannot be replayed
         return None
+
+    def gain(patch: FrictionPatch, value: float) -> float:
+        return _likelier(_missed(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
+
+    tried = [(gain(patch, TRIED), patch) for patch in patches_of(robot, motions, slips)]
+    most, patch = max(tried, key=lambda found: found[0], default=(0.0, None))
+    if patch is None or most <= 0:
+        return None
+    log_factors = np.array([most if value == TRIED else gain(patch, value) for value in SLIPPERY])
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
-    area, best = float(np.prod(np.ptp(way, axis=0))), None
-    for patch in patches_of(robot, motions, slips):
-
-        def gain(value: float, patch: FrictionPatch = patch) -> float:
-            return _likelier(_missed(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
-
-        if gain(TRIED) <= 0:
-            continue
-        log_factors = np.array([gain(value) for value in SLIPPERY])
-        elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
-        log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - np.log(names) - logit(NOTHING)
-        weight = np.exp(log_factors - log_factors.max())
-        value = float(np.average(SLIPPERY, weights=weight))
-        error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
-        error = float(np.hypot(error, (1 - value) / 2))  # the rectangle is not known any better
-        found = Slippery(replace(patch, value=round(value, 3)), error, float(log_odds))
-        best = found if best is None or found.log_odds > best.log_odds else best
-    return best if best is not None and expit(best.log_odds) >= CREDIBLE else None
+    elsewhere = max(np.log(np.prod(np.ptp(way, axis=0)) / (patch.length * patch.width)), 0.0)
+    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - np.log(names) - logit(NOTHING)
+    if expit(log_odds) < CREDIBLE:
+        return None
+    weight = np.exp(log_factors - log_factors.max())
+    value = float(np.average(SLIPPERY, weights=weight))
+    error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
+    error = float(np.hypot(error, (1 - value) / 2))  # the rectangle is not known any better
+    return Slippery(replace(patch, value=round(value, 3)), error, float(log_odds))
 
 
 def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> float:

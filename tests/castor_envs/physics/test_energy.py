@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymunk.constraints import PivotJoint
 
@@ -50,26 +50,30 @@ def test_with_motors_off_energy_does_not_grow(name, floor, seed, fastest):
 
 @pytest.mark.parametrize("name", ["asoc-prototype", "differential", "tricycle", "powered-caster"])
 @given(seed=seeds)
+@example(seed=2929)  # kinetic energy and height nearly cancel
 @settings(max_examples=4, deadline=None)
 def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
-    """Summed up here from the bodies themselves and from what a solid disc, a spring and a slope hold."""
+    """Summed up here from the bodies themselves and from what a solid disc, a spring and a slope hold.
+
+    Velocities are those of half a substep after the positions, so heights are taken there.
+    """
     random, robot = np.random.default_rng(seed), preset(name)
     slope = random.uniform(-0.1, 0.1, 2)
     world = RobotWorld(robot, Floor(slope=tuple(slope)), twist=(0.3, 0.0, 0.2), substeps=1000)
     for _ in range(5):
         world.advance(0.3 * random.uniform(-1, 1, len(robot.driven_wheels)) * robot.max_wheel_speed)
     weight, contact = 9.80665 / math.sqrt(1 + slope @ slope), robot.contact
-    expected = 0.0
+    expected, half = 0.0, 0.5 * robot.sample_period / 1000
     for body in world._simulation.space.bodies:
         speed, spin = body.velocity.length, body.angular_velocity
         expected += 0.5 * body.mass * speed**2 + 0.5 * body.moment * spin**2
-        expected += body.mass * weight * float(slope @ body.position)
+        expected += body.mass * weight * float(slope @ (np.array(body.position) + half * np.array(body.velocity)))
     for wheel, state in zip(robot.wheels, world.wheels, strict=True):
         expected += 0.5 * wheel.inertia * state["speed"] ** 2
         along = contact.slip_stiffness_long * state["load"] / contact.relaxation_length
         across = contact.slip_stiffness_lat * state["load"] / contact.relaxation_length
         expected += 0.5 * along * state["stretch_long"] ** 2 + 0.5 * across * state["stretch_lat"] ** 2
-    assert world.energy() == pytest.approx(expected, rel=2e-3, abs=1e-4)
+    assert world.energy() == pytest.approx(expected, rel=2e-5, abs=2e-5)
     mass = robot.mass + sum(castor.mass for castor in robot.castors)
     assert sum(body.mass for body in world._simulation.space.bodies) == pytest.approx(mass)
 
