@@ -86,7 +86,8 @@ def refitted(
 
     worse: loss of log-likelihood (natural logarithm) within which logs count as explained no worse. before: effects
     that are in the model already, in which `seen` was computed. threshold: log evidence that is to be exceeded; sizes
-    that cannot reach it, by twice the gain that the linear formula predicts, are not refined.
+    that cannot reach it after a step, by twice the gain that the linear formula predicts, are not refined. One step is
+    always taken, as the formula does not know by how much noises become smaller.
     """
     sizes = {effect.candidate: effect for effect in before}
     known = tuple(
@@ -94,7 +95,7 @@ def refitted(
         for effect in named
     )
     current, seen = _nearer(vehicle, look, worse, known, tuple(named), seen)
-    for _ in range(REFITS):
+    for step in range(REFITS):
         current = tuple(effect for effect in current if np.any(effect.amplitudes))
         if not current:
             break
@@ -104,7 +105,7 @@ def refitted(
         changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
         gain = float(score @ changes)
-        if np.all(np.abs(changes) < SETTLED * errors) or seen.log_evidence + gain < threshold:
+        if np.all(np.abs(changes) < SETTLED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
             break
         ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
