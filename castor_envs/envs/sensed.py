@@ -149,7 +149,7 @@ class SensedRobot(SensedVehicle):
             robot, floor, held=held
         )  # refuses what cannot stand or be computed; `reset` makes it anew
         super().__init__(robot, (robot,), (robot.as_built(),), floor)
-        self._believed = Geometry.of(self.described)
+        self._geometry = Geometry.of(self.described)
 
     def reset(self, random: np.random.Generator, theta: Array) -> None:
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
@@ -187,7 +187,7 @@ class SensedRobot(SensedVehicle):
 
     def measured_castor_angles(self) -> Array:
         """Theta (n,) as the robot believes it to be, from its pivot encoders."""
-        return castor_angles(self._believed, self.observation["pivot"])
+        return castor_angles(self._geometry, self.observation["pivot"])
 
     def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
         turn = self._built[0].pivot_counts_per_rev[np.array(self._robot.pivot_encoders, dtype=np.intp)]

@@ -30,7 +30,7 @@ from castor_envs.vehicles.weight import castor_center, chassis, wheel_loads
 LEAST = 0.02
 """Lowest rolling speed assumed, of the fastest wheel's: bristles average over a relaxation length."""
 
-ROUNDS, SETTLED = 20, 1e-3
+ROUNDS, CONVERGED = 20, 1e-3
 """Iterations for the yields of sliding contacts: their largest number, and the relative change that ends them."""
 
 STANDING = 1e-6
@@ -129,12 +129,12 @@ def _slipping(rows: Array, seen: Array, needed: Array, yields: Array, limits: Ar
     slip = _balanced(rows, seen, needed, yields)
     sliding, slack, of_wheel = np.arange(len(rows)), np.ones_like(yields), wheel[:, None] == wheel
     for _ in range(ROUNDS):
-        wanted = np.maximum(np.sqrt((slip[sliding] / yields[sliding]) ** 2 @ of_wheel) / limits, 1.0)
-        moved = np.any(np.abs(wanted / slack[sliding] - 1) > SETTLED, axis=1)
+        slack_needed = np.maximum(np.sqrt((slip[sliding] / yields[sliding]) ** 2 @ of_wheel) / limits, 1.0)
+        moved = np.any(np.abs(slack_needed / slack[sliding] - 1) > CONVERGED, axis=1)
         sliding = sliding[moved]
         if not len(sliding):
             break
-        slack[sliding] = wanted[moved]
+        slack[sliding] = slack_needed[moved]
         parts = (part[sliding] for part in (rows, seen, needed, yields * slack))
         slip[sliding] = _balanced(*parts)
     return slip
@@ -144,8 +144,8 @@ def _balanced(rows: Array, seen: Array, needed: Array, yields: Array) -> Array:
     """Return the slips (k, rows) that dissipate the least power where contacts yield at rates `yields`."""
     scale = yields.min(axis=1)[:, None]
     held = np.swapaxes(rows, 1, 2) @ (rows * (scale / yields)[..., None])
-    pull = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
-    return seen - (rows @ _solved(held, pull[..., None]))[..., 0]
+    force = scale * needed + (np.swapaxes(rows, 1, 2) @ (scale / yields * seen)[..., None])[..., 0]
+    return seen - (rows @ _solved(held, force[..., None]))[..., 0]
 
 
 def _solved(matrices: Array, right: Array) -> Array:

@@ -67,18 +67,18 @@ class Renderer:
         """
         pose = np.asarray(pose, dtype=float)
         shape = self._figure.checked(pose, shape, None if estimate is None else np.asarray(estimate), sliding)
-        believed = finite_or_none(estimate)
+        drawn_estimate = finite_or_none(estimate)
         scene, axles = self._scene, np.atleast_2d(pose)
-        front = None if believed is None else np.atleast_2d(believed)[0]
+        front = None if drawn_estimate is None else np.atleast_2d(drawn_estimate)[0]
         scene.lengthen(axles[0], front, target, rear=axles[-1] if len(axles) > 1 else None)
         if scene.dismissed:
             return None
 
         scene.start()
         self._figure.draw(scene.canvas, self.view, pose, shape, sliding)
-        if believed is not None:
-            self._figure.draw_ghost(scene.canvas, self.view, believed)
-            draw_error(scene.canvas, self.view, pose, believed)
+        if drawn_estimate is not None:
+            self._figure.draw_ghost(scene.canvas, self.view, drawn_estimate)
+            draw_error(scene.canvas, self.view, pose, drawn_estimate)
         return scene.finish(time, sliding is not None)
 
     def close(self) -> None:

@@ -137,5 +137,5 @@ class Scene:
 
 def finite_or_none(estimate: ArrayLike | None) -> Array | None:
     """Return an estimate as an array, or None if there is none that could be drawn."""
-    believed = None if estimate is None else np.asarray(estimate, dtype=float)
-    return believed if believed is not None and np.all(np.isfinite(believed)) else None
+    values = None if estimate is None else np.asarray(estimate, dtype=float)
+    return values if values is not None and np.all(np.isfinite(values)) else None

@@ -131,21 +131,21 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
     middle = (steps.start + steps.end) / 2
     low = -float(np.max(np.hypot(*middle.T))) - BIN * max(BANDS)
     bins = int(-2 * low / BIN) + 2
-    pull, power = np.zeros((DIRECTIONS, bins)), np.zeros((DIRECTIONS, bins))
+    score, power = np.zeros((DIRECTIONS, bins)), np.zeros((DIRECTIONS, bins))
     for k, angle in enumerate(angles):
         across = middle[:, 1] * math.cos(angle) - middle[:, 0] * math.sin(angle)
         shape = -steps.path * np.sin(steps.heading - angle) ** 2
         at = ((across - low) / BIN).astype(np.intp)
-        pull[k] = np.bincount(at, steps.weight * shape * steps.slip, bins)
+        score[k] = np.bincount(at, steps.weight * shape * steps.slip, bins)
         power[k] = np.bincount(at, steps.weight * shape**2, bins)
     if not power.any():  # nothing moves
         return []
     least = np.median(power[power > 0])  # a line that is hardly crossed has no evidence
     gains = []
     for band in BANDS:
-        summed = (uniform_filter1d(sums, band, axis=1, mode="constant") * band for sums in (pull, power))
-        band_pull, band_power = summed
-        gains.append(np.maximum(band_pull, 0.0) ** 2 / np.maximum(band_power, least))
+        summed = (uniform_filter1d(sums, band, axis=1, mode="constant") * band for sums in (score, power))
+        band_score, band_power = summed
+        gains.append(np.maximum(band_score, 0.0) ** 2 / np.maximum(band_power, least))
     gain = np.max(gains, axis=0)
     found = []
     offsets = low + (np.arange(bins) + 0.5) * BIN
@@ -181,8 +181,8 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
 
     def missed(at: Array) -> float:
         shape = _rolls_more(near_steps, *told(at))
-        pull, power = np.sum(near_steps.weight * shape * -near_steps.slip), np.sum(near_steps.weight * shape**2)
-        return -float(max(pull, 0.0) ** 2 / (power + 1e-12))
+        score, power = np.sum(near_steps.weight * shape * -near_steps.slip), np.sum(near_steps.weight * shape**2)
+        return -float(max(score, 0.0) ** 2 / (power + 1e-12))
 
     begin = np.array([0.0, 0.0, math.log(4e-3)])
     simplex = begin + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.015, 0], [0, 0, 0.5]])
@@ -206,10 +206,10 @@ def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
     crossed = shape != 0.0
     number = steps.passes(crossed)
     passes = int(number[-1]) + 1 if len(number) else 0
-    pull = np.bincount(number, -(steps.weight * shape * steps.slip)[crossed], passes)
+    score = np.bincount(number, -(steps.weight * shape * steps.slip)[crossed], passes)
     power = np.bincount(number, (steps.weight * shape**2)[crossed], passes)
-    kept = np.argsort(pull)[: max(passes - LARGEST, 0)]
-    lasting = max(pull[kept].sum(), 0.0) ** 2 / (power[kept].sum() + 1e-12)
+    kept = np.argsort(score)[: max(passes - LARGEST, 0)]
+    lasting = max(score[kept].sum(), 0.0) ** 2 / (power[kept].sum() + 1e-12)
     strong = power > 0.1 * power.max(initial=0.0)
     return lasting, int(strong.sum())
 

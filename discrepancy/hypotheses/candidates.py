@@ -226,14 +226,14 @@ def signatures_of(
     robot: RobotDescription,
     log: Log,
     state: Array,
-    wanted: Array,
+    score: Array,
     among: Sequence[Candidate] | None = None,
     of: str = "",
     places: Sequence[Candidate] = (),
 ) -> Signatures:
     """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
 
-    wanted: from `LogLikelihood.wanted`, the score of readings, which locates jumps of a channel. of: name of the log,
+    score: from `LogLikelihood.score_by_counts`, which locates jumps of a channel. of: name of the log,
     for unnamed alternatives at a time in it. places: further candidates, at places of the floor.
     """
     channels = Channels(robot)
@@ -281,7 +281,7 @@ def signatures_of(
     if among is None:
         read += [
             (candidate, excess, (still,) * candidate.columns)
-            for candidate, excess in _misread(channels, log, counts, wanted, of)
+            for candidate, excess in _misread(channels, log, counts, score, of)
         ]
         read += [
             (candidate, np.repeat(no_readings, candidate.columns, axis=-1), slips)
@@ -404,7 +404,7 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
             yield alone(behaviour, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
 
 
-def _misread(channels: Channels, log: Log, counts: Array, wanted: Array, of: str) -> Iterator[tuple[Candidate, Array]]:
+def _misread(channels: Channels, log: Log, counts: Array, score: Array, of: str) -> Iterator[tuple[Candidate, Array]]:
     """Yield unnamed alternatives of one channel at a time: readings that are wrong in part of the log, jump, repeat, or
     drift."""
     edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
@@ -422,7 +422,7 @@ def _misread(channels: Channels, log: Log, counts: Array, wanted: Array, of: str
             span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
             yield alone(f"reads in proportion too much {span}", channel_counts[np.clip(samples, first, last - 1)])
         ends = int(ENDS * len(counts))
-        later = np.abs(np.cumsum(wanted[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
+        later = np.abs(np.cumsum(score[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
         jump = 1 + ends + int(np.argmax(later))
         yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(samples >= jump, 1.0, 0.0))
         for times in (2, 3) if np.ptp(angle) >= SWEPT else ():

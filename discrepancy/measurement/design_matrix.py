@@ -16,7 +16,7 @@ from discrepancy.measurement.creep_prediction import Slipping
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 from estimators.likelihood.log_likelihood import TIMED, ExtraColumns, LogLikelihood, Noise, Reduced
 
-QUIETER_ROUNDS, SAME = 20, 0.02
+NOISE_ROUNDS, SAME = 20, 0.02
 """Most rounds in which noise beside given candidates is estimated, and the change at which they end."""
 
 UNEVEN = 0.3
@@ -27,7 +27,7 @@ UNEVEN = 0.3
 class Columns:
     """The columns of one log's linear problem about a state. Of C amplitudes the first G change the geometry
     (`geometries`, changed by `steps` (G,)), the other R change readings (K, s + d, R) and slips (K - 1, rows, R).
-    fought (K - 1, rows, C): slips that mask each amplitude; for the robot's effects, as predicted. known_slips (K - 1,
+    masked (K - 1, rows, C): slips that mask each amplitude; for the robot's effects, as predicted. known_slips (K - 1,
     rows, e): slips known up to a factor. rates (R,): rate of the reference's clock, s/s; rate: its rate by the robot's
     effects, None where no poses determine it."""
 
@@ -40,7 +40,7 @@ class Columns:
     steps: Array
     readings: Array
     slips: Array
-    fought: Array
+    masked: Array
     known_slips: Array
     rates: Array
     rate: float | None
@@ -63,13 +63,13 @@ class Columns:
         """Return the columns of candidates, from `signatures_of`. known_slips: `Slipping.known()`; parts: their
         factors."""
         geometry = Geometry.of(robot.as_built())
-        found = signatures_of(robot, log, state, model.wanted(state), among, of, places)
+        found = signatures_of(robot, log, state, model.score_by_counts(state), among, of, places)
         changed = stacked(geometry, found.geometries)
-        fought = model.fought(geometry, changed, found.steps, state, found.readings, slipping.yields)
+        masked = model.masked_by_creep(geometry, changed, found.steps, state, found.readings, slipping.yields)
         for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
             for effect in robot.effects:
                 if candidate.is_of(effect) and not effect.binary and np.any(candidate.amplitudes(effect)):
-                    fought[..., columns] = parts[0] * slipping.masking(effect, candidate)
+                    masked[..., columns] = parts[0] * slipping.masking(effect, candidate)
         slips = np.zeros((*known_slips.shape[:2], len(found.slips)))
         for k, slip in enumerate(found.slips):
             slips[..., k] = model.rows_of(slip.rolling, slip.side)
@@ -85,7 +85,7 @@ class Columns:
             steps=found.steps,
             readings=found.readings,
             slips=slips,
-            fought=fought,
+            masked=masked,
             known_slips=known_slips,
             rates=found.rates,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
@@ -100,11 +100,11 @@ class Columns:
             always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
         built, of_readings = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
         changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
-        readings, slips, fought = (
+        readings, slips, masked = (
             part if only is None else part[..., kept]
-            for part, kept in ((self.readings, of_readings), (self.slips, of_readings), (self.fought, columns))
+            for part, kept in ((self.readings, of_readings), (self.slips, of_readings), (self.masked, columns))
         )
-        parts = (slips, fought, self.known_slips, always)
+        parts = (slips, masked, self.known_slips, always)
         rates = np.pad(self.rates[of_readings], (0, sum(part.shape[-1] for part in parts) - len(of_readings)))
         extra = ExtraColumns(readings, parts, rates)
         return self.model.reduce(
@@ -136,7 +136,7 @@ class Shared:
     doubt: Array
     mount: Array
 
-    def believed(self, information: Array, gradient: Array, first: int) -> None:
+    def add_priors(self, information: Array, gradient: Array, first: int) -> None:
         """Add the priors: of the factors of known slips, from number `first` on; of each contact's deviation from
         predicted creep, if it is among the numbers; and of the tracked point, the last numbers."""
         end, mount = first + len(self.parts), slice(-len(self.mount), None)
@@ -176,14 +176,14 @@ def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
     return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ solved[:, n])
 
 
-def quieter(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
+def reestimated_noise(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
     """Return the noise re-estimated beside candidates of maximum-likelihood sizes; no size becomes larger."""
     found = noise
-    for _ in range(QUIETER_ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         told = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
         log_candidates = [[candidate for candidate in log.candidates if candidate in chosen] for log in logs]
         candidates, information, gradient, numbers = together(list(zip(log_candidates, told, strict=True)))
-        shared.believed(information, gradient, 2 * sum(candidate.columns for candidate in candidates))
+        shared.add_priors(information, gradient, 2 * sum(candidate.columns for candidate in candidates))
         scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
         best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
         moved: Array = (-best / scale[:, None]).astype(np.float64)

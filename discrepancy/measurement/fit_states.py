@@ -29,7 +29,7 @@ AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
 """Prior standard deviations: of the factor of creep under forces, and of all factors where clean logs give them. And
 the factor of creep under forces below which contacts are taken for rigid ones."""
 
-SETTLED, SETTLED_AGAIN, SOME = 2, 1, 3
+WARM_UP, WARM_UP_FROM_START, FEW_STEPS = 2, 1, 3
 """Rounds in which factors, states and noise are fitted alternately, with few steps each, before a last round to
 convergence; and the same where a start is given."""
 
@@ -42,7 +42,7 @@ class Slips(NamedTuple):
     known: Array
 
 
-def settled(
+def fit_states(
     robot: RobotDescription,
     models: list[LogLikelihood],
     logs: Sequence[Log],
@@ -65,7 +65,7 @@ def settled(
         off = _corrected(robot, models, logs, at, off)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least)
-    parts, k = np.zeros(CREEPS), SETTLED if start is None else SETTLED_AGAIN
+    parts, k = np.zeros(CREEPS), WARM_UP if start is None else WARM_UP_FROM_START
     while True:
         slips = []
         for model, log, state in zip(models, logs, at.states, strict=True):
@@ -75,7 +75,9 @@ def settled(
         shared = _shared(models, geometry, at, sizes, [log_slips.known for log_slips in slips], parts, usual)
         parts = shared.parts
         _expect(models, slips, parts)
-        at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), SOME if k else ROUNDS, least=least)
+        at, sizes, _ = fitted(
+            models, geometry, (), no_values, None, (at, sizes), FEW_STEPS if k else ROUNDS, least=least
+        )
         if not k:
             return at, sizes, replace(shared, mount=at.mount), slips
         if robot.effects:
@@ -127,11 +129,11 @@ def _shared(
 ) -> Shared:
     """Return the shared nuisances with the most probable factors of predicted creep."""
     unchanged = stacked(geometry, [])
-    told: list[tuple[tuple[Candidate, ...], Reduced]] = []
+    reductions: list[tuple[tuple[Candidate, ...], Reduced]] = []
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
         extra = ExtraColumns(np.zeros((len(state), state.shape[1] - 3, 0)), (slips,))
-        told.append(((), model.reduce(geometry, unchanged, np.zeros(0), state, clock, at.mount, noise, 0, extra)))
-    _, information, gradient, _ = together(told)
+        reductions.append(((), model.reduce(geometry, unchanged, np.zeros(0), state, clock, at.mount, noise, 0, extra)))
+    _, information, gradient, _ = together(reductions)
     freely = Shared(parts, _foreseen(None, False)[0], np.full(CREEPS, DOUBT), at.mount)
     rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
     shared = Shared(parts, *_foreseen(usual, rigid), at.mount)
@@ -141,5 +143,5 @@ def _shared(
 def _best(information: Array, gradient: Array, shared: Shared) -> Array:
     """Return the most probable factors (e,), given logs and priors."""
     information, gradient = information.copy(), gradient.copy()
-    shared.believed(information, gradient, 0)
+    shared.add_priors(information, gradient, 0)
     return shared.parts + np.linalg.solve(*without(information, gradient[:, 0], len(shared.parts)))

@@ -89,7 +89,7 @@ class Seen(Protocol):
         """Gap between odometry and reference, m and rad; None for logs without a reference."""
         ...
 
-    def quieter(self, effects: Sequence[Any], /) -> Self:
+    def reestimate_noise(self, effects: Sequence[Any], /) -> Self:
         """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes."""
         ...
 

@@ -222,12 +222,12 @@ def asked(
     """
     fitted = in_model if fitted is None else fitted
     single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
-    quiet = seen.quieter(_likeliest(seen, posterior, places))
-    if quiet is not seen:
-        seen = quiet
+    reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places))
+    if reestimated is not seen:
+        seen = reestimated
         single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
-    believed = np.sum([component.mean for component in posterior.components], axis=0)
-    single, posterior, score = _posterior(hypotheses, order, seen, in_model, believed - fitted, fitted)
+    expected = np.sum([component.mean for component in posterior.components], axis=0)
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model, expected - fitted, fitted)
     return posterior, answers_of(seen, single, posterior, score, places, in_model)
 
 

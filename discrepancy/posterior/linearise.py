@@ -19,8 +19,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.measurement.design_matrix import UNEVEN, Columns, Shared, columns_of, quieter
-from discrepancy.measurement.fit_states import settled
+from discrepancy.measurement.design_matrix import UNEVEN, Columns, Shared, columns_of, reestimated_noise
+from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.gap import gap_of
 from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
@@ -77,13 +77,13 @@ class Linearised:
             costs.append(cost_of_sizes(error, design.state[:, :3])[:, 0])
         return np.sqrt(np.mean(np.square(costs), axis=0))
 
-    def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
+    def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes.
 
         Without this step an effect that is not in the model, and does not make encoders contradict each other, counts
         as slip noise.
         """
-        found = quieter(self.designs, effects, self.shared, self.noise)
+        found = reestimated_noise(self.designs, effects, self.shared, self.noise)
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
         return self if noise == self.noise else self.at_noise(noise)
 
@@ -117,7 +117,7 @@ def linearise(
     for model, steps in zip(models, released, strict=True):
         model.release(steps)
     begin = None if start is None else (start.state, start.noise)
-    at, noise, shared, slips = settled(robot, models, logs, begin, creep, LEAST_NOISE)
+    at, noise, shared, slips = fit_states(robot, models, logs, begin, creep, LEAST_NOISE)
     beyond = tuple(
         slips_of(robot, model, log, state, slip.certain + slip.known @ shared.parts)
         for model, log, state, slip in zip(models, logs, at.states, slips, strict=True)

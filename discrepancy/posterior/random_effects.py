@@ -15,7 +15,7 @@ import numpy as np
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
 
-ROUNDS, SETTLED = 60, 0.01
+ROUNDS, CONVERGED = 60, 0.01
 """Most steps of expectation and maximisation, and the relative change of variances at which they end."""
 
 
@@ -92,7 +92,7 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
         last = np.concatenate([scatter, between])
         scatter = (FREEDOM * usual / 2 + squares) / (FREEDOM + len(clean))
         between = (FREEDOM * usual / 2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
-        if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < SETTLED):
+        if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < CONVERGED):
             break
     return GoodOrder(background, doubt, _spread(pattern, scatter))
 
@@ -108,9 +108,9 @@ def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array
     log_likelihood = np.zeros(len(parts))
     for log in logs:
         strength, way = np.linalg.eigh(root.T @ log.information @ root)
-        strength, pull = np.maximum(strength, 0.0), (way.T @ (root.T @ log.score)) ** 2
+        strength, squared_score = np.maximum(strength, 0.0), (way.T @ (root.T @ log.score)) ** 2
         grown = 1 + parts[:, None] ** 2 * strength
-        log_likelihood += np.sum(parts[:, None] ** 2 * pull / grown - np.log(grown), axis=1) / 2
+        log_likelihood += np.sum(parts[:, None] ** 2 * squared_score / grown - np.log(grown), axis=1) / 2
     return log_likelihood
 
 

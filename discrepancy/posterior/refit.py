@@ -19,7 +19,7 @@ from discrepancy.posterior.random_effects import together
 
 S = TypeVar("S", bound=Seen)
 
-REFITS, SETTLED, HALVINGS = 6, 0.1, 4
+REFITS, CONVERGED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
 
@@ -105,7 +105,7 @@ def refitted(
         changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
         gain = float(score @ changes)
-        if np.all(np.abs(changes) < SETTLED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
+        if np.all(np.abs(changes) < CONVERGED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
             break
         ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]

@@ -22,8 +22,11 @@ LOG_WEIGHTS = LOG_WEIGHTS - np.logaddexp.reduce(LOG_WEIGHTS)
 """A Cauchy distribution of scale 1 is a mixture of normal distributions whose standard deviations s have the density
 exp(-1 / (2 s^2)) / s^2; this discrete mixture approximates its density within 1.1 % up to 100, and 5 % up to 500."""
 
-ROUNDS, SETTLED = 200, 1e-4
+ROUNDS, CONVERGED = 200, 1e-4
 """Most rounds over all components, and the change of probabilities below which the rounds end."""
+
+PARALLEL = 1e-4
+"""Squared sine of the angle between two signatures up to which they are taken for parallel, and not paired."""
 
 PAIRS = 3
 """Number of best pairs of hypotheses that serve as further starts: two effects together may look most like a third,
@@ -135,7 +138,7 @@ class SingleEffects:
         starts = [(empty,) * count]
         if count > 1:
             starts += [(*pair, *(empty,) * (count - 2)) for pair in self._pairs(score)]
-        return max((self._settled(score, start) for start in starts), key=lambda found: found.bound)
+        return max((self._converged(score, start) for start in starts), key=lambda found: found.bound)
 
     def sizes(self, posterior: Posterior, score: Array, component: int, k: int) -> tuple[Array, Array]:
         """Return the sizes (c,) of hypothesis k, given that the component is this hypothesis, and their covariance (c,
@@ -150,7 +153,7 @@ class SingleEffects:
         turned, c = self._turned[k], self.hypotheses[k].direction.shape[1]
         return (turned @ average)[:c], ((turned * spread) @ turned.T)[:c, :c]
 
-    def _settled(self, score: Array, start: Sequence[Component]) -> Posterior:
+    def _converged(self, score: Array, start: Sequence[Component]) -> Posterior:
         found = list(start)
         for _ in range(ROUNDS):
             change = 0.0
@@ -159,7 +162,7 @@ class SingleEffects:
                 new = self._component(score - self.information @ remaining)
                 change = max(change, float(np.abs(new.probability - found[j].probability).max(initial=0.0)))
                 found[j] = new
-            if change < SETTLED:
+            if change < CONVERGED:
                 break
         found.sort(key=lambda component: component.nothing)
         return Posterior(self.hypotheses, tuple(found), self._bound(score, found))
@@ -228,7 +231,7 @@ class SingleEffects:
             return []
         rays = self._rays[chosen, :, 0] / np.sqrt(strength[chosen])[:, None]
         cosine, slopes = np.clip(rays @ self.information @ rays.T, -1.0, 1.0), slope[chosen]
-        sine = np.where(1 - cosine**2 > SETTLED, 1 - cosine**2, np.inf)
+        sine = np.where(1 - cosine**2 > PARALLEL, 1 - cosine**2, np.inf)
         gain = np.triu((slopes[:, None] ** 2 + slopes**2 - 2 * cosine * np.outer(slopes, slopes)) / sine, 1)
         best_pairs = np.argsort(-gain, axis=None)[:PAIRS].tolist()
         return [self._pair(score, *chosen[list(divmod(at, len(chosen)))].tolist()) for at in best_pairs]

@@ -20,7 +20,7 @@ NEWTON = 3
 BUCKLING = -30.0
 """Lower bound of tension, in E I / length^2; at -4 pi^2 a clamped frame buckles."""
 
-PULLED = 1e-3
+UNIT_SLIP = 1e-3
 """Slip that defines the unit of the tension of frames."""
 
 SMALL, MOST = 1e-3, 60.0
@@ -92,7 +92,7 @@ def reading(
 
 
 @lru_cache(maxsize=64)
-def yielding(train: TrainDescription) -> tuple[Array, Array]:
+def compliance(train: TrainDescription) -> tuple[Array, Array]:
     """Return the slip of the contacts of each axle per newton, along and across, (N,) each, 1/N."""
     stiffness = ([getattr(m.contact, f"slip_stiffness_{way}") for m in train.modules] for way in ("long", "lat"))
     along, across = (1.0 / (np.array(values) * carried(train)) for values in stiffness)
@@ -102,13 +102,13 @@ def yielding(train: TrainDescription) -> tuple[Array, Array]:
 def newtons(train: TrainDescription) -> Array:
     """Return the unit of the tension of each frame (F,), N.
 
-    It is the tension that drives the axles beside it to a mean slip of `PULLED`, so that the observable, their slip
+    It is the tension that drives the axles beside it to a mean slip of `UNIT_SLIP`, so that the observable, their slip
     against each other, is the same on any floor; or the tension that would bow a bent frame as much as it is bent, if
     that is less.
     """
-    along, _ = yielding(train)
+    along, _ = compliance(train)
     limp = np.array([frame.bending_stiffness / frame.length**2 for frame in train.frames])
-    return np.minimum(limp, 2 * PULLED / (along[1:] + along[:-1]))
+    return np.minimum(limp, 2 * UNIT_SLIP / (along[1:] + along[:-1]))
 
 
 def sliding_force(train: TrainDescription) -> Array:
@@ -154,7 +154,7 @@ def creep(train: TrainDescription, load: Array) -> Array:
 
     Metres beyond the distance rolled, per metre that each wheel rolls, in steady state. train: as it is built.
     """
-    along, across = yielding(train)
+    along, across = compliance(train)
     turning = load[..., 2] / half_track(train)
     slip = [(load[..., 0] - turning) * along, (load[..., 0] + turning) * along, load[..., 1] * across]
     return np.stack(slip, axis=-1)

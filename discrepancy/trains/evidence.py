@@ -19,7 +19,7 @@ from discrepancy.validation.cost import cost_of_sizes
 PROBES = 8
 """Random vectors with which the degrees of freedom that the motion takes from each kind of equations are estimated."""
 
-SETTLING, WARM = 10, 8
+COLD_ROUNDS, WARM_ROUNDS = 10, 8
 """Most rounds in which motion and sizes are fitted, from no start and from those of a similar train."""
 
 STILL = 1.0
@@ -33,7 +33,7 @@ LEAST_GAUGES = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class FittedStates:
     """The fitted motions of logs, and the sizes of noise.
 
     deviance: minus twice the logarithm of the likelihood, nuisances integrated out, up to a constant of the logs.
@@ -52,7 +52,7 @@ class Evidence:
     candidates: tuple[Candidate, ...]
     logs: tuple[Statistics, ...]
     cost: Array
-    settled: Settled
+    fit: FittedStates
 
     @property
     def information(self) -> Array:
@@ -60,14 +60,14 @@ class Evidence:
         return together(self.logs).information
 
     @property
-    def pull(self) -> Array:
+    def score(self) -> Array:
         """Score: the gradient of the log-likelihood of all logs (P,)."""
         return together(self.logs).score
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return the maximum-likelihood amplitudes of these candidates together (c,), and their covariance (c, c)."""
         covariance = np.linalg.pinv(self.information[np.ix_(chosen, chosen)], rcond=1e-12, hermitian=True)
-        return covariance @ self.pull[list(chosen)], np.asarray(covariance, dtype=float)
+        return covariance @ self.score[list(chosen)], np.asarray(covariance, dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +147,13 @@ def _banded(matrix: csr_array, block: int) -> tuple[Array, bool]:
         ) from None
 
 
-def settled(
+def fit_states(
     train: TrainDescription,
     logs: Sequence[TrainLog],
-    start: Settled | None = None,
+    start: FittedStates | None = None,
     sizes: Sizes | None = None,
     unnamed: Sequence[Rival] = (),
-) -> Settled:
+) -> FittedStates:
     """Return the likeliest motions in logs of a train with its effects, and the sizes of noise.
 
     start: the result of a similar train. sizes: known sizes; None: they are fitted. unnamed: alternatives that are
@@ -163,7 +163,7 @@ def settled(
     motions = [log.start(built) for log in logs] if start is None else list(start.motions)
     current = sizes or (Sizes(gauges=(1.0,) * len(train.frames)) if start is None else start.sizes)
     deviance = 0.0
-    rounds, last = SETTLING if start is None else WARM, np.inf
+    rounds, last = COLD_ROUNDS if start is None else WARM_ROUNDS, np.inf
     for turn in range(rounds):
         squares: dict[str, float] = {}
         free: dict[str, float] = {}
@@ -206,7 +206,7 @@ def settled(
         last = deviance
         if sizes is None and (start is not None or turn >= FIRST) and turn < rounds - 1:
             current = _resized(current, squares, free)
-    return Settled(tuple(motions), current, deviance)
+    return FittedStates(tuple(motions), current, deviance)
 
 
 def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) -> Sizes:
@@ -220,7 +220,7 @@ def _resized(sizes: Sizes, squares: dict[str, float], free: dict[str, float]) ->
 
 
 def evidence_of(
-    train: TrainDescription, logs: Sequence[TrainLog], found: Settled, candidates: Sequence[Candidate]
+    train: TrainDescription, logs: Sequence[TrainLog], found: FittedStates, candidates: Sequence[Candidate]
 ) -> Evidence:
     """Return the statistics of candidates beyond the effects in the train's file, linearised about fitted motions."""
     built = train.as_built()
@@ -263,7 +263,7 @@ def _said(problem: _Problem, columns: Array, prior: Array, number: Array) -> Sta
     return Statistics((information + information.T) / 2, slope[n:] - taken.T @ slope[:n])
 
 
-def cost_of_noise(train: TrainDescription, logs: Sequence[TrainLog], found: Settled, f: int) -> Array:
+def cost_of_noise(train: TrainDescription, logs: Sequence[TrainLog], found: FittedStates, f: int) -> Array:
     """Return the error of the train's localisation (2,) by white noise of 1 in each reading of a frame's gauges."""
     built, random, costs = train.as_built(), np.random.default_rng(0), []
     for log, motion in zip(logs, found.motions, strict=True):

@@ -74,7 +74,7 @@ Pair = tuple[Linearised, Linearised | None]
 def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, held: Pair | None) -> Data:
     """Return a diagnosis as plain data, as that of a robot (`report.told`); lengths in m, angles in rad. Names are
     words already."""
-    sizes = (seen[1] or seen[0]).settled.sizes
+    sizes = (seen[1] or seen[0]).fit.sizes
     answers = [answer_data(answer) for answer in diagnosis.answers]
     return {
         "format": FORMAT,

@@ -9,7 +9,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains.evidence import Settled, settled
+from discrepancy.trains.evidence import FittedStates, fit_states
 from discrepancy.trains.motion import Motion
 from discrepancy.trains.rows import TrainLog
 
@@ -17,7 +17,7 @@ HORIZON = 5.0
 """s of localisation by wheel counts alone before the train is reset to its fitted pose."""
 
 
-def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Settled) -> tuple[float, float] | None:
+def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: FittedStates) -> tuple[float, float] | None:
     """Return the error of the train's localisation by counts and relative poses within `HORIZON` against the reference,
     m and rad (rms); None without a reference, or where there is no solution.
 
@@ -25,7 +25,7 @@ def localised_off(train: TrainDescription, logs: Sequence[TrainLog], state: Sett
     """
     built, poses = train.as_built(), [np.zeros((0, 3))]
     try:
-        blind = settled(train, [log.without_reference() for log in logs], state, state.sizes)
+        blind = fit_states(train, [log.without_reference() for log in logs], state, state.sizes)
     except InputError:
         return None
     for log, motion, localised in zip(logs, state.motions, blind.motions, strict=True):

@@ -90,7 +90,7 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
             continue
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
         candidate = _candidate(Placed(kind), seen.train)
-        cost = cost_of_noise(seen.train, seen.train_logs, seen.settled, f)
+        cost = cost_of_noise(seen.train, seen.train_logs, seen.fit, f)
         answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
     return answers
 
@@ -154,7 +154,7 @@ def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:
 def _noise(seen: Linearised, f: int) -> tuple[float, float]:
     """Return the number of readings of a frame, and their squared noise relative to the described noise."""
     built = seen.train.as_built()
-    noises = [log.noise(built, motion, f) for log, motion in zip(seen.train_logs, seen.settled.motions, strict=True)]
+    noises = [log.noise(built, motion, f) for log, motion in zip(seen.train_logs, seen.fit.motions, strict=True)]
     number = sum(count for _, count in noises)
     square = sum(count * size**2 for size, count in noises) / max(number, 1)
     return DIFFERENCES * number, square
@@ -199,7 +199,7 @@ def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) ->
 
 def _kept(seen: Linearised, k: int, f: int, time: float) -> Array:
     """Return the rms difference (2,), m and rad, of a frame's relative pose from that at which its sensor stopped."""
-    log, relative = seen.train_logs[k], seen.settled.motions[k].relative[:, f]
+    log, relative = seen.train_logs[k], seen.fit.motions[k].relative[:, f]
     after = log.t + log.clock_start >= time
     if not after.any():
         return np.zeros(2)

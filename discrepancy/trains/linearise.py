@@ -16,7 +16,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.trains.candidates import Candidate, Rival
-from discrepancy.trains.evidence import Evidence, Settled, evidence_of, settled
+from discrepancy.trains.evidence import Evidence, FittedStates, evidence_of, fit_states
 from discrepancy.trains.gap import localised_off
 from discrepancy.trains.motion import LEAST_SIZE, Motion, Sizes
 from discrepancy.trains.rows import TrainLog
@@ -36,9 +36,9 @@ class Linearised:
     evidence: Evidence
 
     @property
-    def settled(self) -> Settled:
+    def fit(self) -> FittedStates:
         """The motions about which equations are linearised, and the sizes of noise."""
-        return self.evidence.settled
+        return self.evidence.fit
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -68,7 +68,7 @@ class Linearised:
     @property
     def log_evidence(self) -> float:
         """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
-        return -self.settled.deviance / 2
+        return -self.fit.deviance / 2
 
     @property
     def gap(self) -> tuple[float, float] | None:
@@ -77,36 +77,36 @@ class Linearised:
 
     @cached_property
     def _gap(self) -> tuple[float, float] | None:
-        return localised_off(self.train, self.train_logs, self.settled)
+        return localised_off(self.train, self.train_logs, self.fit)
 
-    def quieter(self, effects: Sequence[Candidate]) -> "Linearised":
+    def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes, and beside
         the family of unnamed alternatives that explains most.
 
         Effects that are not in the model would count as slip and noise.
         """
         chosen = [k for k, candidate in enumerate(self.candidates) if candidate in effects]
-        wanted, _ = self.evidence.best(chosen)
-        built, information, pull = self.train, self.evidence.information, self.evidence.pull
-        for k, size in zip(chosen, wanted.tolist(), strict=True):
+        best, _ = self.evidence.best(chosen)
+        built, information, score = self.train, self.evidence.information, self.evidence.score
+        for k, size in zip(chosen, best.tolist(), strict=True):
             size = float(np.clip(size, *bounds_of(self.candidates[k].kinds[0])))
-            if size * (2 * pull[k] - size * information[k, k]) > 0:
+            if size * (2 * score[k] - size * information[k, k]) > 0:
                 built = self.candidates[k].added(built, [size])
         with suppress(InputError):  # it does not fit at all
-            beside = settled(built, self.train_logs, self.settled, unnamed=self._likeliest_unnamed())
-            sizes = self.settled.sizes.at_most(beside.sizes)
-            if sizes != self.settled.sizes:
-                return linearise(self.train, self.train_logs, self.settled, self.candidates, sizes)
+            beside = fit_states(built, self.train_logs, self.fit, unnamed=self._likeliest_unnamed())
+            sizes = self.fit.sizes.at_most(beside.sizes)
+            if sizes != self.fit.sizes:
+                return linearise(self.train, self.train_logs, self.fit, self.candidates, sizes)
         return self
 
     def _likeliest_unnamed(self) -> list[Rival]:
         """Return all unnamed alternatives of the family that explains most together."""
-        information, pull = self.evidence.information, self.evidence.pull
+        information, score = self.evidence.information, self.evidence.score
         families: dict[str, list[int]] = {}
         for k, candidate in enumerate(self.candidates):
             if candidate.rival is not None and information[k, k] > 0:
                 families.setdefault(candidate.family, []).append(k)
-        gains = {name: float(pull[k] @ self.evidence.best(k)[0]) / len(k) for name, k in families.items()}
+        gains = {name: float(score[k] @ self.evidence.best(k)[0]) / len(k) for name, k in families.items()}
         chosen = families[max(gains, key=gains.__getitem__)] if gains else []
         return [rival for k in chosen if (rival := self.candidates[k].rival) is not None]
 
@@ -114,7 +114,7 @@ class Linearised:
 def linearise(
     train: TrainDescription,
     logs: Sequence[TrainLog],
-    start: Settled | None,
+    start: FittedStates | None,
     among: Sequence[Candidate],
     sizes: Sizes | None = None,
 ) -> Linearised:
@@ -123,10 +123,10 @@ def linearise(
     start: the motion of a similar train. sizes: known noise; None: fitted. Raises InputError for logs that the train
     cannot have made.
     """
-    return Linearised(train, tuple(logs), evidence_of(train, logs, settled(train, logs, start, sizes), among))
+    return Linearised(train, tuple(logs), evidence_of(train, logs, fit_states(train, logs, start, sizes), among))
 
 
-def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], Settled]:
+def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], FittedStates]:
     """Return logs as equations, in which steps with possible sliding of axles have little weight, and their motion.
 
     Raises InputError for a log that is not of this train, or that has neither relative poses nor a reference.
@@ -137,21 +137,21 @@ def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[Tra
 
 
 def sliding_in(
-    train: TrainDescription, logs: Sequence[TrainLog], start: Settled | None = None
-) -> tuple[list[TrainLog], Settled]:
+    train: TrainDescription, logs: Sequence[TrainLog], start: FittedStates | None = None
+) -> tuple[list[TrainLog], FittedStates]:
     """Return logs in which steps with possible sliding of a train's axles have little weight, and their motion.
 
     start: see `linearise`. These steps follow from a fit without sliding, as forces show only in slip. If the remaining
     steps then show no tension, the apparent sliding has another cause, unless frames are bent so much.
     """
     built, rough = train.as_built(), [log.with_loose(np.zeros_like(log.loose)) for log in logs]
-    gripping = settled(train, rough, start)
+    gripping = fit_states(train, rough, start)
     loosened, state = _loosened(built, rough, gripping.motions), gripping
     if any(log.loose.any() for log in loosened):
-        state = settled(train, loosened, gripping)
-        if state.sizes.pull <= LEAST_SIZE["pull"]:
+        state = fit_states(train, loosened, gripping)
+        if state.sizes.tension <= LEAST_SIZE["tension"]:
             loosened = _loosened(built, loosened, state.motions)
-            state = settled(train, loosened, gripping)
+            state = fit_states(train, loosened, gripping)
     return loosened, state
 
 

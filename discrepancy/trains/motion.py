@@ -12,7 +12,7 @@ from castor_envs.geometry.se2 import relative_pose
 class Motion:
     """The motion of a train at K samples, with the nuisances of the log.
 
-    pose (K, N, 3). roll (K, 2N), rad. pull (K, F): tension of each frame in the step that begins, in `bending.newtons`.
+    pose (K, N, 3). roll (K, 2N), rad. tension (K, F): of each frame in the step that begins, in `bending.newtons`.
     offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles' frames, m and rad.
     clock: s, by which the reference is ahead. creep (N,): relative excess of the creep of axles under bent frames over
     the prediction. raised (F,): part of a frame's bow by which its gauges read too much.
@@ -20,7 +20,7 @@ class Motion:
 
     pose: Array
     roll: Array
-    pull: Array
+    tension: Array
     offsets: Array
     mount: Array
     clock: float
@@ -35,14 +35,14 @@ class Motion:
     def moved(self, by_sample: Array, by_number: Array) -> "Motion":
         """Return the motion with these changes of the unknowns of every sample (K, B) and of the nuisances (n,)."""
         n = self.pose.shape[1]
-        pose, roll, pull = np.split(by_sample, [3 * n, 5 * n], axis=1)
+        pose, roll, tension = np.split(by_sample, [3 * n, 5 * n], axis=1)
         n_offsets = len(self.offsets)
         ends = np.cumsum([n_offsets, 3 * n, 1, n])
         offsets, mount, clock, creep, raised = np.split(by_number, ends)
         return Motion(
             self.pose + pose.reshape(-1, n, 3),
             self.roll + roll,
-            self.pull + pull,
+            self.tension + tension,
             self.offsets + offsets,
             self.mount + mount.reshape(n, 3),
             self.clock + float(clock[0]),
@@ -53,14 +53,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Standard deviations. rolling, side: slip of a wheel, and of an axle to its side, m after 1 m; pull: tension of a
-    frame, counted in `bending.newtons`; shape: of a frame's length along the bend, m; position, heading: of the
-    reference, m and rad. gauges (F,): of the readings of each frame's gauges, relative to the described noise.
+    """Standard deviations. rolling, side: slip of a wheel, and of an axle to its side, m after 1 m; tension: of a
+    frame, in `bending.newtons`; shape: of a frame's length along the bend, m; position, heading: of the reference, m
+    and rad. gauges (F,): of the readings of each frame's gauges, relative to the described noise.
     """
 
     rolling: float = 1e-3
     side: float = 1e-3
-    pull: float = 1.0
+    tension: float = 1.0
     shape: float = 3e-4
     position: float = 1e-3
     heading: float = 1e-3
@@ -85,6 +85,6 @@ class Sizes:
         return replace(self, **{kind: size})
 
 
-LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "pull": 0.1, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
-MOST_SIZE = {"pull": 10.0}
+LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "tension": 0.1, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
+MOST_SIZE = {"tension": 10.0}
 FITTED = tuple(LEAST_SIZE)

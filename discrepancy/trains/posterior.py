@@ -65,8 +65,8 @@ def _named(
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         built = with_effects(train, named)
         if among is not None:
-            return linearise(built, start.train_logs, start.settled, _of_trains(among))
-        return linearise(built, *sliding_in(built, start.train_logs, start.settled), first.candidates)
+            return linearise(built, start.train_logs, start.fit, _of_trains(among))
+        return linearise(built, *sliding_in(built, start.train_logs, start.fit), first.candidates)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         in_model = _sizes(seen, named)

@@ -50,7 +50,7 @@ RAISED = 0.06
 """Standard deviation of the part of its bow by which a frame's gauges read too much under tension: they are not points,
 and represent the curvature between them."""
 
-PULLING = 5.0
+TENSION_TIME = 5.0
 """s: correlation time of a frame's tension, as the causes of wheels' disagreement change slowly."""
 
 START = 1.0
@@ -100,7 +100,7 @@ class TrainLog:
         self.numbers = int(self.gauges[-1]) + 4 * self.n + 1 + frames
         self.creeping = int(self.gauges[-1]) + 3 * self.n + 1
         self.loose = np.zeros((self.k - 1, self.n), dtype=bool)
-        self.lasting = np.exp(-np.diff(self.t) / PULLING)[:, None]
+        self.lasting = np.exp(-np.diff(self.t) / TENSION_TIME)[:, None]
         per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
         radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
@@ -198,8 +198,8 @@ class TrainLog:
         ahead = np.repeat(along, 2, axis=1) - lateral * np.repeat(turn, 2, axis=1)
         left["rolling"] = ahead - rolled - slip[..., :2].reshape(-1, 2 * n)
         left["side"] = across - slip[..., 2]
-        left["pull"] = motion.pull.copy()
-        left["pull"][1:] -= self.lasting * motion.pull[:-1]
+        left["tension"] = motion.tension.copy()
+        left["tension"][1:] -= self.lasting * motion.tension[:-1]
         for f, frame in enumerate(built.frames):
             offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
             bowed = self._bowed(built, motion, ends, f)
@@ -232,7 +232,7 @@ class TrainLog:
             "counts": np.full((self.k, 2 * self.n), 12**0.5),
             "rolling": np.repeat(np.where(self.loose, SLIDING, 1.0) / travel, 2, axis=1),
             "side": np.where(self.loose, SLIDING, 1.0) / travel,
-            "pull": np.repeat(np.append(1.0, (1 - self.lasting**2) ** -0.5)[:, None], self.f, axis=1),
+            "tension": np.repeat(np.append(1.0, (1 - self.lasting**2) ** -0.5)[:, None], self.f, axis=1),
             "shape": 1 / np.hypot(1.0, shorter / STRAIGHT),
             "position": np.ones((len(self.at), self.n, 2)),
             "heading": np.ones((len(self.at), self.n)),
@@ -263,7 +263,7 @@ class TrainLog:
 
         along, across, turn, (c, s) = self._steps(motion)
         longer = 1 / np.sinc(turn / (2 * np.pi))
-        by_pull = self._by_pull(built, motion, ends)
+        by_tension = self._by_tension(built, motion, ends)
         rolling = []
         for side in range(2):
             lateral, radius = (np.array([getattr(w, name) for w in wheels[side::2]]) for name in ("lateral", "radius"))
@@ -274,13 +274,13 @@ class TrainLog:
                 *(c * longer, s * longer, bend + grow - lateral),
                 np.broadcast_to(radius, along.shape),
                 np.broadcast_to(-radius, along.shape),
-                *(-by_pull[:, :, side, f] for f in range(self.f)),
+                *(-by_tension[:, :, side, f] for f in range(self.f)),
             ]
             pose = steps[:, None] * block + 3 * np.arange(n)
             wheel = steps[:, None] * block + 3 * n + 2 * np.arange(n) + side
-            pull = steps[:, None] * block + 5 * n + 0 * np.arange(n)
+            of_tension = steps[:, None] * block + 5 * n + 0 * np.arange(n)
             places = [pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, wheel, wheel + block]
-            places += [pull + f for f in range(self.f)]
+            places += [of_tension + f for f in range(self.f)]
             rolling.append((np.stack(places, axis=-1), np.stack(values, axis=-1)))
         places = np.stack([place for place, _ in rolling], axis=2)
         values = np.stack([value for _, value in rolling], axis=2)
@@ -291,15 +291,19 @@ class TrainLog:
         found["rolling"] = self._sparse(places, values, turned.reshape(-1, self.numbers))
         pose = steps[:, None] * block + 3 * np.arange(n)
         flat = along / longer
-        pulls = [steps[:, None] * block + 5 * n + f + 0 * np.arange(n) for f in range(self.f)]
-        places = np.stack([pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, *pulls], axis=-1)
-        tensions = [-by_pull[:, :, 2, f] for f in range(self.f)]
+        of_tensions = [steps[:, None] * block + 5 * n + f + 0 * np.arange(n) for f in range(self.f)]
+        places = np.stack(
+            [pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, *of_tensions], axis=-1
+        )
+        tensions = [-by_tension[:, :, 2, f] for f in range(self.f)]
         values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2, *tensions], axis=-1)
         found["side"] = self._sparse(places, values, aside.reshape(-1, self.numbers))
-        pull = samples[:, None] * block + 5 * n + np.arange(self.f)
-        before = np.concatenate([pull[:1], pull[:-1]])
+        of_tension = samples[:, None] * block + 5 * n + np.arange(self.f)
+        before = np.concatenate([of_tension[:1], of_tension[:-1]])
         kept = np.append(0.0, -self.lasting)[:, None] * np.ones(self.f)
-        found["pull"] = self._sparse(np.stack([pull, before], axis=-1), np.stack([np.ones_like(kept), kept], axis=-1))
+        found["tension"] = self._sparse(
+            np.stack([of_tension, before], axis=-1), np.stack([np.ones_like(kept), kept], axis=-1)
+        )
 
         by_pose, places = self._relative_derivatives(motion)
         by_posture = [bending.ends_by_posture(frame, ends[:, f]) for f, frame in enumerate(built.frames)]
@@ -398,7 +402,7 @@ class TrainLog:
 
     def _bowed(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
         """Return the curvature (K,) by which a frame bows under its tension, 1/m."""
-        return bending.bow(built.frames[f], ends[:, f], bending.newtons(built)[f] * motion.pull[:, f])[:, 0]
+        return bending.bow(built.frames[f], ends[:, f], bending.newtons(built)[f] * motion.tension[:, f])[:, 0]
 
     def _by_gauge(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
         """Return the derivatives (K, 3, gauges) of a frame's reading by its gauges' errors."""
@@ -414,35 +418,37 @@ class TrainLog:
             columns.append((above - below) / 2e-4)
         return np.stack(columns, axis=-1)
 
-    def creep(self, built: TrainDescription, motion: Motion, ends: Array, pull: Array | None = None) -> Array:
+    def creep(self, built: TrainDescription, motion: Motion, ends: Array, tension: Array | None = None) -> Array:
         """Return the predicted slips of left wheels, right wheels and axles in each step (K - 1, N, 3), m.
 
-        pull (K, F): the frames' tension, in units of `bending.newtons`; None: the motion's.
+        tension (K, F): the frames' tension, in units of `bending.newtons`; None: the motion's.
         """
-        slip = bending.creep(built, self._loads(built, motion, ends, motion.pull if pull is None else pull))
+        slip = bending.creep(built, self._loads(built, motion, ends, motion.tension if tension is None else tension))
         return slip * self._travelled
 
     def _loads(
-        self, built: TrainDescription, motion: Motion, ends: Array, pull: Array, change: Array | float = 0.0
+        self, built: TrainDescription, motion: Motion, ends: Array, tension: Array, change: Array | float = 0.0
     ) -> Array:
         """Return the loads of frames on the axles in each step (K - 1, N, 3), N and N m. change: added to relative
         poses (F, 3)."""
         relative, middle = motion.relative + change, (ends[1:] + ends[:-1]) / 2
-        return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, bending.newtons(built) * pull[:-1])
+        return bending.loads(built, (relative[1:] + relative[:-1]) / 2, middle, bending.newtons(built) * tension[:-1])
 
     def sliding(self, built: TrainDescription, motion: Motion) -> NDArray[np.bool_]:
         """Return the steps (K - 1, N) in which the force on a wheel is near the friction limit of its contact."""
-        load = self._loads(built, motion, self.ends(built, motion.relative), motion.pull)
+        load = self._loads(built, motion, self.ends(built, motion.relative), motion.tension)
         turning = np.abs(load[..., 2]) / bending.half_track(built)
         used = np.hypot(np.abs(load[..., 0]) + turning, load[..., 1]) / bending.sliding_force(built)
         near = binary_dilation(used > NEARLY, iterations=AROUND, structure=np.array([[0, 1, 0]] * 3, dtype=bool))
         return np.asarray(near, dtype=bool)
 
-    def _by_pull(self, built: TrainDescription, motion: Motion, ends: Array) -> Array:
+    def _by_tension(self, built: TrainDescription, motion: Motion, ends: Array) -> Array:
         """Return the derivatives (K - 1, N, 3, F) of slips by the frames' tension."""
-        no_pull, *unit_pulls = (np.broadcast_to(pull, (self.k, self.f)) for pull in (np.zeros(self.f), *np.eye(self.f)))
-        without = self.creep(built, motion, ends, no_pull)
-        return np.stack([self.creep(built, motion, ends, pull) - without for pull in unit_pulls], axis=-1)
+        no_tension, *unit_tensions = (
+            np.broadcast_to(tension, (self.k, self.f)) for tension in (np.zeros(self.f), *np.eye(self.f))
+        )
+        without = self.creep(built, motion, ends, no_tension)
+        return np.stack([self.creep(built, motion, ends, tension) - without for tension in unit_tensions], axis=-1)
 
     def _by_bend(
         self,
@@ -456,7 +462,7 @@ class TrainLog:
 
         by_y_phi (K, F, 2, 2): derivatives of `ends`. relative: see `_relative_derivatives`.
         """
-        k, n, no_pull, (by_pose, places) = self.k, self.n, np.zeros_like(motion.pull), relative
+        k, n, no_tension, (by_pose, places) = self.k, self.n, np.zeros_like(motion.tension), relative
         by_relative = np.zeros((k - 1, n, 3, self.f, 2))
         steps = (np.array([0.0, BENT * self.described.frames[0].length, 0.0]), np.array([0.0, 0.0, BENT]))
         for first in range(min(2, self.f)):  # frames that share no axle, all at once
@@ -466,8 +472,8 @@ class TrainLog:
                 for change in (step, -step):
                     moved = ends + chosen * (by_y_phi @ change[1:])
                     load, described_load = (
-                        self._loads(train, motion, moved, pull, chosen * change)
-                        for train, pull in ((built, motion.pull), (self.described, no_pull))
+                        self._loads(train, motion, moved, tension, chosen * change)
+                        for train, tension in ((built, motion.tension), (self.described, no_tension))
                     )
                     creep = (
                         bending.creep(built, load)
@@ -513,7 +519,7 @@ class TrainLog:
 
     def bent(self, motion: Motion, ends: Array) -> Array:
         """Return `creep` of the train as described, for frames without tension."""
-        return self.creep(self.described, motion, ends, np.zeros_like(motion.pull))
+        return self.creep(self.described, motion, ends, np.zeros_like(motion.tension))
 
     def _steps(self, motion: Motion) -> tuple[Array, Array, Array, tuple[Array, Array]]:
         """Return every axle's motion along its arc, across, and in heading in each step, and its middle direction."""

@@ -58,8 +58,8 @@ def drive(
         seen[k, :w], seen[k, w:] = wheel, castor
         if k == rows - 1:
             break
-        believed = castor_angles(geometry, encoders.pivot(castor))
-        commands = controller.commands(believed, twist[k])
+        measured = castor_angles(geometry, encoders.pivot(castor))
+        commands = controller.commands(measured, twist[k])
         world.advance(commands.wheel, commands.steering)
         command.append(commands.wheel)
         steering.append(commands.steering)

@@ -42,7 +42,7 @@ MOUNT_SEEN = 0.5
 
 LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5)
 ROUNDS, PROBES = 60, 4
-CONVERGED, SETTLED, SETTLED_BY = 0.01, 0.02, 0.1
+CONVERGED, NOISE_CONVERGED, NOISE_CONVERGED_BY_ERROR = 0.01, 0.02, 0.1
 """Converged when no parameter moves by more than the first part of its standard error, and no noise changes by more
 than the second part of itself or, where few residuals determine it, the third part of its standard error."""
 
@@ -59,7 +59,7 @@ SHORTEST, SLACK = 1 / 64, 0.01
 """Least part of a step that is taken; and the increase of the sum of squares that is accepted, as rounding may cause
 it."""
 
-SETTLING = 2
+WARM_UP = 2
 """Rounds in which states and noise converge before parameters move."""
 
 CHANGE = 1e-6
@@ -207,7 +207,7 @@ def fitted(
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
     at, sizes = start or (at, Noise())
     sizes, probes = (sizes, PROBES) if noise is None else (noise, 0)
-    settling = SETTLING if parameters and start is None else 0
+    warm_up = WARM_UP if parameters and start is None else 0
     k = 0
     while True:
         geometry = geometry_with(described, parameters, at.found)
@@ -217,11 +217,11 @@ def fitted(
             for model, state, clock in zip(models, at.states, at.clocks, strict=True)
         ]
         solution = _solve(
-            reductions, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= settling else 0.0
+            reductions, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= warm_up else 0.0
         )
         at, left, part = _stepped(reductions, described, parameters, at, solution, placed)
         last, sizes = sizes, sizes if noise else resized(sizes, left, least)
-        done = k > settling and part == 1 and solution.moved < CONVERGED and _same(sizes, last, left)
+        done = k > warm_up and part == 1 and solution.moved < CONVERGED and _same(sizes, last, left)
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
@@ -229,11 +229,12 @@ def fitted(
 
 
 def _same(sizes: Noise, last: Noise, left: list[Leftover]) -> bool:
-    """Whether no noise changed by more than `SETTLED` of itself, or `SETTLED_BY` of its standard error."""
+    """Whether each noise changed by no more than `NOISE_CONVERGED` of itself, or `NOISE_CONVERGED_BY_ERROR` of its
+    standard error."""
     for name, size in asdict(sizes).items():
         freedom = sum(leftover.expected.get(name, 0.0) for leftover in left)
         error = 1 / np.sqrt(2 * max(freedom, LEAST_FREEDOM))
-        if abs(size / getattr(last, name) - 1) > max(SETTLED, SETTLED_BY * error):
+        if abs(size / getattr(last, name) - 1) > max(NOISE_CONVERGED, NOISE_CONVERGED_BY_ERROR * error):
             return False
     return True
 
@@ -255,7 +256,7 @@ def _stepped(
     scale = _scales(parameters)
     moved_by = np.concatenate([scale[:, None] * solution.step, solution.mount])
 
-    def squares(state: State) -> float:  # and what was believed of the mount
+    def squares(state: State) -> float:  # and the prior of the mount
         geometry = geometry_with(described, parameters, state.found)
         logs = zip(reductions, state.states, state.clocks, strict=True)
         prior = np.sum((state.mount / placed) ** 2)

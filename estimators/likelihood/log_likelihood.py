@@ -192,7 +192,7 @@ class LogLikelihood:
         rolled[:, first:] = rolled[:, :first] @ (in_castor / np.maximum(in_castor.sum(axis=1, keepdims=True), 1)).T
         return rolled
 
-    def wanted(self, state: Array) -> Array:
+    def score_by_counts(self, state: Array) -> Array:
         """Return the score (K, s + d): derivatives of the log-likelihood by an excess of counts, at the most likely
         state."""
         return self._readings**2 * (self._counts - state[:, 3:])
@@ -338,12 +338,12 @@ class LogLikelihood:
         numbers_block = eliminated(kinds.values(), factors, n, n + 1 + probes)
         least = float(numbers_block[n, n])
         numbers_block = numbers_block[:n]
-        believed, expected_clock = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6, np.zeros(2)
+        clock_deviation, expected_clock = CLOCK if self.poses_used >= TIMED else CLOCK * 1e-6, np.zeros(2)
         if rate is not None:
-            believed, expected_clock = np.array([believed[0], RATE_KNOWN]), np.array([0.0, rate])
-        numbers_block[p:, p:n] += np.diag(believed**-2.0)
-        numbers_block[p:, n] += (clock - expected_clock) / believed**2
-        least += float(np.sum(((clock - expected_clock) / believed) ** 2))
+            clock_deviation, expected_clock = np.array([clock_deviation[0], RATE_KNOWN]), np.array([0.0, rate])
+        numbers_block[p:, p:n] += np.diag(clock_deviation**-2.0)
+        numbers_block[p:, n] += (clock - expected_clock) / clock_deviation**2
+        least += float(np.sum(((clock - expected_clock) / clock_deviation) ** 2))
         clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
         reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
         least -= float(numbers_block[p:, n] @ clocks[:, p])
@@ -377,7 +377,9 @@ class LogLikelihood:
 
         def squares_at(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
             values = self._values(self.missed(geometry, state), state, clock, mount, weights)
-            return float(sum(np.sum(part**2) for part in (*values.values(), (clock - expected_clock) / believed)))
+            return float(
+                sum(np.sum(part**2) for part in (*values.values(), (clock - expected_clock) / clock_deviation))
+            )
 
         return Reduced(
             (reduced[:, :p] + reduced[:, :p].T) / 2,
@@ -521,7 +523,7 @@ class LogLikelihood:
             start[:, row, column], end[:, row, column] = length, -length
         return start * self._magnified(geometry), end * self._magnified(geometry)
 
-    def fought(
+    def masked_by_creep(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, yields: Array
     ) -> Array:
         """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts.
@@ -591,7 +593,7 @@ class LogLikelihood:
     def _contradicting(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array
     ) -> Array:
-        """Return the change of the residuals of every step (K - 1, rows, G + R), per unit as in `fought`."""
+        """Return the change of the residuals of every step (K - 1, rows, G + R), per unit as in `masked_by_creep`."""
         residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
         by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
         found = np.empty((*residual.shape, len(change) + readings.shape[-1]))

@@ -30,7 +30,7 @@ from discrepancy.trials.bullet.model import DROOP, STEERING_DROOP, STEP, Rig, pa
 from discrepancy.trials.bullet.outside import Outside
 from discrepancy.trials.foreign.build import Build, Controller
 from discrepancy.trials.foreign.run import Run, read, start_angles
-from discrepancy.trials.foreign.sensors import Sensors, believed
+from discrepancy.trials.foreign.sensors import Sensors, measured_angles
 from discrepancy.trials.noise import Noise
 
 GIVING_WAY = 0.03
@@ -90,7 +90,7 @@ def simulate(
         angle[0], pose[0] = stepper.state()
         seen = sensors.push(t[:1], angle[:1])
         for k in range(samples):
-            measured = believed(described, sensors.pivots(seen[-1]))
+            measured = measured_angles(described, sensors.pivots(seen[-1]))
             command[k], steering[k] = controller.commands(measured, motion.at((k + 0.5) * period)[1])
             ahead = slice(k * substeps + 1, (k + 1) * substeps + 1)
             for row in range(ahead.start, ahead.stop):

@@ -65,7 +65,7 @@ class Sensors:
         return np.round(counts) if rounded else counts
 
 
-def believed(build: Build, counts: Array) -> Array:
+def measured_angles(build: Build, counts: Array) -> Array:
     """Return the castor angles (n,) that a robot computes from its pivot counts (pivot encoders,)."""
     theta, sensed = build.angle.copy(), np.isfinite(build.pivot_counts)
     theta[sensed] = counts * 2 * math.pi / build.pivot_counts[sensed] - build.zero[sensed]

@@ -22,7 +22,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.foreign.build import Build, Controller
 from discrepancy.trials.foreign.run import Run as AnyRun
 from discrepancy.trials.foreign.run import read, start_angles
-from discrepancy.trials.foreign.sensors import Sensors, believed
+from discrepancy.trials.foreign.sensors import Sensors, measured_angles
 from discrepancy.trials.mujoco.model import AHEAD, STEP, Rig, mujoco_module, parts_of, rig_of
 from discrepancy.trials.mujoco.outside import Outside
 from discrepancy.trials.noise import Noise
@@ -100,7 +100,7 @@ def simulate(
     sensors, controller = Sensors(robot), Controller(described, period, robot.max_steering_speed)
     seen = sensors.push(t[:1], _angles(rig, course[:1], course[0], described))
     for k in range(samples):
-        measured = believed(described, sensors.pivots(seen[-1]))
+        measured = measured_angles(described, sensors.pivots(seen[-1]))
         twist = motion.at((k + 0.5) * period)[1]
         command[k], steering[k] = controller.commands(measured, twist)
         _command(rig, robot, described, command[k], steering[k])

@@ -31,7 +31,7 @@ def driven(*effects):
 def fitted_parts(robot, log):
     """The parts of creep as predicted that a log shows."""
     model = LogLikelihood(Geometry.of(robot.as_built()), log)
-    _, _, shared, _ = fit_states.settled(robot, [model], [log], None, None, LEAST)
+    _, _, shared, _ = fit_states.fit_states(robot, [model], [log], None, None, LEAST)
     return shared.parts
 
 
@@ -73,5 +73,5 @@ def test_noise_beside_an_effect_is_what_it_leaves():
     (candidate,) = [candidate for candidate in candidates_of(robot) if candidate.is_of(radius)]
     with_it, without = (linearise(robot, [log], among=[candidate]) for log in logs)
     assert with_it.noise.along > 4 * without.noise.along
-    left, least = (seen.quieter([candidate]).noise.along for seen in (with_it, without))
+    left, least = (seen.reestimate_noise([candidate]).noise.along for seen in (with_it, without))
     assert left - least < 0.1 * (with_it.noise.along - without.noise.along)

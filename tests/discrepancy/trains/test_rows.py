@@ -29,7 +29,7 @@ def test_derivatives_of_residuals_are_what_small_changes_make(log):
     sample, number = 1e-6 * random.standard_normal((rows.k, rows.block)), 1e-5 * random.standard_normal(rows.numbers)
     more, less = (rows.residuals(built, motion.moved(sign * sample, sign * number)) for sign in (1, -1))
     derivatives = rows.jacobians(built, motion, rows.bends(built, motion))
-    for kind in ("counts", "rolling", "side", "pull", "shape", "gauges0", "gauges1"):
+    for kind in ("counts", "rolling", "side", "tension", "shape", "gauges0", "gauges1"):
         change = (more[kind] - less[kind]).ravel() / 2
         said = derivatives[kind].by_sample @ sample.ravel() + derivatives[kind].by_number @ number
         assert np.linalg.norm(said - change) < 2e-3 * np.linalg.norm(change), kind
@@ -68,9 +68,9 @@ def test_steps_in_which_axles_are_pulled_as_hard_as_they_grip_may_slide(log):
     assert not rows.sliding(TRAIN, motion).any()
     module = TRAIN.modules[0]
     grip = module.contact.friction * (module.mass + module.castors[0].mass) * 9.81
-    pull = motion.pull.copy()
-    pull[40:50, 0] = 1.1 * grip / newtons(TRAIN)[0]
-    loose = rows.sliding(TRAIN, dataclasses.replace(motion, pull=pull))
+    tension = motion.tension.copy()
+    tension[40:50, 0] = 1.1 * grip / newtons(TRAIN)[0]
+    loose = rows.sliding(TRAIN, dataclasses.replace(motion, tension=tension))
     assert loose[40:50, :2].all()
     assert not loose[:30].any()
     assert not loose[60:].any()

@@ -132,9 +132,9 @@ def test_coarser_encoders_leave_more_in_proportion():
 @pytest.mark.parametrize("castor", [1, 2, 3])
 @pytest.mark.parametrize("wheel", [1, 2])
 def test_a_wrong_wheel_radius_shows_on_that_wheel(castor, wheel):
-    believed = preset("asoc-prototype")
-    real = believed.with_effects(WheelRadius(castor=castor, wheel=wheel, value=0.02)).as_built()
-    parity = parity_residual(believed, rolled_log(real))
+    described = preset("asoc-prototype")
+    real = described.with_effects(WheelRadius(castor=castor, wheel=wheel, value=0.02)).as_built()
+    parity = parity_residual(described, rolled_log(real))
     ratio = parity.rolling_rms / parity.rolling_rounding
     assert np.argmax(ratio) == 2 * (castor - 1) + wheel - 1
     assert ratio.max() > 2
@@ -142,9 +142,9 @@ def test_a_wrong_wheel_radius_shows_on_that_wheel(castor, wheel):
 
 @pytest.mark.parametrize("castor", [1, 2, 3])
 def test_a_biased_pivot_shows_on_that_castor(castor):
-    believed = preset("asoc-prototype")
-    real = believed.with_effects(PivotBias(castor=castor, value=0.05)).as_built()
-    parity = parity_residual(believed, rolled_log(real))
+    described = preset("asoc-prototype")
+    real = described.with_effects(PivotBias(castor=castor, value=0.05)).as_built()
+    parity = parity_residual(described, rolled_log(real))
     ratio = parity.side_slip_rms / parity.side_slip_rounding
     assert np.argmax(ratio) == castor - 1
     assert ratio.max() > 3
