@@ -222,7 +222,7 @@ def tables(
 
 @app.command()
 def calibrate(
-    logs: Annotated[list[Path], typer.Argument(help="CSV logs of any drives; reference poses tell the most.")],
+    logs: Annotated[list[Path], typer.Argument(help="CSV logs of any drives; reference poses show the most.")],
     robot: Annotated[str, typer.Option(help="The robot that made them: a file, or a preset's name.")],
     out: Annotated[Path, typer.Option(help="The calibrated robot's file; it must not exist yet.")],
     method: Annotated[

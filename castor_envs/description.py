@@ -131,11 +131,11 @@ def explain(error: ValidationError) -> str:
     for item in error.errors()[:3]:
         place = ".".join(str(part) for part in item["loc"])
         message = _IN_OUR_WORDS.get(item["type"], item["msg"].removeprefix("Value error, "))
-        told = item.get("ctx", {})
+        limits = item.get("ctx", {})
         if item["type"] == "too_short":
-            message = f"needs at least {told['min_length']} of them, has {told['actual_length']}"
+            message = f"needs at least {limits['min_length']} of them, has {limits['actual_length']}"
         elif item["type"] == "too_long":
-            message = f"needs at most {told['max_length']} of them, has {told['actual_length']}"
+            message = f"needs at most {limits['max_length']} of them, has {limits['actual_length']}"
         given = item["input"]
         hidden = isinstance(given, dict | list | tuple) or item["type"] in _IN_OUR_WORDS
         shown = "" if hidden else f", got {shortened(repr(given), 80)}"

@@ -370,8 +370,8 @@ def _answer(connection: Connection) -> Outcome:
     except BaseException as error:
         # Errors of plug-ins' own types stay here: the parent would have to load their code.
         known = type(error).__module__ in ("builtins", InputError.__module__)
-        told = error if known and isinstance(error, InputError | OSError) else None
-        return Raised(traceback.format_exc(), told)
+        raised = error if known and isinstance(error, InputError | OSError) else None
+        return Raised(traceback.format_exc(), raised)
 
 
 def _end_with_parent() -> None:

@@ -133,7 +133,7 @@ def find(
     ] = None,
     separate: Annotated[
         Path | None,
-        typer.Option(help="Write the drive that would tell the names of an ambiguous answer apart to this CSV file."),
+        typer.Option(help="Write the drive that would distinguish the names of an ambiguous answer to this CSV file."),
     ] = None,
     material: Annotated[float, typer.Option(help="mm after 10 m, and mrad after a turn, that matter.", min=0)] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-diagnosis/2).")] = False,

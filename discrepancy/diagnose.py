@@ -26,9 +26,9 @@ from discrepancy.posterior.finder import Diagnosis, diagnose
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake, Preflight, check_logs, preflight
-from discrepancy.report import answers, pictures, sentences, told
+from discrepancy.report import answers, pictures, plain_data, sentences
 from discrepancy.report.parts import names_apart
-from discrepancy.report.told import Data
+from discrepancy.report.plain_data import Data
 from discrepancy.report.traces import Traces, traces_of
 from discrepancy.validation.replay import Replay, joined, replay
 from estimators.calibration.maximum_likelihood import State, straightened
@@ -47,10 +47,10 @@ def posterior_of(
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """What the posterior says: as data (castor-diagnosis/2), and the robot with what is named; None if nothing is.
+    """The diagnosis: as data (castor-diagnosis/2), and the robot with the named effects; None if none is named.
 
-    seen: logs, and held-out ones if there are any, each with what is left of them without and with what is named.
-    nominal, explained: the robot without and with it, as logs with their wiring undone show it, but for effects on
+    seen: logs, and held-out ones if there are any, each with its residuals without and with the named effects.
+    nominal, explained: the robot without and with these, as logs with their wiring undone show it, but for effects on
     time. replays: of the logs, without and with it. drives: those that would separate ambiguous answers.
     """
 
@@ -94,9 +94,9 @@ class Examined:
 def examine(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> Examined:
-    """Return what logs, by their names, say of a robot, as `posterior_of`, with what its report holds.
+    """Return the diagnosis of a robot by logs with their names, as `posterior_of`, with all that its report holds.
 
-    What is left with what is named is that of the robot that is written: found anew from the logs, from nothing else.
+    Residuals with the named effects are those of the robot file that is written, linearised afresh from the logs.
     """
     prepared = _prepared(robot, logs, held_out, clean)
     diagnosis, checked = _posterior(prepared, material), prepared.checked
@@ -120,7 +120,7 @@ def examine(
     )
     best = seen["these logs"][2] or diagnosis.before
     noise = None if best.gap is None else best.noise
-    data = told.as_data(diagnosis, checked.mistakes, *(after for _, _, after in seen.values())) | {
+    data = plain_data.as_data(diagnosis, checked.mistakes, *(after for _, _, after in seen.values())) | {
         "robot_hash": robot.hash(),
         "logs": list(logs),
         "held_out_logs": list(held_out),
@@ -132,7 +132,7 @@ def examine(
     }
     drives = separating_drives(diagnosis.robot, diagnosis.answers, diagnosis.after)
     for plain, drive in zip(data["answers"], drives, strict=True):
-        plain["separating_drive"] = None if drive is None else told.drive_data(drive)
+        plain["separating_drive"] = None if drive is None else plain_data.drive_data(drive)
     if sentences.unexplained(data):
         log_set, before, after = seen["these logs"]
         last = (nominal, before) if after is None else (explained_now, after)
@@ -254,7 +254,7 @@ def _replays(
     before: State | None = None,
     after: State | None = None,
 ) -> tuple[Replay, Replay | None] | None:
-    """Return what the full simulation leaves, without and with what was found; None where it cannot be told."""
+    """Return the replays by the full simulation, without and with the effects found; None where there are none."""
     if before is None or not logs:
         return None
     try:

@@ -32,7 +32,7 @@ SAME = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SeparatingDrive:
-    """A drive, where poses are to be taken, and the log Bayes factor that is expected with it, at least."""
+    """A drive, the places where poses are to be taken, and the least log Bayes factor that is expected of it."""
 
     trajectory: Trajectory
     poses: Poses
@@ -47,10 +47,10 @@ class SeparatingDrive:
 def separating_drives(
     robot: RobotDescription, answers: Sequence[Answer], seen: Linearised
 ) -> list[SeparatingDrive | None]:
-    """Return of each answer the drive that best tells the effects in its credible set from each other, and is new.
+    """Return for each answer the new drive that best distinguishes the effects in its credible set.
 
-    seen: what logs say of all candidates. None for answers that are not ambiguous, whose set has no two effects, or
-    where no drive makes the odds between any two of them as large as a credible set asks for.
+    seen: statistics of all candidates in the logs. None for answers that are not ambiguous, whose set has no two
+    effects, or where no drive makes the odds between any two of them as large as a credible set requires.
     """
     best: list[SeparatingDrive | None] = [None] * len(answers)
     asked = {k: likely for k, answer in enumerate(answers) if len(likely := _likely(answer, seen)) > 1}
@@ -84,25 +84,25 @@ def _likely(answer: Answer, seen: Linearised) -> list[int]:
 def _expected(
     new: Linearised, seen: Linearised, answer: Answer, likely: Sequence[int], order: GoodOrder, known: Array
 ) -> float:
-    """Return the least log Bayes factor to be expected between the effects of an answer; 0 if the drive hides one.
+    """Return the least expected log Bayes factor between the effects of an answer; 0 if the drive hides one.
 
-    known (m, m): information of the logs there are, beyond good order. The answer's effect, the first, is as large as
-    it was found; each other one as large as it looks most like that in the logs there are. What they are told from may
-    be of any size, and hidden by wheels in any part.
+    known (m, m): information of the logs so far, beyond good order. The answer's effect, the first, has the size that
+    was found; each other effect has the size at which it is most similar to that in these logs. The alternative to each
+    may have any size, and any part of it may be masked by creep.
     """
     if any(seen.candidates[k] not in new.candidates for k in likely):
         return 0.0
-    told = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
+    information = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
     directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
     found = sizes_of([Place(likely[0], answer.hidden)], [answer.amplitudes], seen)
     sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
     pairs = itertools.permutations(range(len(likely)), 2)
-    left = (sizes[a] - _nearest(sizes[a], directions[b], told) for a, b in pairs)
-    return min(float(size @ told @ size) / 2 for size in left)
+    left = (sizes[a] - _nearest(sizes[a], directions[b], information) for a, b in pairs)
+    return min(float(size @ information @ size) / 2 for size in left)
 
 
 def _nearest(size: Array, directions: Sequence[Array], information: Array) -> Array:
-    """Return the size (m,) along any of some directions (m, c) that looks most like `size` (m,)."""
+    """Return the size (m,) along one of the directions (m, c) whose signature is most similar to that of `size`."""
     nearest = []
     for direction in directions:
         strength = direction.T @ information @ direction
@@ -112,7 +112,7 @@ def _nearest(size: Array, directions: Sequence[Array], information: Array) -> Ar
 
 
 def _in_columns_of(seen: Linearised, new: Linearised) -> Statistics:
-    """Return what a new log is expected to say, in the columns of what is seen; nothing of what it does not show."""
+    """Return the expected statistics of a new log, in the columns of `seen`; 0 for candidates that it does not show."""
     columns = np.concatenate([seen.columns[seen.candidates.index(candidate)] for candidate in new.candidates])
     at = np.concatenate([columns, columns + len(seen.usual)])
     of = np.concatenate([*new.columns, *(columns + len(new.usual) for columns in new.columns)])

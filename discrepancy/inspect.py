@@ -15,7 +15,7 @@ FORMAT = "castor-inspect/1"
 
 #: The drift (`Parity.rolling_drift`) from which on a log contradicts its robot file. Simulated perfect rolling stayed
 #: below 1.5 at 10 to 100 samples a second (at 5, castors that swing round reach 2); half a percent of one wheel's
-#: radius reached 3 and more at 20, on small and large robots. The rms of single samples cannot tell as much: the
+#: radius reached 3 and more at 20, on small and large robots. The rms of single samples cannot show as much: the
 #: prediction for it holds within about 20 % for rolling and reads up to 35 % high for side slip, where castors hardly
 #: turn even more, and half a percent of a radius moves it by a fifth. From this much on it is mentioned, but what
 #: curved motion leaves between coarse samples has the same look.

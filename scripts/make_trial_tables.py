@@ -2,7 +2,7 @@
 
     castor-diagnose trial --out FOLDER && python scripts/make_trial_tables.py FOLDER...
 
-Without folders, the table is made anew of what is stored. Folders may hold what several finders said.
+Without folders, the table is made anew of what is stored. Folders may hold the answers of several finders.
 """
 
 import json
@@ -22,13 +22,13 @@ Figures = dict[str, Any]
 
 
 def figures_of(folders: list[Path]) -> Figures:
-    """Return the scores of all finders that have spoken in some trials, as plain data."""
+    """Return the scores of all finders that have answered in some trials, as plain data."""
     trials = []
     for folder in folders:
         for outcomes in sorted(path for path in (folder / "outcomes").iterdir() if any(path.glob("case-*.json"))):
             scores = report(folder, outcomes.name)
-            told = {key: scores[key] for key in ("plan", "finder", "judged")}
-            trials.append(told | {key: scores["all"][key] for key in ("rates", "reliability", "calibration_error")})
+            shown = {key: scores[key] for key in ("plan", "finder", "judged")}
+            trials.append(shown | {key: scores["all"][key] for key in ("rates", "reliability", "calibration_error")})
     return {"format": FORMAT, "trials": trials}
 
 
@@ -43,7 +43,7 @@ def table(figures: Figures) -> str:
     for k, rate in enumerate(trials[0]["rates"]):
         rows.append([rate["what"].replace("  ", "– "), *(_cell(trial["rates"][k]) for trial in trials)])
     errors = ["-" if (off := trial["calibration_error"]) is None else f"{off:.2f}" for trial in trials]
-    rows.append(["expected calibration error of told probabilities", *errors])
+    rows.append(["expected calibration error of reported probabilities", *errors])
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 

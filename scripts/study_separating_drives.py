@@ -79,7 +79,7 @@ def case(name: str, number: int, seed: int) -> str:
 
 
 def examined(robot: RobotDescription, logs: dict[str, Log]) -> Examined | None:
-    """Return what logs say; None where the finder breaks down, which is told."""
+    """Return what logs say; None where the finder breaks down, which is reported."""
     try:
         return examine(robot, logs, {}, {})
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -143,7 +143,7 @@ def test_commands_and_options_in_documents_exist(document):
     text = (ROOT / document).read_text(encoding="utf-8")
     blocks = "\n".join(re.findall(r"```bash\n(.*?)```", text, flags=re.S))
     spans = [*re.findall(r"`([^`\n]+)`", text), *re.split(r"\n|&&", blocks)]
-    commands = getattr(get_command(app), "commands")  # noqa: B009 - a group, which the type does not tell
+    commands = getattr(get_command(app), "commands")  # noqa: B009 - a group, which the type does not show
     for span in spans:
         name, *words = span.split("#")[0].split() or [""]
         if name.rpartition("/")[2] == "castor-bench" and words:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from castor_envs.geometry.arrays import Array
 
 LEVEL = 0.95
-"""Of intervals; 1 - LEVEL is the probability that any two equally good estimators of a board are told apart."""
+"""Of intervals; 1 - LEVEL is the probability that any two equally good estimators of a board are distinguished."""
 FEWEST_CASES = 6
 """With fewer cases no difference can be shown at this level: of their 2^n sign flips, two are as extreme as the cases
 themselves when one estimator is better in every case, and 2 / 2^5 is more than 5 %."""

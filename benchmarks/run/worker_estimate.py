@@ -211,7 +211,7 @@ def _pose(answer: Any, shape: tuple[int, ...], stage: str) -> Array:
 
 def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:
     """Return why an estimator's `reset` declines, as one printable line; None if the exception means something else."""
-    # On a stack only a stated `Declined` counts; single runs will tell the rest.
+    # On a stack only a stated `Declined` counts; single runs show the rest.
     return declines(error, robot) if isinstance(error, Declined) or not isinstance(robot, Geometry) else None
 
 

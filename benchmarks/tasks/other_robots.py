@@ -35,7 +35,7 @@ class OtherRobot:
 
     @property
     def key(self) -> str:
-        """Label and hash, which tell its boards from those of other robots; safe in a path."""
+        """Label and hash, which distinguish its boards from those of other robots; safe in a path."""
         return f"{self.label}@{self.robot.hash()}"
 
     def of(self, task: T, **changes: Any) -> T:

@@ -117,7 +117,7 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """What one case of a task recorded: the vehicle as the estimators are told it is, and the runs it drove.
+    """What one case of a task recorded: the vehicle as described to the estimators, and the runs it drove.
 
     calibration: in tasks that judge calibration methods, what these get.
     """
@@ -191,7 +191,7 @@ class Task(Protocol):
 
     @property
     def description(self) -> str:
-        """What is driven, what is wrong with what the estimators are told, and what the task shows."""
+        """What is driven, what is wrong with the description that estimators get, and what the task shows."""
         ...
 
     @property

@@ -133,6 +133,6 @@ def table(scope: Scope) -> str:
         meaning = (kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
         bounds = " | ".join(f"{value[end]:.4g}" if end in value else "-" for end in ("minimum", "maximum"))
         alike = [twin for twin in kind.indistinguishable_from if twin != name]
-        told = f" Indistinguishable from `{alike[0]}`." if alike else ""
-        rows.append(f"| `{name}` | {meaning}{told} | {kind.unit} | {bounds} | {kind.step:g} | {kind.check} |")
+        note = f" Indistinguishable from `{alike[0]}`." if alike else ""
+        rows.append(f"| `{name}` | {meaning}{note} | {kind.unit} | {bounds} | {kind.step:g} | {kind.check} |")
     return "\n".join(rows) + "\n"

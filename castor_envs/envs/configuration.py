@@ -23,7 +23,8 @@ class ConfigurationEnv(TrainEnv):
     ## Description
     A train of axle modules on compliant frames (CFMMR) drives along a path; the driver follows it by
     time and keeps each axle behind the next by the relative posture sensors, as a real one would. Wheels slip and
-    floors have bumps. The agent is told the axles' poses at the start (`info["pose"]`) and estimates them from then on.
+    floors have bumps. The agent is given the axles' poses at the start (`info["pose"]`), and estimates them from then
+    on.
 
     ## Action Space
     `Box(3 * axles,)`, float64: the estimate of all axles' poses after the newest observation, axle by

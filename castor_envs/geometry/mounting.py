@@ -15,7 +15,7 @@ STRAIGHT, LEAST = 2.0, 5e-4
 taken for straight: on circles, a point elsewhere on the body looks the same."""
 
 AGREED = 0.01
-"""The share of squares up to which ways agree well enough to tell how the tracker is turned."""
+"""The share of squares up to which ways agree well enough to determine how the tracker is turned."""
 
 FIRM = 1e-3
 """Of the squares of the ways: doubt that a tracked point so far from the origin as `size` costs."""
@@ -23,7 +23,7 @@ FIRM = 1e-3
 
 def turn_of_tracker(ways: Sequence[tuple[Array, Array]], size: float) -> float:
     """Return by how much a tracker's axes are turned to the left of the body's, rad; 0.0 if by no more than `TURNED`,
-    or if the ways do not tell.
+    or if the ways do not determine it.
 
     ways: the body's poses (k, 3) and the tracker's (k, 3) at the same samples; each in its own world. size: how far
     from the origin the tracked point may be, m. Between two samples, what moved by o in the axes of the body, and

@@ -93,7 +93,7 @@ class Scene:
     def finish(self, time: float, sliding: bool) -> NDArray[np.uint8] | None:
         """Write the caption and return the picture (height, width, 3); in mode "human" show it and return None.
 
-        time: s. sliding: whether the picture tells sliding wheels from others.
+        time: s. sliding: whether the picture distinguishes sliding wheels.
         """
         shown = {
             "true path": True,

@@ -38,7 +38,7 @@ class Encoders:
 
 
 def castor_angles(geometry: Geometry, pivot_counts: ArrayLike) -> Array:
-    """Return theta (..., n) as pivot counts (..., pivot encoders) tell it; fixed castors stand at their angle.
+    """Return theta (..., n) from pivot counts (..., pivot encoders); fixed castors stand at their angle.
 
     Wrapped as the counts are. Castors without an encoder and not fixed are NaN.
     """

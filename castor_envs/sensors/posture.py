@@ -1,6 +1,6 @@
 """The relative posture sensor (RPS): from strain along a frame to the front axle's pose in the rear axle's frame.
 
-Strain gauges tell the frame's curvature where they are glued. A polynomial is fitted to the readings and integrated
+Strain gauges measure the frame's curvature where they are glued. A polynomial is fitted to the readings and integrated
 twice along the frame (Merrell and Minor 2003, Vogt and Minor's reference 3):
 
     phi(s) = int_0^s kappa        x = int_0^L cos phi        y = int_0^L sin phi

@@ -1,4 +1,4 @@
-"""What every effect is, how files hold it, and what physics tells it of contacts.
+"""What every effect is, how files hold it, and what physics gives it of contacts.
 
 An effect stands in the file of its robot or train as ``{"name": "pivot_bias", "castor": 2, "value": 0.013}``. Effects
 themselves are in `castor_envs.effects`; vehicles come before them, as an effect changes the vehicle that has it.
@@ -83,11 +83,11 @@ class Effect(Generic[V]):
     its `V` says. title: what people read. step: a small typical amplitude, to take derivatives with. tolerance: the
     amplitude's standard deviation among vehicles in good order, and from log to log of one. least: no real vehicle has
     a smaller amplitude, though files may hold one. check: what to look at on the vehicle. indistinguishable_from: the
-    names of effects that no log tells apart, this effect among them, the one to report first; empty where logs tell it
-    from all others. binary: whether it is there or not: its value is always 1. wiring: whether encoders are connected
-    wrongly; twice it is undone. timing: whether all encoders together, or the reference, are read at other times.
-    discrete: whether it acts by whole counts, so that its size depends on fractions of a count. creep: what it changes
-    about the creep of contacts: their compliance, or the forces on them.
+    names of effects that no log distinguishes, this effect among them, the one to report first; empty where logs
+    distinguish it from all others. binary: whether it is there or not: its value is always 1. wiring: whether encoders
+    are connected wrongly; applied twice it is undone. timing: whether all encoders together, or the reference, are read
+    at other times. discrete: whether it acts by whole counts, so that its size depends on fractions of a count. creep:
+    what it changes about the creep of contacts: their compliance, or the forces on them.
     """
 
     name: str
@@ -213,8 +213,8 @@ class EffectOf:
 
 @functools.cache
 def _any_of(kinds: tuple[type[Effect], ...]) -> TypeAdapter[Effect]:
-    told_by_name: Any = Annotated[Union[kinds], Field(discriminator="name")]  # noqa: UP007  # pyright: ignore
-    return TypeAdapter(told_by_name)
+    by_name: Any = Annotated[Union[kinds], Field(discriminator="name")]  # noqa: UP007  # pyright: ignore
+    return TypeAdapter(by_name)
 
 
 def apply_effects(vehicle: V, effects: tuple[Effect[V], ...]) -> V:

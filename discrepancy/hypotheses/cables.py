@@ -175,20 +175,20 @@ def _refined(steps: Steps, direction: float, offset: float) -> Line:
     along = middle[crossing] @ [math.cos(direction), math.sin(direction)]
     size = max(float(np.std(along)), 0.1) if len(along) else 0.1
 
-    def told(at: Array) -> tuple[float, float, float, float]:
+    def line_at(at: Array) -> tuple[float, float, float, float]:
         x, y = (center + at[1] * left).tolist()
         return x, y, direction + at[0] / size, float(np.clip(math.exp(at[2]), THIN, THICK))
 
-    def missed(at: Array) -> float:
-        shape = _rolls_more(near_steps, *told(at))
+    def negative_gain(at: Array) -> float:
+        shape = _rolls_more(near_steps, *line_at(at))
         score, power = np.sum(near_steps.weight * shape * -near_steps.slip), np.sum(near_steps.weight * shape**2)
         return -float(max(score, 0.0) ** 2 / (power + 1e-12))
 
     begin = np.array([0.0, 0.0, math.log(4e-3)])
     simplex = begin + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.015, 0], [0, 0, 0.5]])
     options = {"initial_simplex": simplex, "xatol": 2e-4, "fatol": 0.05, "maxfev": 150}
-    best = minimize(missed, begin, method="Nelder-Mead", options=options)
-    x, y, direction, diameter = told(best.x)
+    best = minimize(negative_gain, begin, method="Nelder-Mead", options=options)
+    x, y, direction, diameter = line_at(best.x)
     lasting, passes = _lasting(near_steps, _rolls_more(near_steps, x, y, direction, diameter))
     return Line(x, y, direction % math.pi, diameter, lasting, passes)
 

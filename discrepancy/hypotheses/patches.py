@@ -73,8 +73,8 @@ def _ratio(n: Array, total: Array, count: float, overall: float) -> Array:
     within = np.where((n >= FEWEST) & (n < LARGEST_PART * count) & (total > 0) & (total < overall), 1.0, 0.0)
     n, total = np.where(within > 0, n, 1.0), np.where(within > 0, total, overall / count)
     inside, outside = total / n, (overall - total) / (count - n)
-    told = count * math.log(overall / count) - n * np.log(inside) - (count - n) * np.log(outside)
-    return np.where((within > 0) & (inside > outside), told, 0.0)
+    log_factor = count * math.log(overall / count) - n * np.log(inside) - (count - n) * np.log(outside)
+    return np.where((within > 0) & (inside > outside), log_factor, 0.0)
 
 
 Box = tuple[float, float, float, float, float]

@@ -172,22 +172,22 @@ def together(
 def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
     """Return information (n, n) and score (n,) of the first n numbers, the others eliminated by a Schur complement."""
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
-    told = information[:n, :n] - information[:n, n:] @ solved[:, :n]
-    return (told + told.T) / 2, -(gradient[:n] - information[:n, n:] @ solved[:, n])
+    eliminated = information[:n, :n] - information[:n, n:] @ solved[:, :n]
+    return (eliminated + eliminated.T) / 2, -(gradient[:n] - information[:n, n:] @ solved[:, n])
 
 
 def reestimated_noise(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
     """Return the noise re-estimated beside candidates of maximum-likelihood sizes; no size becomes larger."""
     found = noise
     for _ in range(NOISE_ROUNDS):
-        told = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
+        reductions = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
         log_candidates = [[candidate for candidate in log.candidates if candidate in chosen] for log in logs]
-        candidates, information, gradient, numbers = together(list(zip(log_candidates, told, strict=True)))
+        candidates, information, gradient, numbers = together(list(zip(log_candidates, reductions, strict=True)))
         shared.add_priors(information, gradient, 2 * sum(candidate.columns for candidate in candidates))
         scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
         best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
         moved: Array = (-best / scale[:, None]).astype(np.float64)
-        left = [reduced.finish(moved[at])[2] for reduced, at in zip(told, numbers, strict=True)]
+        left = [reduced.finish(moved[at])[2] for reduced, at in zip(reductions, numbers, strict=True)]
         last, found = found, resized(found, left)
         changes = [new / old - 1 for new, old in zip(astuple(found), astuple(last), strict=True)]
         if max(abs(change) for change in changes) < SAME:

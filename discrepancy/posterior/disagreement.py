@@ -46,7 +46,7 @@ class Disagreement:
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
     cause. by_size (W, rows, C): its change per unit of
-    each candidate's size. told_by (W,): windows that count. along (rows,): true for rolling constraints, false for side
+    each candidate's size. counted (W,): windows that count. along (rows,): true for rolling constraints, false for side
     slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of
     steps in each window.
     """
@@ -54,7 +54,7 @@ class Disagreement:
     seen: Array
     doubt: Array
     by_size: Array
-    told_by: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
     along: NDArray[np.bool_]
     t: Array
     way: Array
@@ -81,23 +81,23 @@ class Disagreement:
         of_way, doubt, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
         steps = np.diff([*starts, len(way)])
         along = model.rows < len(design.geometry.radius)
-        told_by = ~np.logical_or.reduceat(released.any(axis=1), starts)
+        counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, doubt, by_size, told_by, along, log.t[starts], way, steps)
+        return cls(of_way, doubt, by_size, counted, along, log.t[starts], way, steps)
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
-        seen = self.seen[self.told_by]
+        seen = self.seen[self.counted]
         return _size(seen[:, self.along]), _size(seen[:, ~self.along])
 
     def beside(self, columns: Sequence[int]) -> Array:
         """Return the disagreement (W, rows) in units of its usual size, after least squares of these columns; 0 in
         windows that do not count. Where the robot's effects cause much of it, it is usually larger."""
         scale = np.hypot(np.where(self.along, *self.sizes()), self.doubt)
-        left = (self.told_by[:, None] * self.seen / scale).reshape(-1)
+        left = (self.counted[:, None] * self.seen / scale).reshape(-1)
         if len(columns):
             by_size = (self.by_size[..., list(columns)] / scale[..., None]).reshape(len(left), len(columns))
-            by_size = np.repeat(self.told_by, self.seen.shape[1])[:, None] * by_size
+            by_size = np.repeat(self.counted, self.seen.shape[1])[:, None] * by_size
             left = left - by_size @ np.linalg.lstsq(by_size, left, rcond=1e-9)[0]
         return left.reshape(self.seen.shape)
 
@@ -108,7 +108,7 @@ class Disagreement:
         slips[:, row, 0] = np.repeat(size, self.steps) * self.way
         return slips
 
-    def told(self, sizes: Sizes) -> tuple[Array, Array, float]:
+    def statistics(self, sizes: Sizes) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
         where all of these are 0.
 
@@ -116,11 +116,11 @@ class Disagreement:
         """
         size = np.where(self.along, *sizes)
         off = np.abs(self.seen) / size
-        weight = self.told_by[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
+        weight = self.counted[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
         columns = np.concatenate([self.by_size, -self.by_size], axis=-1) * weight[..., None]
         columns, seen = columns.reshape(self.seen.size, -1), (self.seen * weight).reshape(-1)
         far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-        likely = -float(self.told_by.sum() * np.sum(np.log(size))) - float(np.sum(far[self.told_by]))
+        likely = -float(self.counted.sum() * np.sum(np.log(size))) - float(np.sum(far[self.counted]))
         return columns.T @ columns, columns.T @ seen, likely
 
 

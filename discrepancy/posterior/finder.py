@@ -162,8 +162,8 @@ def _diagnosed(
     called = {name: answer.credible[0] for answer in answers for name in answer.alike}
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
-    told = judged(answers, named, held, order, material)
-    return Diagnosis(robot, verdict_of(told), told, inclusion, plain, seen, held, creep)
+    answers = judged(answers, named, held, order, material)
+    return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen, held, creep)
 
 
 def named_together(

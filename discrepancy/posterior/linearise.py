@@ -89,7 +89,9 @@ class Linearised:
 
     def at_noise(self, noise: Noise) -> "Linearised":
         """Return the statistics at a given noise."""
-        logs, log_evidence = _said(self.designs, self.disagreements, self.shared, noise, self.candidates, self.columns)
+        logs, log_evidence = _statistics_of(
+            self.designs, self.disagreements, self.shared, noise, self.candidates, self.columns
+        )
         return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
 
 
@@ -151,11 +153,11 @@ def linearise(
         Disagreement.of(design, log, shared.parts[0] * slip.slipping.by_effects(), steps)
         for design, log, slip, steps in zip(designs, logs, slips, released, strict=True)
     )
-    said, log_evidence = _said(designs, disagreements, shared, noise, candidates, columns)
+    statistics, log_evidence = _statistics_of(designs, disagreements, shared, noise, candidates, columns)
     return Linearised(
         candidates=candidates,
         columns=columns,
-        logs=said,
+        logs=statistics,
         usual=usual,
         cost=np.sqrt(np.mean(np.square(costs), axis=0)),
         state=at,
@@ -170,7 +172,7 @@ def linearise(
     )
 
 
-def _said(
+def _statistics_of(
     designs: Sequence[Columns],
     disagreements: Sequence[Disagreement],
     shared: Shared,
@@ -180,22 +182,23 @@ def _said(
 ) -> tuple[tuple[Statistics, ...], float]:
     """Return information and score of all candidates in each log at a given noise; and the log evidence
     (`Linearised`)."""
-    place, said, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
+    place, by_log, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
     for design, disagreement in zip(designs, disagreements, strict=True):
         blocks = [place[candidate] for candidate in design.candidates]
         indices = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
-        statistics, log_likelihood = _of_sizes(design, disagreement.told(disagreement.sizes()), shared, noise)
-        said.append(_spread(statistics, indices, count))
+        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(disagreement.sizes()), shared, noise)
+        by_log.append(_spread(statistics, indices, count))
         log_evidence += log_likelihood
-    return tuple(said), log_evidence
+    return tuple(by_log), log_evidence
 
 
 def _of_sizes(
     design: Columns, disagreement: tuple[Array, Array, float], shared: Shared, noise: Noise
 ) -> tuple[Statistics, float]:
     """Return information and score of a log's candidate sizes, with the nuisances (creep and the tracked point)
-    integrated out by a Schur complement; and the log evidence with all sizes 0. disagreement: `Disagreement.told`."""
+    integrated out by a Schur complement; and the log evidence with all sizes 0. disagreement: from
+    `Disagreement.statistics`."""
     reduced = design.reduce(shared.mount, noise)
     information, score = reduced.information.copy(), -reduced.gradient[:, 0]
     n = 2 * sum(candidate.columns for candidate in design.candidates)
@@ -212,7 +215,7 @@ def _of_sizes(
     information[mount, mount] += np.eye(len(shared.mount)) / MOUNT**2
     score[mount] -= shared.mount / MOUNT**2
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
-    told = information[:n, :n] - information[:n, n:] @ solved[:, :n]
+    eliminated = information[:n, :n] - information[:n, n:] @ solved[:, :n]
     likely = (
         reduced.log_evidence
         + disagreement[2]
@@ -220,7 +223,7 @@ def _of_sizes(
     )
     likely -= np.sum(((shared.parts - shared.expected) / shared.doubt) ** 2) / 2 + np.sum(np.log(shared.doubt))
     likely -= np.sum((shared.mount / MOUNT) ** 2) / 2
-    return Statistics((told + told.T) / 2, score[:n] - information[:n, n:] @ solved[:, n]), float(likely)
+    return Statistics((eliminated + eliminated.T) / 2, score[:n] - information[:n, n:] @ solved[:, n]), float(likely)
 
 
 def _row_by_row(known: Array) -> Array:
@@ -229,12 +232,12 @@ def _row_by_row(known: Array) -> Array:
     return np.concatenate([known, known[..., :1] * np.eye(known.shape[1])], axis=-1)
 
 
-def _spread(said: Statistics, indices: NDArray[np.intp], count: int) -> Statistics:
+def _spread(statistics: Statistics, indices: NDArray[np.intp], count: int) -> Statistics:
     """Return the statistics of a log embedded in those of all sizes; sizes without a column in this log get information
     0."""
     at = np.concatenate([indices, indices + count])
     information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-    information[np.ix_(at, at)], score[at] = said
+    information[np.ix_(at, at)], score[at] = statistics
     return Statistics(information, score)
 
 

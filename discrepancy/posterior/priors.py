@@ -80,7 +80,7 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     """
     if clean is None:
         return good_order(tolerances(seen), _pattern(seen))
-    stated, told = good_order(_part_told_by(clean) * tolerances(seen), _pattern(seen)), _told_by(clean)
+    stated, learned = good_order(_tolerance_factor(clean) * tolerances(seen), _pattern(seen)), _order_of_clean(clean)
     of_seen, of_clean = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
@@ -93,13 +93,13 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
         for source, columns in ((seen, of_seen), (clean, of_clean))
     )
     background, doubt, scatter = stated.background.copy(), stated.doubt.copy(), stated.scatter.copy()
-    background[at] = told.background[of]
-    doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = told.doubt[np.ix_(of, of)], told.scatter[np.ix_(of, of)]
+    background[at] = learned.background[of]
+    doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = learned.doubt[np.ix_(of, of)], learned.scatter[np.ix_(of, of)]
     return GoodOrder(background, doubt, scatter)
 
 
 @lru_cache(maxsize=4)
-def _part_told_by(clean: Seen) -> float:
+def _tolerance_factor(clean: Seen) -> float:
     """Return the rms factor on tolerances that clean logs show; all of `PARTS_OF` have the same prior probability."""
     log_likelihood = log_likelihood_of(PARTS_OF, clean.logs, tolerances(clean), _pattern(clean))
     weight = np.exp(log_likelihood - log_likelihood.max())
@@ -107,8 +107,8 @@ def _part_told_by(clean: Seen) -> float:
 
 
 @lru_cache(maxsize=4)
-def _told_by(clean: Seen) -> GoodOrder:
-    return good_order(_part_told_by(clean) * tolerances(clean), _pattern(clean), clean.logs)
+def _order_of_clean(clean: Seen) -> GoodOrder:
+    return good_order(_tolerance_factor(clean) * tolerances(clean), _pattern(clean), clean.logs)
 
 
 def _pattern(seen: Seen) -> Array:

@@ -119,8 +119,8 @@ def _spread(pattern: Array, variance: Array) -> Array:
     return np.kron(pattern, np.diag(variance)).astype(np.float64)
 
 
-def _posterior(said: Statistics, prior: Array) -> tuple[Array, Array]:
+def _posterior(statistics: Statistics, prior: Array) -> tuple[Array, Array]:
     """Return mean (m,) and covariance (m, m) of sizes with a normal prior about 0."""
-    covariance: Array = np.linalg.solve(np.eye(len(prior)) + prior @ said.information, prior).astype(np.float64)
+    covariance: Array = np.linalg.solve(np.eye(len(prior)) + prior @ statistics.information, prior).astype(np.float64)
     covariance = (covariance + covariance.T) / 2
-    return covariance @ said.score, covariance
+    return covariance @ statistics.score, covariance

@@ -99,9 +99,9 @@ def refitted(
         current = tuple(effect for effect in current if np.any(effect.amplitudes))
         if not current:
             break
-        said = together(seen.logs)
+        statistics = together(seen.logs)
         directions = np.concatenate([_direction(seen, effect.candidate) for effect in current], axis=1)
-        information, score = directions.T @ said.information @ directions, directions.T @ said.score
+        information, score = directions.T @ statistics.information @ directions, directions.T @ statistics.score
         changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
         gain = float(score @ changes)
@@ -123,9 +123,9 @@ def exchanged(
     """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
     there are none.
 
-    Tried are the effects without one of them, if that makes the logs hardly less likely, and with a large effect
-    exchanged for a similar one. The posterior compares effects linearly, by statistics about one state, which is
-    inexact for large effects. Here the whole model is fitted with each.
+    Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
+    one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
+    Here the whole model is fitted with each.
     """
     best, found = seen.log_evidence, None
     for effects, advantage in _alternatives(named, large, seen):
@@ -146,16 +146,16 @@ def _alternatives(
     compared = [sized for sized in named if sized.candidate in large and sized.candidate.columns == 1]
     if not compared:
         return
-    said, in_model = together(seen.logs), {sized.candidate for sized in named}
+    statistics, in_model = together(seen.logs), {sized.candidate for sized in named}
     rivals = {
         candidate: _direction(seen, candidate)[:, 0]
         for candidate in seen.candidates
         if candidate.columns == 1 and candidate.kinds and candidate not in in_model
     }
-    square = {rival: float(direction @ said.information @ direction) for rival, direction in rivals.items()}
+    square = {rival: float(direction @ statistics.information @ direction) for rival, direction in rivals.items()}
     for sized in compared:
         of_effect = _direction(seen, sized.candidate)[:, 0]
-        by_effect = said.information @ of_effect
+        by_effect = statistics.information @ of_effect
         product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}
         cosine = {rival: product[rival] ** 2 / (square[rival] * (of_effect @ by_effect)) for rival in product}
         for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:

@@ -112,5 +112,5 @@ def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: Goo
         (effect.amplitudes for effect in named if effect.candidate == answer.candidate), answer.amplitudes
     )
     size = sizes_of([place_in_model(held_out, answer.candidate)], [amplitudes], held_out)
-    said = order.beyond([log.at(-size) for log in held_out.logs])
-    return float(said.score @ size - size @ said.information @ size / 2)
+    statistics = order.beyond([log.at(-size) for log in held_out.logs])
+    return float(statistics.score @ size - size @ statistics.information @ size / 2)

@@ -47,7 +47,7 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     broken = [mistake for named_log in called for mistake in not_finite(robot, named_log)]
     if broken:
         return Preflight(tuple(broken))
-    told = [remark for named_log in called for remark in remarks(robot, named_log)]
+    reported = [remark for named_log in called for remark in remarks(robot, named_log)]
     mistakes = [
         mistake
         for named_log in called
@@ -55,21 +55,21 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
         for mistake in kind(robot, named_log)
     ]
     if mistakes:
-        return Preflight(tuple(mistakes), tuple(told))
+        return Preflight(tuple(mistakes), tuple(reported))
     dead = dead_channels(robot, logs)
     misfits = Misfits(robot, logs, dead)
     if not misfits.sees:
-        told.append(
+        reported.append(
             "too little motion, or too few encoders and reference poses, to look for swapped or reversed encoders"
         )
-        return Preflight((), tuple(told))
+        return Preflight((), tuple(reported))
     found = search(robot, misfits)
     mistakes = [*_dead(robot, logs, misfits, found, dead), *_mistakes(robot, misfits, found)]
-    told += _poses_off(called, misfits, found.best.reading)
+    reported += _poses_off(called, misfits, found.best.reading)
     left = found.best.misfit
     if left.rms > CONTRADICTED and not mistakes:
-        told.append(f"{_contradiction(left)}, which is no mistake of wiring or units alone")
-    return Preflight(tuple(mistakes), tuple(told))
+        reported.append(f"{_contradiction(left)}, which is no mistake of wiring or units alone")
+    return Preflight(tuple(mistakes), tuple(reported))
 
 
 def _numbered(logs: Sequence[Log]) -> list[str]:
@@ -121,7 +121,7 @@ def _poses_off(called: Sequence[Named], misfits: Misfits, reading: Reading) -> l
     residual, way = misfits.residuals(reading)
     usual = 1.4826 * float(np.median(residual))
     off = np.flatnonzero((residual > OUTLIER * usual) & (residual > OUTLIER_PART * np.median(way)))
-    told = []
+    reported = []
     for number, named_log in enumerate(called):
         places = [
             f"{1e3 * residual[k]:.0f} mm between rows {poses.rows[k, 0] + 1} and {poses.rows[k, 1] + 1} "
@@ -130,8 +130,10 @@ def _poses_off(called: Sequence[Named], misfits: Misfits, reading: Reading) -> l
         ]
         if places:
             remainder = f"; and {len(places) - 3} more" if len(places) > 3 else ""
-            told.append(f"{named_log.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{remainder}")
-    return told
+            reported.append(
+                f"{named_log.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{remainder}"
+            )
+    return reported
 
 
 def _named(candidate: Candidate) -> str:

@@ -40,9 +40,9 @@ class Preflight:
     def serious(self) -> "Preflight":
         """The same findings, with mistakes in spite of which logs are accepted turned into remarks."""
         taken = [mistake for mistake in self.mistakes if mistake.taken]
-        told = ["; or: ".join((mistake.what, *mistake.alternatives)) for mistake in taken]
+        reported = ["; or: ".join((mistake.what, *mistake.alternatives)) for mistake in taken]
         serious = tuple(mistake for mistake in self.mistakes if not mistake.taken)
-        return Preflight(serious, (*told, *self.remarks))
+        return Preflight(serious, (*reported, *self.remarks))
 
     @property
     def effects(self) -> tuple[Effect, ...]:

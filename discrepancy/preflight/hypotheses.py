@@ -93,8 +93,8 @@ def scale(robot: RobotDescription, place: str, scaled: tuple[int, ...], factor: 
         ]
         named = [(i, j) for i, j in wheels if channels.has(i, j) and channels.at(i, j) in scaled]
         effects = tuple(CountsPerRev(castor=i, wheel=j, value=factor - 1) for i, j in named)
-    told = sorted({robot.wheels[robot.driven_wheels[k]].counts_per_rev or 0.0 for k in scaled})
-    right = " and ".join(f"{counts * factor:.5g} for {counts:g}" for counts in told)
+    described = sorted({robot.wheels[robot.driven_wheels[k]].counts_per_rev or 0.0 for k in scaled})
+    right = " and ".join(f"{counts * factor:.5g} for {counts:g}" for counts in described)
     return Hypothesis(
         f"the counts of {place} are {factor:.3g} times what counts_per_rev says",
         lambda reading: reading.scaled(scaled, factor),

@@ -42,7 +42,7 @@ FARTHEST = 1e3
 MOVED = 0.05
 """m and rad: a reference that ranges further than this has moved, as no tracker is so noisy."""
 
-TOLD = 3
+MOST_PLACES = 3
 """Most places that are named of each kind."""
 
 
@@ -63,7 +63,7 @@ def check_logs(logs: Mapping[str, Log]) -> None:
     for name, log in logs.items():
         if len(log) < FEWEST_ROWS:
             raise InputError(
-                f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and tells little from less "
+                f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and less shows little "
                 f"than {SHORT:g} s"
             )
         if log.rps is None:
@@ -161,7 +161,7 @@ def remarks(robot: RobotDescription, named_log: Named) -> Iterator[str]:
     steps = np.diff(log.t)
     period = float(np.median(steps))
     if log.t[-1] - log.t[0] < SHORT:
-        yield f"{name}: only {log.t[-1] - log.t[0]:.3g} s long ({len(log)} rows): little can be seen"
+        yield f"{name}: only {log.t[-1] - log.t[0]:.3g} s long ({len(log)} rows): little is observable"
     if abs(period / robot.sample_period - 1) > PERIOD:
         yield f"{name}: samples are {period:.4g} s apart, the robot file says {robot.sample_period:.4g} s"
     gaps = np.flatnonzero(steps > GAP * period)
@@ -186,7 +186,7 @@ def _reference(named_log: Named) -> Iterator[str]:
     if log.reference is not None:
         taken = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
     if taken.size < 2:
-        yield f"{name}: no reference poses: encoders can only contradict each other, and scale cannot be seen"
+        yield f"{name}: no reference poses: encoders can only contradict each other, and scale is not observable"
         return
     between = np.diff(log.t[taken])
     usual = float(np.median(between))
@@ -241,7 +241,7 @@ def _names(robot: RobotDescription) -> tuple[str, ...]:
 
 
 def _places(places: list[str]) -> str:
-    return "; ".join(places[:TOLD]) + ("; ..." if len(places) > TOLD else "")
+    return "; ".join(places[:MOST_PLACES]) + ("; ..." if len(places) > MOST_PLACES else "")
 
 
 def _times(count: int, noun: str) -> str:

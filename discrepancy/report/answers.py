@@ -50,9 +50,9 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
 def likely(data: Data) -> list[Picture]:
     """Return the picture of how likely names are; none where there are not two to compare."""
     names = mapping(data.get("names"))
-    told = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
+    shown = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
     named = [str(answer["what"]) for answer in data["answers"] if answer["verdict"] == "named"]
-    return [probabilities([(*entry, sentences.percent(entry[1])) for entry in told], named)] if len(told) > 1 else []
+    return [probabilities([(*entry, sentences.percent(entry[1])) for entry in shown], named)] if len(shown) > 1 else []
 
 
 def _checks(data: Data) -> str:
@@ -77,7 +77,7 @@ def _card(data: Data, answer: Data) -> str:
         "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
         "not named, because": reason,
-        "a drive that would tell": sentences.drive_of(answer),
+        "a drive that would distinguish them": sentences.drive_of(answer),
         "to check": answer.get("check"),
     }
     entries = "".join(f"<dt>{label}</dt><dd>{text(said)}</dd>" for label, said in rows.items() if said)

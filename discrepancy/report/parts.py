@@ -1,6 +1,6 @@
 """What pages of reports are made of: numbers in units that people read, tables, figures, and the frame of a page.
 
-Text is escaped here, unless it is said to be HTML already.
+Text is escaped here, unless it is marked as HTML.
 """
 
 import json
@@ -43,7 +43,7 @@ def page_of(data: Data, sentence: str, head: str, sections: Iterable[str]) -> st
 
 
 def names_apart(paths: Iterable[Any]) -> dict[str, str]:
-    """Return what to call files: by their names, and as many of the folders above as tell them from each other."""
+    """Return what to call files: by their names, and as many of the folders above as distinguish them."""
     parts_of = {str(path): Path(str(path)).parts for path in paths}
 
     def called(parts: tuple[str, ...]) -> str:
@@ -73,7 +73,7 @@ def replayed(summary: Data) -> str:
     if not summary:
         return ""
     how = {"commands": "the logged commands", "counts": "the counted turns of the wheels"}
-    said = (
+    sentence = (
         f"The full simulation was driven by {how.get(str(summary.get('drive')), 'the log')} in "
         f"{number(summary.get('windows'))} windows of {number(summary.get('window_s'), 1, 1)} s, each from where the "
         f"robot was measured to be, {number(summary.get('driven_m'), 1, 1)} m in all."
@@ -85,7 +85,7 @@ def replayed(summary: Data) -> str:
             f"The reference's own noise alone leaves {number(noise['position_rms_mm'], 1, 2)} mm and "
             f"{number(noise.get('heading_rms_mrad'), 1, 2)} mrad."
         )
-    return f"<p>{said} {text(' '.join(notes))}</p>"
+    return f"<p>{sentence} {text(' '.join(notes))}</p>"
 
 
 def before_after(caption: str, four: Sequence[Data], rows: Iterable[tuple[str, str, str]], scale: float) -> str:

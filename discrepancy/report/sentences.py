@@ -8,13 +8,13 @@ from discrepancy.report.parts import READ_AS, Data, digits_by, mapping, mappings
 from estimators.calibration.identifiability import COVERAGE
 
 HALF = 0.5
-"""The part of a gap from which on what stays of it is told before anything else."""
+"""The part of a gap from which on the part that stays is reported first."""
 
-TOLD, MOST = 0.01, 3
-"""Probability from which on another name is told, and how many are at most."""
+LEAST_REPORTED, MOST = 0.01, 3
+"""Probability from which on another name is reported, and the most that are."""
 
 WHOLE = 3
-"""Answers that one sentence tells; of more, it tells the costliest of each verdict."""
+"""Most answers that one sentence names; of more, it names the costliest of each verdict."""
 
 SHOWN = 0.05
 """Probability from which on a name stands in the picture: many are as likely as they were before logs were seen."""
@@ -24,7 +24,7 @@ COSTS = (("mm", "after 10 m"), ("mrad", "after a turn"))
 
 SAYS = {
     "named": "The robot's file lacks {}.",
-    "ambiguous": "Something is missing that these motions cannot tell: {}.",
+    "ambiguous": "Something is missing that these motions cannot distinguish: {}.",
     "unexplained": "No effect of the catalogue explains what is missing; it looks like {}.",
     "unconfirmed": "The held-out logs do not confirm what seems to be missing: {}.",
 }
@@ -99,7 +99,7 @@ def stays(data: Data) -> str:
 
 
 def unexplained(data: Data) -> bool:
-    """Whether something that matters has no name, or half of the gap stays and is no noise."""
+    """Whether something that matters is not named, or half of the gap stays and is no noise."""
     staying = _staying(data)
     named = all(answer.get("verdict") == "named" for answer in material(data))
     return not named or (staying is not None and not staying[3])
@@ -122,7 +122,7 @@ def size_of(answer: Data) -> str:
 
 
 def cost_of(answer: Data) -> str:
-    """Return what an effect costs in use; nothing where these drives do not tell."""
+    """Return what an effect costs in use; nothing where these drives do not show it."""
     costs = zip(answer.get("cost") or (), COSTS, strict=False)
     return " and ".join(f"{_figures(1e3 * cost)} {unit} {of}" for cost, (unit, of) in costs if cost)
 
@@ -130,8 +130,12 @@ def cost_of(answer: Data) -> str:
 def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
     """Return the other names of an answer in words, and their probabilities, the likeliest first."""
     names, called = mapping(data.get("names")), list(answer.get("credible_set") or ())[:1]
-    told = mapping(answer.get("probabilities")).items()
-    rivals = [(str(names.get(name, name)), part) for name, part in told if name not in called and part >= TOLD]
+    probabilities = mapping(answer.get("probabilities")).items()
+    rivals = [
+        (str(names.get(name, name)), part)
+        for name, part in probabilities
+        if name not in called and part >= LEAST_REPORTED
+    ]
     return sorted(rivals, key=lambda rival: -rival[1])[:MOST]
 
 
@@ -143,9 +147,9 @@ def same_of(data: Data, answer: Data) -> str:
 
 def reason_of(data: Data, answer: Data) -> str:
     """Return why an answer is not named, in words."""
-    names, told = mapping(data.get("names")), list(answer.get("credible_set") or ())
-    if answer.get("verdict") == "ambiguous" and told:
-        return f"these motions cannot distinguish: {'; '.join(str(names.get(name, name)) for name in told)}"
+    names, credible = mapping(data.get("names")), list(answer.get("credible_set") or ())
+    if answer.get("verdict") == "ambiguous" and credible:
+        return f"these motions cannot distinguish: {'; '.join(str(names.get(name, name)) for name in credible)}"
     return str(answer.get("reason") or "").partition("; it looks like")[0]
 
 
@@ -161,7 +165,7 @@ def drive_of(answer: Data) -> str:
 def why_no_drive(data: Data) -> str:
     """Return why no drive is proposed."""
     ambiguous = any(answer.get("verdict") == "ambiguous" for answer in mappings(data.get("answers")))
-    return "no drive that is known would tell the names apart" if ambiguous else "nothing is ambiguous"
+    return "no drive that is known would distinguish the names" if ambiguous else "nothing is ambiguous"
 
 
 def listed(rivals: Sequence[tuple[str, float]]) -> str:
@@ -170,12 +174,12 @@ def listed(rivals: Sequence[tuple[str, float]]) -> str:
 
 
 def percent(part: Any) -> str:
-    """Return a probability; none is told to be certain."""
+    """Return a probability; none is reported as certain."""
     if not isinstance(part, int | float):
         return "\N{EN DASH}"
     if part > 0.999:
         return "over 99.9 %"
-    return f"{100 * part:.{1 if part > 0.99 else 0}f} %" if part >= TOLD else "under 1 %"
+    return f"{100 * part:.{1 if part > 0.99 else 0}f} %" if part >= LEAST_REPORTED else "under 1 %"
 
 
 def off(gap: Sequence[float]) -> str:

@@ -225,7 +225,7 @@ def evidence_of(
     """Return the statistics of candidates beyond the effects in the train's file, linearised about fitted motions."""
     built = train.as_built()
     enlarged = [None if candidate.placed is None else candidate.placed.enlarged(train) for candidate in candidates]
-    said, costs = [], []
+    statistics, costs = [], []
     for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):
         problem, zero, weights, ends = _problem(log, built, motion, found.sizes)
         columns = np.zeros((len(problem.residual), log.numbers + len(candidates)))
@@ -245,12 +245,12 @@ def evidence_of(
                 if change.any():
                     column += problem.weighed(kind, change, weights, found.sizes)
         prior = log.prior(train) ** -2.0
-        said.append(_said(problem, columns, prior, log.nuisances(motion)))
+        statistics.append(_statistics_of(problem, columns, prior, log.nuisances(motion)))
         costs.append(_cost(log, motion, problem, columns, prior))
-    return Evidence(tuple(candidates), tuple(said), np.sqrt(np.mean(np.square(costs), axis=0)), found)
+    return Evidence(tuple(candidates), tuple(statistics), np.sqrt(np.mean(np.square(costs), axis=0)), found)
 
 
-def _said(problem: _Problem, columns: Array, prior: Array, number: Array) -> Statistics:
+def _statistics_of(problem: _Problem, columns: Array, prior: Array, number: Array) -> Statistics:
     """Return a log's statistics of P parameters, the last columns of `columns` (R, n + P), motion and n nuisances
     eliminated."""
     n = len(prior)

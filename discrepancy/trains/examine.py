@@ -12,7 +12,7 @@ from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import check_logs
 from discrepancy.report.answers import html_of, likely
-from discrepancy.report.told import FORMAT, Data, answer_data, gaps
+from discrepancy.report.plain_data import FORMAT, Data, answer_data, gaps
 from discrepancy.trains.linearise import Linearised, equations_of, linearise
 from discrepancy.trains.posterior import diagnose_train
 
@@ -72,8 +72,8 @@ Pair = tuple[Linearised, Linearised | None]
 
 
 def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, held: Pair | None) -> Data:
-    """Return a diagnosis as plain data, as that of a robot (`report.told`); lengths in m, angles in rad. Names are
-    words already."""
+    """Return a diagnosis as plain data, as that of a robot (`report.plain_data`); lengths in m, angles in rad. Names
+    are words already."""
     sizes = (seen[1] or seen[0]).fit.sizes
     answers = [answer_data(answer) for answer in diagnosis.answers]
     return {

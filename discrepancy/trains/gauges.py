@@ -34,11 +34,11 @@ def with_dead_gauges(
     A dead gauge distorts the whole fit, so its linear extrapolation is not reliable. named: effects in the model.
     names: number of possible answers, all of the same prior probability.
     """
-    told: dict[Cause, Answer] = {}
+    judged: dict[Cause, Answer] = {}
     for answer in answers:
         (kind,) = answer.candidate.kinds or (None,)
         if not isinstance(kind, DeadGauge):
-            told[answer.candidate] = answer
+            judged[answer.candidate] = answer
             continue
         kept = [effect for effect in named if effect.candidate != answer.candidate]
         without = seen.log_evidence if len(kept) == len(named) else _log_evidence(look, kept, seen)
@@ -55,7 +55,7 @@ def with_dead_gauges(
             continue
         count = int(np.searchsorted(np.cumsum([part for part, _ in likeliest]), CREDIBLE - nothing)) + 1
         _, best = likeliest[0]
-        told[best] = dataclasses.replace(
+        judged[best] = dataclasses.replace(
             answer,
             probabilities={gauge.family: part for part, gauge in likeliest if part > SHOWN},
             credible=tuple(gauge.family for _, gauge in likeliest[:count]),
@@ -65,7 +65,7 @@ def with_dead_gauges(
             covariance=np.zeros((1, 1)),
             cost=seen.cost[:, seen.candidates.index(best)],
         )
-    return list(told.values())
+    return list(judged.values())
 
 
 def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start: Linearised) -> float:
@@ -110,8 +110,8 @@ def stop_answers(
         time = float(np.median(known))
         candidate, error = _candidate(Placed(SensorStops(frame=f + 1, value=time)), train), period / 12**0.5
         if not _agree(train, logs, f, time):
-            told = ", ".join("not" if stop is None else f"at {stop:.2f} s" for stop in stops)
-            candidate = Candidate(f"{candidate.what}, but not always at one time: {told}", "s")
+            times = ", ".join("not" if stop is None else f"at {stop:.2f} s" for stop in stops)
+            candidate = Candidate(f"{candidate.what}, but not always at one time: {times}", "s")
         confirmed = None
         if held_out:
             shown = any(_lasts(train, log, time) for log in held_out)

@@ -170,6 +170,6 @@ def _check(train: TrainDescription, log: Log, number: int) -> None:
     seen = [values is not None and bool(np.isfinite(values).any()) for values in (log.rps, log.reference)]
     if not any(seen):
         raise InputError(
-            f"log {number} has neither relative poses nor a reference, so nothing can be seen; give logs with rps or "
+            f"log {number} has neither relative poses nor a reference, so nothing is observable; give logs with rps or "
             "ref columns"
         )

@@ -52,9 +52,9 @@ def diagnose_train(
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
-    told = judged([*answers, *apart], named, held, order, material)
+    answers = judged([*answers, *apart], named, held, order, material)
     inclusion = {answer.credible[0]: answer.probability for answer in apart} | posterior.inclusion()
-    return Diagnosis(train, verdict_of(told), told, inclusion, first, seen, held)
+    return Diagnosis(train, verdict_of(answers), answers, inclusion, first, seen, held)
 
 
 def _named(

@@ -9,6 +9,7 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials import pymunk_generator
 from discrepancy.trials.cases import Hidden, Outsiders
 from discrepancy.trials.outside import outside_effects
 
@@ -28,10 +29,9 @@ class Generator(NamedTuple):
 
 def generator(name: str) -> Generator:
     """Return a generator; raises InputError for an unknown name, or where its simulator is not installed."""
+    # MuJoCo and PyBullet are optional, so modules that need them are imported where they are chosen.
     if name == "pymunk":
-        from discrepancy.trials.pymunk_generator import drive
-
-        return Generator(drive, _own_outsiders, foreign=False)
+        return Generator(pymunk_generator.drive, _own_outsiders, foreign=False)
     if name == "mujoco":
         try:
             import mujoco  # noqa: F401

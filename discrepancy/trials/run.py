@@ -199,12 +199,12 @@ def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
 
 
 def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
-    told = ("stratum", "robot", "course", "seeds", "clean", "reference", "measure", "targets")
+    kept = ("stratum", "robot", "course", "seeds", "clean", "reference", "measure", "targets")
     log, holdout = (dataclasses.asdict(strength) for strength in strengths) if strengths else (None, None)
     return {
         "format": FORMAT,
         "case": case.number,
-        **{key: getattr(case, key) for key in told},
+        **{key: getattr(case, key) for key in kept},
         "hidden": [_hidden(hidden) for hidden in case.hidden],
         "log": log,
         "holdout": holdout,
@@ -228,14 +228,14 @@ def _judge_case(folder: Path, name: str) -> None:
         said = Said("refused", reason=str(error))
     except Exception:  # a finder that breaks fails its own case, no other
         said = Said("broken", reason=traceback.format_exc())
-    result = _told(said, robot, log) | {"seconds": time.process_time() - started}
+    result = _as_data(said, robot, log) | {"seconds": time.process_time() - started}
     with np.load(folder / "labels" / f"{name}.npz") as kept:
         result["gap"] = _gap(said, robot, held_out, kept["path"])
     outcome = folder / "outcomes" / FINDER / f"{name}.json"
     write_json(outcome, {"format": FORMAT, "case": label["case"], "finder": FINDER} | result)
 
 
-def _told(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
+def _as_data(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
     """Return an answer as plain data, every named effect with its cost in the log, m per 10 m."""
     plain = {key: getattr(said, key) for key in ("verdict", "named", "credible", "unnamed", "probabilities", "reason")}
     sizes = [
@@ -256,8 +256,8 @@ def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dic
     if not said.effects or any(effect.wiring for effect in said.effects):
         return None
     known = np.isfinite(path).all(axis=1)  # a reference whose clock is ahead ends before the log
-    told = (odometry(vehicle, held_out) for vehicle in (robot, robot.with_effects(*said.effects)))
-    before, after = (rms_of([apart(path[known], odometry_path[known])]) for odometry_path in told)
+    paths = (odometry(vehicle, held_out) for vehicle in (robot, robot.with_effects(*said.effects)))
+    before, after = (rms_of([apart(path[known], odometry_path[known])]) for odometry_path in paths)
     return None if before is None or after is None else {"before": before, "after": after}
 
 

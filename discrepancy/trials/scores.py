@@ -33,10 +33,10 @@ from which on an effect outside the catalogue should be flagged."""
 ALIKE = 1.0
 """z_sep below which no log can distinguish an effect from the nearest class."""
 
-TOLD = 0.05
+LEAST_REPORTED = 0.05
 """Least probability of a name that counts in the reliability diagram: a credible set of 95 % omits no more."""
 
-EDGES = (TOLD, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
+EDGES = (LEAST_REPORTED, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 """Edges of the bins of probability, narrow near 1."""
 
 
@@ -129,7 +129,7 @@ class Trial:
         gap = self.outcome["gap"]
         return gap is not None and gap["after"] > gap["before"]
 
-    def told(self) -> list[tuple[float, bool]]:
+    def reported(self) -> list[tuple[float, bool]]:
         """Return the probability of every reported class, and whether it was hidden.
 
         Empty for wrong wiring, which the pre-flight reports without probabilities.
@@ -138,7 +138,7 @@ class Trial:
         return [
             (probability, self.alike.get(name, name) in self.truth)
             for name, probability in classes
-            if probability >= TOLD
+            if probability >= LEAST_REPORTED
         ]
 
     def covered(self) -> list[bool]:
@@ -246,7 +246,7 @@ def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
     folder = Path(folder)
     paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
     if not paths:
-        raise InputError(f"{folder}: finder {finder} has said nothing yet; judge the cases first")
+        raise InputError(f"{folder}: finder {finder} has no answers yet; judge the cases first")
     return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
 
 
@@ -256,16 +256,16 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
     return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
-def reliability(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
+def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     """Return for each non-empty bin of probability the number of names, their mean probability, and how many are
     right."""
     bins = []
-    probability = np.array([part for part, _ in told])
+    probability = np.array([part for part, _ in reported])
     place = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
     for k in range(len(EDGES) - 1):
         inside = np.flatnonzero(place == k).tolist()
         if inside:
-            rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (told[n][1] for n in inside))
+            rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (reported[n][1] for n in inside))
             bins.append(as_plain(rate) | {"probability": float(probability[inside].mean())})
     return bins
 
@@ -301,10 +301,10 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     table: dict[str, Counter[str]] = {}
     for trial in trials:
         truth = " + ".join(sorted(name.split()[0] for name in trial.truth)) or "clean"
-        said = " + ".join(sorted(name.split()[0] for name in trial.named)) or trial.outcome["verdict"]
-        if said == truth and trial.named != trial.truth:
-            said += ", another place"
-        table.setdefault(truth, Counter())[said] += 1
+        answer = " + ".join(sorted(name.split()[0] for name in trial.named)) or trial.outcome["verdict"]
+        if answer == truth and trial.named != trial.truth:
+            answer += ", another place"
+        table.setdefault(truth, Counter())[answer] += 1
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
 
 
@@ -344,15 +344,15 @@ def lines(scores: dict[str, Any]) -> list[str]:
         ]
         text += [f"{_counted(rate)}  {rate['what']}" for rate in group["rates"] if rate["total"] or name == "all"]
         if group["reliability"]:
-            text.append("told probability against the part that is right, of names:")
+            text.append("reported probability against the part that is right, of names:")
         text += [
             f"{_counted(entry)}  {entry['what']}, mean {entry['probability']:.3f}" for entry in group["reliability"]
         ]
         if group["calibration_error"] is not None:
             text.append(f"expected calibration error {group['calibration_error']:.3f}")
-    text += ["", "Hidden -> said:"]
+    text += ["", "Hidden -> answered:"]
     for truth, row in scores["confusion"].items():
-        text.append(f"{truth}: " + ", ".join(f"{said} {count}" for said, count in row.items()))
+        text.append(f"{truth}: " + ", ".join(f"{answer} {count}" for answer, count in row.items()))
     return text
 
 
@@ -362,7 +362,7 @@ def as_plain(rate: Rate) -> dict[str, Any]:
 
 
 def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
-    bins = reliability([entry for trial in trials for entry in trial.told()])
+    bins = reliability([entry for trial in trials for entry in trial.reported()])
     return {
         "cases": len(trials),
         "rates": [as_plain(rate) for rate in rates(trials)],

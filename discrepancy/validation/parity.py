@@ -33,7 +33,7 @@ WINDOW = 1.0
 WINDOWS = 5
 
 BLIND = (
-    "this robot's encoders cannot contradict each other (no redundancy): nothing can be seen without reference poses"
+    "this robot's encoders cannot contradict each other (no redundancy): nothing is observable without reference poses"
 )
 
 

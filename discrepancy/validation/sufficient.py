@@ -11,8 +11,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.parity import BLIND, parity_residual
 
 UNSEEN = (
-    "the encoders of robot {!r} do not tell its motion: they and wheels that do not slip sideways hold {} of its 3 "
-    "directions (forward, to the side, turning); give the encoders that it has in the robot file, pivots too"
+    "the encoders of robot {!r} do not determine its motion: they and wheels that do not slip sideways hold {} of its "
+    "3 directions (forward, to the side, turning); give the encoders that it has in the robot file, pivots too"
 )
 CONTRADICTION = (
     "the logs cannot be made to fit robot {!r}, or show too little motion; look for channels that are swapped, "

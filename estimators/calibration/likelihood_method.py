@@ -75,8 +75,8 @@ class MaximumLikelihoodMethod:
                 "reference_noise": {"position_m": noise.position, "heading_rad": noise.heading},
                 "odometry_rms_m": {"before": before, "after": after},
             }
-        told = {change.what: str(change) for change in unseen}
-        return Report(tuple(results), found.calibrated, told, tuple(remarks), data)
+        changes = {change.what: str(change) for change in unseen}
+        return Report(tuple(results), found.calibrated, changes, tuple(remarks), data)
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Calibration:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError

@@ -361,9 +361,9 @@ def _solve(
     information[n:, n:] += np.diag(placed**-2.0)
     gradient[n:, 0] += mount / placed**2
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
-    told = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ solved[:, :n])
+    eliminated = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ solved[:, :n])
     slope = scale[:, None] * (gradient[:n] - information[:n, n:] @ solved[:, n:])
-    strength, way = np.linalg.eigh(told)
+    strength, way = np.linalg.eigh(eliminated)
     seen = strength > UNSEEN**-2
     along = -(way.T @ slope) / np.where(seen, strength, np.inf)[:, None]
     along[~seen, 0] = -(way.T @ away)[~seen]
@@ -421,6 +421,6 @@ def _nothing(robot: RobotDescription, poses: int) -> str:
     if poses:
         return "the logs show none of the robot's numbers; drive at least a metre, and turn, between reference poses"
     return (
-        f"without reference poses nothing can be seen of robot {robot.name!r}: its encoders cannot contradict each "
+        f"without reference poses nothing is observable of robot {robot.name!r}: its encoders cannot contradict each "
         "other, or did not move enough to; give logs with ref_x, ref_y and ref_psi, at least at start and end"
     )

@@ -44,7 +44,7 @@ class CalibrationMethod(Protocol):
 
 @dataclass(frozen=True)
 class Result:
-    """One number of the robot file: before, after, and its standard error (None where no method tells it), in `unit`.
+    """One number of the robot file: before, after, and its standard error (None where no method gives it), in `unit`.
 
     unit: "m", "rad" or "1". seen: "no": it keeps the file's number; "partly": the error holds only if unseen changes
     that move this number by more are right in the file. rests_on: names of these changes.

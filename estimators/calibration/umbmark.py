@@ -199,7 +199,8 @@ def _errors(direction: str, values: ArrayLike) -> Array:
     errors = np.asarray(values, dtype=float)
     if errors.size == 0:
         raise Declined(
-            f"no {direction} run; record runs in both directions: one alone cannot tell wheel base from wheel diameters"
+            f"no {direction} run; record runs in both directions: one alone cannot distinguish wheel base from wheel "
+            "diameters"
         )
     if errors.ndim != 2 or errors.shape[1] not in (2, 3):
         raise InputError(f"{direction} return errors have shape {errors.shape}; give (n, 2): x and y (m) of n runs")

@@ -1,4 +1,4 @@
-"""Tells the author of an estimator what is wrong with it before a benchmark does.
+"""Shows the author of an estimator what is wrong with it before a benchmark does.
 
 Runs the estimator on short noise-free drives of one robot or train, in this process and without a time limit: an
 estimator that hangs hangs the check. ``castor-bench check`` runs it in a separate process, with a time limit.

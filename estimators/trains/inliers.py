@@ -88,7 +88,7 @@ class InlierLeastSquares:
     """At intervals replaces the OD poses by the best fit of all inlier sets; odometry goes on from it.
 
     interval: sample periods between corrections. inliers: the axles (from 1) whose odometry the last correction
-    believed, None before. status: why relative poses cannot be used now, or None.
+    used, None before. status: why relative poses cannot be used now, or None.
     """
 
     def __init__(self, interval: int = DEFAULT_INTERVAL) -> None:

@@ -1,4 +1,4 @@
-"""Files are whole or not there, and what killed writers left is told from what is being written."""
+"""Files are whole or not there, and what killed writers left is distinguished from what is being written."""
 
 import os
 import signal

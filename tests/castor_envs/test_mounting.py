@@ -1,4 +1,4 @@
-"""How far a tracker is turned is told by any ways that turn, and by none that do not tell."""
+"""How far a tracker is turned follows from any ways that turn, and from none that do not."""
 
 import numpy as np
 import pytest

@@ -57,7 +57,7 @@ def test_inspect_prints_json_with_what_the_log_shows(capsys, monkeypatch, log):
     assert (left["name"], left["smallest"], left["largest"], left["largest_step"]) == ("wheel_1l", 0, 200, 20)
     assert left["at_most"] == pytest.approx(15.0 * 0.1 * 2000 / (2 * np.pi))
     assert entry["parity"]["redundancy"] == 0
-    assert "nothing can be seen without reference poses" in entry["parity"]["note"]
+    assert "nothing is observable without reference poses" in entry["parity"]["note"]
 
 
 def test_inspect_says_so_where_nothing_can_be_seen(capsys, monkeypatch, log):
@@ -65,7 +65,7 @@ def test_inspect_says_so_where_nothing_can_be_seen(capsys, monkeypatch, log):
     assert code == 0
     assert "11 rows, 1 s" in out
     assert "never change: wheel_1r" in out
-    assert "nothing can be seen without reference poses" in out
+    assert "nothing is observable without reference poses" in out
 
 
 def test_inspect_shows_the_residual_of_a_robot_with_redundancy(capsys, monkeypatch, tmp_path):
@@ -245,7 +245,7 @@ def test_a_robot_without_any_redundancy_is_inspected_for_what_there_is(capsys, m
     assert ("ref_psi" in out) == taken
     code, out, err = diagnose(capsys, monkeypatch, tmp_path / "log.csv")
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "the encoders of robot 'one wheel' do not tell its motion" in err
+    assert "the encoders of robot 'one wheel' do not determine its motion" in err
 
 
 def driven(n=60, **changes):

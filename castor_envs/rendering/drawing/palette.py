@@ -1,4 +1,4 @@
-"""The colours: Okabe and Ito's, which the colour-blind tell apart, for what matters, on a quiet ground."""
+"""The colours: Okabe and Ito's, which the colour-blind distinguish, for what matters, on a quiet ground."""
 
 Color = tuple[int, int, int]
 

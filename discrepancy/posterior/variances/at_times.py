@@ -45,13 +45,13 @@ class Faulty(NamedTuple):
     log_odds: float
 
 
-def at_times(seen: Linearised, clean: Linearised | None, told: Sequence[Answer], names: int) -> list[Faulty]:
+def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answer], names: int) -> list[Faulty]:
     """Return the rows that disagree with the other rows intermittently with probability `CREDIBLE`, beyond the effects
-    in `told`.
+    in `answers`.
 
     names: number of other possible answers, all of the same prior probability.
     """
-    among = [answer.candidate for answer in told if answer.effect is not None]
+    among = [answer.candidate for answer in answers if answer.effect is not None]
     disagreements = _beside(seen, among)
     usual = np.zeros(disagreements[0].shape[1])
     if clean is not None:

@@ -39,7 +39,7 @@ def bursts_of(
     k = int(seen.designs[0].model.rows[row])
     if k >= len(robot.wheels):
         return None
-    shares, parts, tells, windows = [], [], [], []
+    shares, parts, fast_steps, windows = [], [], [], []
     for design, disagreement, hit in zip(seen.designs, seen.disagreements, hits, strict=True):
         windows.append(np.repeat(np.arange(len(hit)), disagreement.steps))
         lost, way = _lost(design, row)
@@ -47,9 +47,9 @@ def bursts_of(
         by_window, farthest = (np.bincount(windows[-1], part, len(hit)) for part in (lost, way))
         if np.any(by_window[hit] <= 0) or np.any(by_window[hit] > farthest[hit]):
             return None
-        tells.append(way > np.median(way) / 4)  # in slower steps the part lost is uncertain
+        fast_steps.append(way > np.median(way) / 4)  # in slower steps the part lost is uncertain
         shares.append(lost / np.maximum(way, 1e-12))
-        parts.append(shares[-1][tells[-1] & hit[windows[-1]]])
+        parts.append(shares[-1][fast_steps[-1] & hit[windows[-1]]])
     inside = np.concatenate(parts)
     if not len(inside):
         return None
@@ -57,8 +57,8 @@ def bursts_of(
     inside = inside[inside > np.median(largest) / 2]
     value = float(np.clip(np.median(inside), 0.0, 1.0))
     bursts = [
-        _bursts(log.t, hit, window, told, share / value)
-        for log, hit, window, told, share in zip(logs, hits, windows, tells, shares, strict=True)
+        _bursts(log.t, hit, window, fast, share / value)
+        for log, hit, window, fast, share in zip(logs, hits, windows, fast_steps, shares, strict=True)
     ]
     all_starts, all_widths = zip(*bursts, strict=True)
     beat = _beat(all_starts[0]) if len(logs) == 1 else None
@@ -86,22 +86,22 @@ def _lost(design: Columns, row: int) -> tuple[Array, Array]:
 
 
 def _bursts(
-    t: Array, hit: NDArray[np.bool_], window: NDArray[np.intp], told: NDArray[np.bool_], share: Array
+    t: Array, hit: NDArray[np.bool_], window: NDArray[np.intp], fast: NDArray[np.bool_], share: Array
 ) -> tuple[Array, Array]:
     """Return when bursts start, and how long they last, s: one in every run of windows that are hit (W,).
 
-    window (K - 1,): window of each step. told: steps fast enough to estimate the part lost; share: this part, relative
-    to the part that bursts lose.
+    window (K - 1,): window of each step. fast: steps in which the part lost can be estimated; share: this part,
+    relative to the part that bursts lose.
     """
     middle, length, starts, widths = (t[1:] + t[:-1]) / 2, np.diff(t), [], []
     near = np.convolve(hit, np.ones(3), "same") > 0  # a burst may begin or end in the neighbouring window
     for run in np.split(np.arange(len(hit)), np.flatnonzero(np.diff(near)) + 1):
-        steps = np.flatnonzero(np.isin(window, run) & told & (share > 0.5)) if near[run[0]] else np.zeros(0, np.intp)
+        steps = np.flatnonzero(np.isin(window, run) & fast & (share > 0.5)) if near[run[0]] else np.zeros(0, np.intp)
         if not len(steps):
             continue
         around = np.arange(max(steps[0] - 1, 0), min(steps[-1] + 2, len(share)))  # neighbours may be lost in part
         between = (around > steps[0]) & (around < steps[-1])
-        weight = np.where(between, 1.0, np.clip(np.where(told[around], share[around], 0.0), 0.0, 1.0)) * length[around]
+        weight = np.where(between, 1.0, np.clip(np.where(fast[around], share[around], 0.0), 0.0, 1.0)) * length[around]
         starts.append(weight @ middle[around] / weight.sum() - weight.sum() / 2)
         widths.append(float(weight.sum()))
     return np.array(starts), np.array(widths)

@@ -36,10 +36,10 @@ class Events:
         logs: Sequence[Log],
         seen: Linearised,
         clean: Linearised | None,
-        told: Sequence[Answer],
+        answers: Sequence[Answer],
         names: int,
     ) -> "Events | None":
-        """Return these events with new ones found beside them and the effects in `told`; None if there are no new ones.
+        """Return these events with new ones beside them and the effects in `answers`; None if there are no new ones.
 
         robot: with the effects named. names: number of other possible answers, all of the same prior probability.
         """
@@ -47,7 +47,7 @@ class Events:
             patch = slippery.slippery_in(robot, logs, seen, names)
             if patch is not None:
                 return replace(self, patch=patch, looked=True)
-        new = at_times.at_times(seen, clean, told, names)
+        new = at_times.at_times(seen, clean, answers, names)
         return replace(self, faulty=(*self.faulty, *new), looked=True) if new else None
 
     def released(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Released:
@@ -71,14 +71,14 @@ class Events:
         self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised, confirmed: Sequence[float | None]
     ) -> list[Answer]:
         """Return the answer for each event; confirmed: as `in_other_logs` returns it, or None for each."""
-        told = [
-            at_times.answer_of(robot, logs, seen, fault, said)
-            for fault, said in zip(self.faulty, confirmed, strict=False)
+        answers = [
+            at_times.answer_of(robot, logs, seen, fault, log_factor)
+            for fault, log_factor in zip(self.faulty, confirmed, strict=False)
         ]
         if self.patch is not None:
             cost = _cost(slippery.inside(robot, logs, seen, self.patch), seen)
-            told.append(slippery.answer_of(self.patch, cost, confirmed[-1]))
-        return told
+            answers.append(slippery.answer_of(self.patch, cost, confirmed[-1]))
+        return answers
 
     def __len__(self) -> int:
         """Return the number of events."""

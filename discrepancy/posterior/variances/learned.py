@@ -96,12 +96,15 @@ def learned(
     if not terms:
         return None
     candidates = [(term, Candidate(described(term), _unit_terms(term), KNOTS)) for term in terms]
-    told = look(robot, [candidate for _, candidate in candidates])
-    said = together(told.logs)
+    linearised = look(robot, [candidate for _, candidate in candidates])
+    statistics = together(linearised.logs)
     curves = [
-        (term, _curve(term, said, told.columns[told.candidates.index(candidate)], len(told.usual)))
+        (
+            term,
+            _curve(term, statistics, linearised.columns[linearised.candidates.index(candidate)], len(linearised.usual)),
+        )
         for term, candidate in candidates
-        if candidate in told.candidates
+        if candidate in linearised.candidates
     ]
     if not curves:
         return None
@@ -111,10 +114,10 @@ def learned(
         return None
     fitted = replace(term, values=tuple(values.tolist()))  # linearised again about the curve, as it may be large
     (candidate,) = (candidate for known, candidate in candidates if known == term)
-    told = look(robot.with_effects(fitted), [candidate])
-    columns, sizes = told.columns[told.candidates.index(candidate)], np.zeros(2 * len(told.usual))
+    linearised = look(robot.with_effects(fitted), [candidate])
+    columns, sizes = linearised.columns[linearised.candidates.index(candidate)], np.zeros(2 * len(linearised.usual))
     sizes[columns] = values
-    _, values, errors = _curve(term, together(told.logs).at(-sizes), columns, len(told.usual))
+    _, values, errors = _curve(term, together(linearised.logs).at(-sizes), columns, len(linearised.usual))
     effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
@@ -156,15 +159,17 @@ def _covariance(term: LearnedTerm) -> Array:
     return np.asarray(np.exp(-2 * (np.sin(apart / 2) / SMOOTH) ** 2))
 
 
-def _curve(term: LearnedTerm, said: Statistics, columns: NDArray[np.intp], count: int) -> tuple[float, Array, Array]:
+def _curve(
+    term: LearnedTerm, statistics: Statistics, columns: NDArray[np.intp], count: int
+) -> tuple[float, Array, Array]:
     """Return the log Bayes factor of a curve against none, averaged over its size and masked part; and mean and
     standard deviation of its values (k,) at the likeliest size and part."""
     covariance, found = _covariance(term), []
     for part in PARTS.tolist():
-        way = np.zeros((len(said.score), len(columns)))
+        way = np.zeros((len(statistics.score), len(columns)))
         way[columns, np.arange(len(columns))] = 1.0
         way[columns + count, np.arange(len(columns))] = part
-        information, score = way.T @ said.information @ way, way.T @ said.score
+        information, score = way.T @ statistics.information @ way, way.T @ statistics.score
         for size in SIZES.tolist():
             prior = size**2 * covariance
             blurred = np.eye(len(columns)) + prior @ information
@@ -181,10 +186,13 @@ def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[
     signatures."""
     unit = replace(effect, value=effect.step)
     curve = Candidate(described(unit), (unit,))
-    told = look(robot, [curve, *(candidate for candidate in candidates_of(robot) if candidate.columns == 1)])
-    information, k = together(told.logs).information, int(told.columns[told.candidates.index(curve)][0])
+    linearised = look(robot, [curve, *(candidate for candidate in candidates_of(robot) if candidate.columns == 1)])
+    information, k = (
+        together(linearised.logs).information,
+        int(linearised.columns[linearised.candidates.index(curve)][0]),
+    )
     best = None
-    for candidate, columns in zip(told.candidates, told.columns, strict=True):
+    for candidate, columns in zip(linearised.candidates, linearised.columns, strict=True):
         j = int(columns[0])
         strength = float(information[k, k] * information[j, j])
         if candidate != curve and strength > 0:

@@ -73,7 +73,7 @@ def plan_of(folder: str | os.PathLike[str]) -> Plan:
     return Plan(**asked_of(Path(folder)))
 
 
-def said(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> dict[str, Any]:
+def answer_of(train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log]) -> dict[str, Any]:
     """Return the finder's answer, with names and places in words.
 
     verdict, reason; named: the named effects; possible: these, and effects of the catalogue in ambiguous or unexplained
@@ -135,7 +135,7 @@ def _judge_case(case: Path, outcome: Path) -> None:
     try:
         train = TrainDescription.load(case / "train.json")
         log, held_out = (read_log(case / name, train) for name in ("log.csv", "holdout.csv"))
-        result |= said(train, [log], [held_out])
+        result |= answer_of(train, [log], [held_out])
     except InputError as error:
         result |= nothing | {"verdict": "refused", "reason": str(error)}
     except Exception:  # a finder that breaks fails its own case, no other

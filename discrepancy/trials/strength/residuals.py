@@ -109,7 +109,9 @@ def redundancy(robot: RobotDescription) -> int:
     at_no_special_angle = np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))
     rows = rolling(geometry, Layout(geometry, 2, robot.sample_period), at_no_special_angle[None])[0][0]
     if np.linalg.matrix_rank(rows, tol=1e-9) < 3:
-        raise InputError(f"the encoders of robot {robot.name!r} do not tell its motion; trials need a robot whose do")
+        raise InputError(
+            f"the encoders of robot {robot.name!r} do not determine its motion; trials need a robot whose encoders do"
+        )
     return len(rows) - 3
 
 

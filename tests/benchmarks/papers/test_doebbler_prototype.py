@@ -13,7 +13,7 @@ from benchmarks.tasks.kinematic import true_robot
 
 
 def test_estimators_get_the_nominal_robot_and_the_world_another():
-    """The true square closes; odometry by the nominal wheels does not, and counts tell the other radii."""
+    """The true square closes; odometry by the nominal wheels does not, and counts show the other radii."""
     assumed = Assumptions(corners="fixed", speed=0.5)  # soon driven
     driven = episode(0, assumed)
     assert driven.robot == true_robot()

@@ -240,7 +240,7 @@ def test_another_version_of_a_task_starts_anew(tmp_path, fake_tasks, plugin, job
 
 
 def test_other_recordings_do_not_inherit_rows(tmp_path, fake_tasks, plugin, jobs_here):
-    """As when a folder of measured data is exchanged: the digest of the episode tells."""
+    """As when a folder of measured data is exchanged: the digest of the episode shows it."""
     task, entry = fake_tasks.Arcs(), load_estimator(plugin("followers:Follower"))
     run([Assignment(task, (0,), (entry,))], tmp_path)
     EpisodeStore(tmp_path).save(task, 0, task.record(5))

@@ -56,7 +56,7 @@ def test_a_crossing_costs_the_extra_roll_of_a_cable(diameter, back):
 
 @pytest.mark.parametrize("direction", [math.pi / 2, 1.0, 2.2])
 def test_wheels_in_physics_roll_over_a_bump_as_predicted(direction):
-    """Only the left wheel crosses; over the whole crossing path less rolling is what is told."""
+    """Only the left wheel crosses; over the whole crossing path less rolling is what is reported."""
     robot = dataclasses.replace(DIFFERENTIAL, sample_period=0.01, max_wheel_torque=30.0)
     robot = robot.with_effects(Bump(x=0.4, y=0.17, direction=direction, length=0.2, value=0.01))
     world = RobotWorld(robot, Floor(climbing=False), twist=(0.25, 0.0, 0.0))

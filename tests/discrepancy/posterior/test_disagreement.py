@@ -55,7 +55,7 @@ def test_windows_beyond_what_is_usual_count_with_their_distance():
     likely = []
     for far in (0.0, 1.0, 10.0, 20.0, 30.0):
         off[3, 0] = far * LEAST
-        likely.append(dataclasses.replace(disagreement, seen=off.copy()).told(size)[2])
+        likely.append(dataclasses.replace(disagreement, seen=off.copy()).statistics(size)[2])
     assert likely[0] - likely[1] == pytest.approx(0.5)
     assert likely[2] - likely[3] == pytest.approx(likely[3] - likely[4])
 

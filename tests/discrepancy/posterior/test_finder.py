@@ -38,7 +38,7 @@ def driven(robot, seed, *effects, duration=15.0):
 
 
 def found(robot, *effects):
-    """What logs with effects say, held-out ones that have them too, long enough for the gap to tell."""
+    """What logs with effects say, held-out ones that have them too, long enough for the gap to show them."""
     log, held_out = (driven(robot, seed, *effects, duration=18.0) for seed in (3, 4))
     return diagnose(preset(robot), [log], [held_out])
 

@@ -61,7 +61,7 @@ def test_effects_that_are_one_and_the_same_on_a_robot_have_one_name(robot, same,
     assert (unseen in hidden) if unseen else not hidden
 
 
-def test_no_encoder_foretells_and_what_is_there_or_not_is_about_one():
+def test_no_encoder_reads_early_and_a_binary_effect_is_about_one():
     linear = seen()[1]
     kinds = {candidate.kinds[0].name: candidate.kinds[0] for candidate in linear.candidates if candidate.kinds}
     assert bounds_of(kinds["encoder_latency"]) == (0.0, 1.0)

@@ -90,7 +90,7 @@ def test_wrong_wiring_is_named(effect, poses):
     assert mistake.effects == found.effects == (effect,)
     assert mistake.alternatives == ()
     assert not found.fatal
-    assert any("scale cannot be seen" in remark for remark in found.remarks) is not poses
+    assert any("scale is not observable" in remark for remark in found.remarks) is not poses
 
 
 @pytest.mark.parametrize("kind", sorted(set(EFFECTS) - set(WIRING)))
@@ -298,7 +298,7 @@ def test_short_and_still_logs_are_reported_and_nothing_is_named(rows):
     log = log_of(ASOC)
     short = Log(*(getattr(log, name)[:rows] for name in ("t", "wheel", "pivot")))
     still = dataclasses.replace(log, wheel=log.wheel * 0, pivot=log.pivot * 0)
-    for checked, said in ((short, "little can be seen"), (still, "nothing moves")):
+    for checked, said in ((short, "little is observable"), (still, "nothing moves")):
         found = preflight(ASOC, [checked])
         assert found.mistakes == ()
         assert any(said in remark for remark in found.remarks)

@@ -165,7 +165,10 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
     [
         (answered(UNCONFIRMED), "The held-out logs do not confirm what seems to be missing: wheel radius"),
         (answered(UNEXPLAINED), "it looks like wheel_1l jumps at 3.0 s (97 % sure)"),
-        (answered(AMBIGUOUS), f"these motions cannot tell: {RADIUS} (60 %) or {LATE} (40 %), which costs 39.2 mm"),
+        (
+            answered(AMBIGUOUS),
+            f"these motions cannot distinguish: {RADIUS} (60 %) or {LATE} (40 %), which costs 39.2 mm",
+        ),
         (answered(TRIFLE), f"Nothing that matters is missing: {RADIUS} costs too little."),
         (answered(), "The robot's file explains these logs: nothing is missing."),
     ],
@@ -187,9 +190,9 @@ def test_an_ambiguous_answer_tells_the_drive_that_would_separate_it():
     proposed = {"drive": "squares with reference poses", "expected_log_bayes_factor": 12.34, "duration_s": 65.4}
     data = answered(AMBIGUOUS | {"separating_drive": proposed})
     told = "squares with reference poses (65.4 s; expected log Bayes factor 12.3)"
-    assert f"a drive that would tell {told}" in said(data)
+    assert f"a drive that would distinguish them {told}" in said(data)
     assert f"  to distinguish them, drive {told}" in "\n".join(sentences.as_lines(data))
-    assert "a drive that would tell" not in said(answered(AMBIGUOUS))
+    assert "a drive that would distinguish them" not in said(answered(AMBIGUOUS))
     assert "no drive" in sentences.why_no_drive(answered(AMBIGUOUS))
     assert sentences.why_no_drive(answered(ANSWER)) == "nothing is ambiguous"
 

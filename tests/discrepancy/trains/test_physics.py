@@ -48,7 +48,7 @@ def test_sliding_axles_are_reported():
 
 
 def test_lost_counts_are_no_sliding():
-    """A wheel that counts 10 % less for a while would have to slide, and nothing else tells of what would push it."""
+    """A wheel that counts 10 % less for a while would have to slide, and nothing else shows what would push it."""
     log = Outside("lost_counts", wheel=3, frame=0, value=0.1, begins=0.3).changed(TRAIN, log_at_random(TRAIN, 7, 4.0))
     found = diagnose_train(TRAIN, [log])
     assert found.verdict == "unexplained"

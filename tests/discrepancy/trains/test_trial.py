@@ -101,7 +101,7 @@ def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch, tmp_path):
 
 
 def trial(hidden, named, possible=(), verdict="named", found=(), stratum="one"):
-    """A case with these effects hidden, and what was said of it."""
+    """A case with these effects hidden, and the answer to it."""
     label = {
         "stratum": stratum,
         "hidden": [{"what": one, "name": one, "value": 1.0, "third": "large"} for one in hidden],

@@ -163,7 +163,7 @@ def case_of(hidden, target, measure, robot="asoc-prototype"):
     return Case(1, "one", robot, "wander", (7, 8), False, True, measure, (Hidden(hidden),), (target,))
 
 
-def test_an_effect_is_settled_to_the_strength_wanted():
+def test_the_size_of_an_effect_is_solved_for_its_strength():
     case = case_of(WheelEccentricity(castor=1, wheel=1, value=1e-3, phase=0.5), 60.0, "z")
     trial_run = TrialRun(case, 0, OWN, 12.0)
     found = solve_size(case, trial_run)
@@ -175,7 +175,7 @@ def test_an_effect_is_settled_to_the_strength_wanted():
     assert trial_run.z(case.hidden[0]) < 60.0 / 1.5
 
 
-def test_cost_is_what_was_wanted_and_the_same_for_what_is_outside():
+def test_the_cost_is_the_target_also_of_effects_outside_the_catalogue():
     """A wheel of a differential robot reads the wrong way, by an effect or by what the catalogue does not have."""
     case = case_of(WheelRadius(castor=1, wheel=1, value=1e-3), 0.2, "cost", "differential")
     trial_run = TrialRun(case, 0, OWN, 12.0)
@@ -189,7 +189,7 @@ def test_cost_is_what_was_wanted_and_the_same_for_what_is_outside():
     assert twice == pytest.approx(2 * once, rel=0.05)
 
 
-def test_what_cannot_be_is_not_settled():
+def test_an_impossible_target_has_no_size():
     for measure in ("z", "cost"):
         case = case_of(WheelEccentricity(castor=1, wheel=1, value=1e-3), 1e9, measure)
         assert solve_size(case, TrialRun(case, 0, OWN, 6.0)) is None

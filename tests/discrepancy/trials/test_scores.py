@@ -46,9 +46,9 @@ def test_wilson_interval_as_published():
 
 
 def test_calibration_error_by_hand():
-    """Four names told with 0.7, three of them right: off by 0.05. Two with 0.97, one right: off by 0.47."""
-    told = [(0.7, True)] * 3 + [(0.7, False), (0.97, True), (0.97, False)]
-    bins = reliability(told)
+    """Four names reported with 0.7, three of them right: off by 0.05. Two with 0.97, one right: off by 0.47."""
+    reported = [(0.7, True)] * 3 + [(0.7, False), (0.97, True), (0.97, False)]
+    bins = reliability(reported)
     assert [(one["what"], one["count"], one["total"]) for one in bins] == [("0.6 to 0.8", 3, 4), ("0.95 to 0.99", 1, 2)]
     assert [one["probability"] for one in bins] == pytest.approx([0.7, 0.97])
     assert calibration_error(bins) == pytest.approx((4 * 0.05 + 2 * 0.47) / 6)
@@ -58,15 +58,15 @@ def test_calibration_error_by_hand():
 
 def test_names_are_reported_from_five_percent_on():
     one = trial("one", ["track 1"], probabilities={"track 1": 0.9, "track 2": 0.06, "track 3": 0.04})
-    assert sorted(one.told()) == [(0.06, False), (0.9, True)]
-    assert trial("wiring", ["encoders_swapped 1"], ["encoders_swapped 1"]).told() == []
+    assert sorted(one.reported()) == [(0.06, False), (0.9, True)]
+    assert trial("wiring", ["encoders_swapped 1"], ["encoders_swapped 1"]).reported() == []
 
 
 def test_a_name_that_no_log_tells_from_what_was_hidden_is_right():
     alike = trial("one", ["track 1"], ["track 9"], z_sep=0.1)
-    assert (alike.exact, alike.among, alike.wrong, alike.told()) == (True, True, False, [(1.0, True)])
+    assert (alike.exact, alike.among, alike.wrong, alike.reported()) == (True, True, False, [(1.0, True)])
     other = trial("one", ["track 1"], ["track 9"])
-    assert (other.exact, other.among, other.wrong, other.told()) == (False, False, True, [(1.0, False)])
+    assert (other.exact, other.among, other.wrong, other.reported()) == (False, False, True, [(1.0, False)])
 
 
 def test_any_word_on_a_clean_log_is_an_alarm_but_what_is_negligible():

@@ -103,7 +103,7 @@ def test_redundancy_is_that_of_the_parity_residual():
         course = wander(np.random.default_rng(1), duration=2, holonomic=moves_sideways(robot))
         assert redundancy(robot) == parity_residual(robot, drive(robot, course, 1, duration=2.0)).redundancy
     blind = dataclasses.replace(ASOC.castors[0], pivot_counts_per_rev=None)
-    with pytest.raises(InputError, match="do not tell its motion"):
+    with pytest.raises(InputError, match="do not determine its motion"):
         redundancy(dataclasses.replace(ASOC, castors=(blind,) * 3))
 
 

@@ -61,7 +61,7 @@ def built(robot, seed, size=0.02):
 def test_robots_whose_encoders_cannot_contradict_each_other_need_reference_poses(name):
     robot = preset(name)
     log = rolled(robot, wander(np.random.default_rng(1), duration=10.0, holonomic=name == "omni3"))
-    with pytest.raises(InputError, match=r"without reference poses nothing can be seen .* give logs with ref_x"):
+    with pytest.raises(InputError, match=r"without reference poses nothing is observable .* give logs with ref_x"):
         calibrate(robot, [log])
 
 
@@ -107,7 +107,7 @@ def test_words_say_what_would_help():
 
 @pytest.mark.slow
 def test_unseen_directions_are_stated_with_intervals(with_pivots, unseen_with_pivots):
-    """The file's scale is off: intervals that do not know of it miss; with what they are told to rest on, they hold."""
+    """The file's scale is off: intervals that do not know of it miss; with the assumptions they state, they hold."""
     found, unseen = with_pivots, unseen_with_pivots
     scale = np.array([p.scale for p in found.parameters])
     geometry = Geometry.of(built(n_castor(3), 1))

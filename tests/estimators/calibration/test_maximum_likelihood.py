@@ -342,7 +342,7 @@ def nuisance(motion, random, mount, clock, world, seconds):
 
 @pytest.fixture(scope="module")
 def tracked(exact_motion):
-    """A base on three castors as built, its motion, and what a faultless reference tells."""
+    """A base on three castors as built, its motion, and what a faultless reference reports."""
     true = wrong(n_castor(3), 4)
     motion = wander_of(exact_motion, true, 30, seconds=42.0, speed=0.15)
     plain = calibrate(n_castor(3), [nuisance(motion, np.random.default_rng(1), (0, 0, 0), (0, 0), 0.0, 40.0)])

@@ -55,7 +55,7 @@ def differential(seed):
 
 
 def axle(robot):
-    """What closed squares tell of a differential robot: wheel base over mean radius, and the ratio of the radii."""
+    """What closed squares show of a differential robot: wheel base over mean radius, and the ratio of the radii."""
     left, right = robot.wheels
     return np.array([(left.lateral - right.lateral) / (left.radius + right.radius), left.radius / right.radius])
 
@@ -105,7 +105,7 @@ def test_a_tracked_point_off_the_origin_is_found_where_the_reference_shows_it():
 
 
 def test_slip_of_repeated_squares_is_what_went_in():
-    """Ends measured exactly: 24 numbers, of which two parameters take two, tell it to 15 % (standard deviation)."""
+    """Ends measured exactly: 24 numbers, of which two parameters take two, give it to 15 % (standard deviation)."""
     described, true = differential(5)
     found = calibrate(described, squares(true, np.random.default_rng(5), repeats=4, position=0.0, heading=0.0))
     assert 0.55 * SLIP < found.noise.along < 1.45 * SLIP

@@ -12,7 +12,7 @@ PER_REV = 2000
 
 
 def log_of(times, stamps=None, jerk=0.0, seed=0):
-    """A log of two wheels that speed up and slow down smoothly, read at `times` and said to be read at `stamps`."""
+    """A log of two wheels that speed up and slow down smoothly, read at `times` and recorded as read at `stamps`."""
     random = np.random.default_rng(seed)
     fine = np.linspace(-1, 61, 62001)
     speed = 8 + 3 * np.sin(0.7 * fine)[:, None] * [1, -1]

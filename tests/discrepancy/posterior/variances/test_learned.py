@@ -1,4 +1,4 @@
-"""Curves learned of what has no name: the curve that was put in comes out, and the gap of other logs shrinks."""
+"""Curves learned of what the catalogue lacks: a curve put in comes out, and the gap of other logs shrinks."""
 
 import dataclasses
 from functools import cache

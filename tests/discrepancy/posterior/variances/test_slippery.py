@@ -1,4 +1,4 @@
-"""Slippery patches of the floor: found where wheels slip, told by replays, borne out by logs that come there."""
+"""Slippery patches of the floor: found where wheels slip, compared by replays, confirmed by logs that come there."""
 
 import dataclasses
 import math
@@ -39,7 +39,7 @@ def seen(effect, seed):
 
 @cache
 def found():
-    """The patch that a log of it tells."""
+    """The patch found in a log of it."""
     return slippery_in(ROBOT, [driven(PATCH, 7)], seen(PATCH, 7), 200)
 
 

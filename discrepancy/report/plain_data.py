@@ -101,13 +101,13 @@ def _mistake(mistake: Mistake) -> Data:
 
 
 def _names(diagnosis: Diagnosis) -> dict[str, str]:
-    """Return in words what the names stand for that are told."""
+    """Return in words what the reported names stand for."""
     kinds = ((family_of(effect), effect) for effect in catalogue(diagnosis.robot.as_described()))
     words = {family: described(effect) for family, effect in kinds if effect.name == family.split()[0]}
     words |= {answer.candidate.family: answer.candidate.what for answer in diagnosis.answers}
-    told = {name for answer in diagnosis.answers for name in (*answer.probabilities, *answer.alike)}
-    told |= {name for name, part in diagnosis.inclusion.items() if part > SHOWN}
-    return {name: words.get(name, name) for name in sorted(told)}
+    reported = {name for answer in diagnosis.answers for name in (*answer.probabilities, *answer.alike)}
+    reported |= {name for name, part in diagnosis.inclusion.items() if part > SHOWN}
+    return {name: words.get(name, name) for name in sorted(reported)}
 
 
 def gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
