@@ -71,7 +71,7 @@ class Candidate:
         return any(isinstance(kind, Bump) for kind in self.kinds)
 
     @property
-    def sought_in_steps(self) -> bool:
+    def searched_over_steps(self) -> bool:
         """Whether its place or time was chosen among all steps to suit the logs."""
         return self.at_a_place or " jumps at " in self.what
 

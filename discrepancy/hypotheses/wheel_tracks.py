@@ -81,7 +81,7 @@ def slips_of(robot: RobotDescription, model: LogLikelihood, log: Log, state: Arr
     """
     slips = np.full((len(log) - 1, len(robot.wheels)), np.nan)
     along = np.flatnonzero(model.rows < len(robot.wheels))
-    slips[:, model.rows[along]] = (model.missed(Geometry.of(robot.as_built()), state) - expected)[:, along]
+    slips[:, model.rows[along]] = (model.residuals(Geometry.of(robot.as_built()), state) - expected)[:, along]
     step = np.diff(log.t)
     gap = np.pad(step > GAP * np.median(step), 1)
     slips[gap[:-2] | gap[1:-1] | gap[2:]] = np.nan

@@ -148,7 +148,7 @@ class Shared:
         gradient[mount, 0] += self.mount / MOUNT**2
 
 
-def together(
+def joint(
     reductions: Sequence[tuple[Sequence[Candidate], Reduced]],
 ) -> tuple[tuple[Candidate, ...], Array, Array, list[NDArray[np.intp]]]:
     """Return all candidates of several logs, and the joint information and gradient of their amplitudes, then of the
@@ -169,7 +169,7 @@ def together(
     return candidates, information, gradient, numbers
 
 
-def without(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
+def schur_complement(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
     """Return information (n, n) and score (n,) of the first n numbers, the others eliminated by a Schur complement."""
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
     eliminated = information[:n, :n] - information[:n, n:] @ solved[:, :n]
@@ -182,7 +182,7 @@ def reestimated_noise(logs: Sequence[Columns], chosen: Sequence[Candidate], shar
     for _ in range(NOISE_ROUNDS):
         reductions = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
         log_candidates = [[candidate for candidate in log.candidates if candidate in chosen] for log in logs]
-        candidates, information, gradient, numbers = together(list(zip(log_candidates, reductions, strict=True)))
+        candidates, information, gradient, numbers = joint(list(zip(log_candidates, reductions, strict=True)))
         shared.add_priors(information, gradient, 2 * sum(candidate.columns for candidate in candidates))
         scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
         best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)

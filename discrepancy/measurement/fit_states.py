@@ -15,7 +15,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
 from discrepancy.measurement.creep_prediction import CREEPS, FORCED, QUICK, Slipping
-from discrepancy.measurement.design_matrix import Shared, together, without
+from discrepancy.measurement.design_matrix import Shared, joint, schur_complement
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 
@@ -133,7 +133,7 @@ def _shared(
     for model, state, clock, slips in zip(models, at.states, at.clocks, known, strict=True):
         extra = ExtraColumns(np.zeros((len(state), state.shape[1] - 3, 0)), (slips,))
         reductions.append(((), model.reduce(geometry, unchanged, np.zeros(0), state, clock, at.mount, noise, 0, extra)))
-    _, information, gradient, _ = together(reductions)
+    _, information, gradient, _ = joint(reductions)
     freely = Shared(parts, _foreseen(None, False)[0], np.full(CREEPS, DOUBT), at.mount)
     rigid = bool(_best(information, gradient, freely)[FORCED] < RIGID)
     shared = Shared(parts, *_foreseen(usual, rigid), at.mount)
@@ -144,4 +144,4 @@ def _best(information: Array, gradient: Array, shared: Shared) -> Array:
     """Return the most probable factors (e,), given logs and priors."""
     information, gradient = information.copy(), gradient.copy()
     shared.add_priors(information, gradient, 0)
-    return shared.parts + np.linalg.solve(*without(information, gradient[:, 0], len(shared.parts)))
+    return shared.parts + np.linalg.solve(*schur_complement(information, gradient[:, 0], len(shared.parts)))

@@ -135,7 +135,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
             continue
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = PARTS.tolist() if hides else [0.0]
-        share = 1 / names.count(names[k]) / len(parts) / (steps if candidate.sought_in_steps else 1)
+        share = 1 / names.count(names[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
         hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, width) for part in parts]
         places += [Place(k, part) for part in parts]
     return hypotheses, places

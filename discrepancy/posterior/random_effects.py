@@ -57,10 +57,10 @@ class GoodOrder:
     def beyond(self, logs: Sequence[Statistics]) -> Statistics:
         """Return the joint statistics of logs for sizes beyond good order."""
         scattered = [log.at(self.background).scattered(self.scatter) for log in logs]
-        return together(scattered).scattered(self.doubt)
+        return summed(scattered).scattered(self.doubt)
 
 
-def together(logs: Sequence[Statistics]) -> Statistics:
+def summed(logs: Sequence[Statistics]) -> Statistics:
     """Return the joint statistics of independent logs."""
     information, score = (np.sum([log[k] for log in logs], axis=0) for k in (0, 1))
     return Statistics(np.asarray(information), np.asarray(score))
@@ -82,7 +82,7 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     background, doubt = np.zeros(len(pattern) * len(first)), _spread(pattern, between)
     for _ in range(ROUNDS if clean else 0):
         blurred = _spread(pattern, scatter)
-        background, doubt = _posterior(together([log.scattered(blurred) for log in clean]), _spread(pattern, between))
+        background, doubt = _posterior(summed([log.scattered(blurred) for log in clean]), _spread(pattern, between))
         squares = np.zeros(len(first))
         for log in clean:
             away, unsure = _posterior(log.at(background), blurred)

@@ -15,7 +15,7 @@ from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.priors import bounds_of, direction_of, place_in_model
-from discrepancy.posterior.random_effects import together
+from discrepancy.posterior.random_effects import summed
 
 S = TypeVar("S", bound=Seen)
 
@@ -99,7 +99,7 @@ def refitted(
         current = tuple(effect for effect in current if np.any(effect.amplitudes))
         if not current:
             break
-        statistics = together(seen.logs)
+        statistics = summed(seen.logs)
         directions = np.concatenate([_direction(seen, effect.candidate) for effect in current], axis=1)
         information, score = directions.T @ statistics.information @ directions, directions.T @ statistics.score
         changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
@@ -146,7 +146,7 @@ def _alternatives(
     compared = [sized for sized in named if sized.candidate in large and sized.candidate.columns == 1]
     if not compared:
         return
-    statistics, in_model = together(seen.logs), {sized.candidate for sized in named}
+    statistics, in_model = summed(seen.logs), {sized.candidate for sized in named}
     rivals = {
         candidate: _direction(seen, candidate)[:, 0]
         for candidate in seen.candidates

@@ -80,8 +80,8 @@ def as_lines(data: Data) -> list[str]:
             lines.append(f"odometry with predicted creep is off the reference{log_set} by {before} (rms){now}")
     replays = mapping(data["replay"])
     if before := mapping(replays.get("before")):
-        now = f"; with {file} {missed(replays['after'])}" if replays.get("after") else ""
-        lines.append(f"simulation is off the logs after {before['window_s']:.0f} s by {missed(before)} (rms){now}")
+        now = f"; with {file} {_errors_of(replays['after'])}" if replays.get("after") else ""
+        lines.append(f"simulation is off the logs after {before['window_s']:.0f} s by {_errors_of(before)} (rms){now}")
     return lines
 
 
@@ -187,7 +187,7 @@ def off(gap: Sequence[float]) -> str:
     return " and ".join(f"{_figures(1e3 * part)} {unit}" for part, (unit, _) in zip(gap, COSTS, strict=True))
 
 
-def missed(summary: Mapping[str, Any]) -> str:
+def _errors_of(summary: Mapping[str, Any]) -> str:
     """Return by how much the simulation misses the measurement, of a replay's summary."""
     parts = (("position_rms_mm", "mm"), ("heading_rms_mrad", "mrad"), ("wheels_rms_mm", "mm of roll"))
     known = [f"{_figures(summary[key])} {unit}" for key, unit in parts if summary[key] is not None]

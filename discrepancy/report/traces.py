@@ -82,7 +82,7 @@ def traces_of(
     edges = _edges(log.t, WINDOW)
     middle = (log.t[edges[:-1]] + log.t[edges[1:]]) / 2
     place = np.stack([np.interp(middle, log.t, state[:, axis]) for axis in (0, 1)], axis=-1)
-    slip = np.add.reduceat(model.missed(geometry, state), edges[:-1], axis=0)
+    slip = np.add.reduceat(model.residuals(geometry, state), edges[:-1], axis=0)
     return Traces(t, path, times, at - reference, _names(robot, model.rows), middle, place, slip)
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, vstack
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.posterior.random_effects import Statistics, together
+from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.trains.candidates import Candidate, Rival
 from discrepancy.trains.motion import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes
 from discrepancy.trains.rows import TrainLog
@@ -57,12 +57,12 @@ class Evidence:
     @property
     def information(self) -> Array:
         """Information of all logs together (P, P)."""
-        return together(self.logs).information
+        return summed(self.logs).information
 
     @property
     def score(self) -> Array:
         """Score: the gradient of the log-likelihood of all logs (P,)."""
-        return together(self.logs).score
+        return summed(self.logs).score
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return the maximum-likelihood amplitudes of these candidates together (c,), and their covariance (c, c)."""

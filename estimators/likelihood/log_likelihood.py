@@ -179,7 +179,7 @@ class LogLikelihood:
         self._released = steps
 
     def rows_of(self, rolling: Array, side: Array) -> Array:
-        """Return slips of wheels (K - 1, w) and, to the side, of castors (K - 1, n) as the rows of `missed`."""
+        """Return slips of wheels (K - 1, w) and, to the side, of castors (K - 1, n) as the rows of `residuals`."""
         first = len(self._rolling)
         return np.concatenate([rolling[:, self._rolling], side[:, self._castor[first:]]], axis=1)
 
@@ -266,14 +266,14 @@ class LogLikelihood:
         """Return the error at every reference pose (poses, 3) of odometry that accounts for the expected slips
         (`expect`); it starts at the state's first pose."""
         known = np.flatnonzero(self._posed)
-        at, part = self._sought(known, clock)
+        at, part = self._steps_of_poses(known, clock)
         path = compose(self.odometry(geometry, self._expected), mount)
         truly = compose(state[:, :3], mount)
         part = np.clip(part, 0.0, 1.0)
         path, truly = ((1 - part) * poses[at] + part * poses[at + 1] for poses in (path, truly))
         return compose(truly[0], relative_pose(path[0], path)) - self._reference[known]
 
-    def _sought(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
+    def _steps_of_poses(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the sample after which each of these samples' reference was taken, and the part (k, 1) of the step up
         to it.
 
@@ -284,7 +284,7 @@ class LogLikelihood:
         at = np.clip(np.searchsorted(t, taken, side="right") - 1, 0, len(t) - 2)
         return at, ((taken - t[at]) / (t[at + 1] - t[at]))[:, None]
 
-    def missed(self, geometry: Geometry, state: Array, even: NDArray[np.bool_] | None = None) -> Array:
+    def residuals(self, geometry: Geometry, state: Array, even: NDArray[np.bool_] | None = None) -> Array:
         """Return the residuals of a state in every constraint (..., K - 1, rows), m; the geometry may have leading
         axes.
 
@@ -376,7 +376,7 @@ class LogLikelihood:
             return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
 
         def squares_at(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
-            values = self._values(self.missed(geometry, state), state, clock, mount, weights)
+            values = self._values(self.residuals(geometry, state), state, clock, mount, weights)
             return float(
                 sum(np.sum(part**2) for part in (*values.values(), (clock - expected_clock) / clock_deviation))
             )
@@ -404,11 +404,11 @@ class LogLikelihood:
         return found | {name: np.full((1, 1), 1 / getattr(noise, name)) for name in ("position", "heading")}
 
     def _values(
-        self, missed: Array, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
+        self, in_constraints: Array, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
     ) -> dict[str, Array]:
         """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "pinned", or the
-        field of `Noise` that weights them. missed: those in the constraints (`missed`)."""
-        slips, rolling = missed - self._expected, len(self._rolling)
+        field of `Noise` that weights them. in_constraints: from `residuals`."""
+        slips, rolling = in_constraints - self._expected, len(self._rolling)
         residuals = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
         if self.poses:
             at, part, known = self._shown(clock)
@@ -422,7 +422,7 @@ class LogLikelihood:
     def _shown(self, clock: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the sample after which each used reference pose was taken, the part (k, 1) of the step up to it, and
         its weight (k, 1), which fades out beyond the log's ends."""
-        at, part = self._sought(self._used_poses, clock)
+        at, part = self._steps_of_poses(self._used_poses, clock)
         held = np.clip(part, 0.0 if self._rests[0] else -np.inf, 1.0 if self._rests[1] else np.inf)
         outside = np.abs(held - np.clip(held, 0.0, 1.0))
         return at, np.clip(held, -FADED, 1 + FADED), np.clip((FADED - outside) / (FADED - EXTENDED), 0.0, 1.0)
@@ -442,7 +442,7 @@ class LogLikelihood:
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         extra_count = extra.parameters if extra else 0
         count = first + extra_count + len(mount) + len(clock)
-        residual, derivatives = self.missed(geometry, state), self._derivatives(geometry, state)
+        residual, derivatives = self.residuals(geometry, state), self._derivatives(geometry, state)
         values = self._values(residual, state, clock, mount, weights)
 
         def read(chosen: slice) -> Array:
@@ -454,10 +454,10 @@ class LogLikelihood:
 
         kinds = {"counts": Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
-        by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
+        by_change = np.moveaxis((self.residuals(changed, state) - residual) / change[:, None, None], 0, -1)
         rolling = len(self._rolling)
 
-        def missed(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
+        def by_slips(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
             by = np.zeros((*weight[chosen].shape, count))
             at = 0
             for part in (by_change, *(extra.slips if extra else ())):
@@ -468,7 +468,7 @@ class LogLikelihood:
 
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
             parts = (weights[name][..., None] * part[:, wheel_rows] for part in derivatives)
-            by = partial(missed, wheel_rows=wheel_rows, weight=weights[name])
+            by = partial(by_slips, wheel_rows=wheel_rows, weight=weights[name])
             kinds[name] = Rows(samples[:-1], values[name], *parts, numbers=by)
         if not self.poses:
             kinds["pinned"] = Rows(samples[:1], values["pinned"], eye[None, :3] / PINNED)
@@ -495,7 +495,7 @@ class LogLikelihood:
         return kinds
 
     def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
-        """Return the derivatives of `missed` by the state at the start and the end of every step, to second order."""
+        """Return the derivatives of `residuals` by the state at the start and end of every step, to second order."""
         angle, body, s = self._angles(geometry, state[:, 3:]), body_motion(state, self._even), self._sensed
         middle = (angle[1:] + angle[:-1]) / 2
         a, b = self._matrices(geometry, middle)
@@ -555,9 +555,9 @@ class LogLikelihood:
         Per unit of the changes of the geometry (as in `reduce`), of the excess of readings (K, s + d, R) and of slips
         (K - 1, rows, R).
         """
-        missed = self._contradicting(geometry, changed, change, state, readings)
-        missed[..., len(change) :] -= slips
-        return self.as_motion(geometry, state, np.negative(missed, out=missed))
+        changes = self._contradicting(geometry, changed, change, state, readings)
+        changes[..., len(change) :] -= slips
+        return self.as_motion(geometry, state, np.negative(changes, out=changes))
 
     def as_motion(self, geometry: Geometry, state: Array, slips: Array) -> Array:
         """Return the motion of the body in every step (K - 1, 3, n), in B, that odometry computes from slips (K - 1,
@@ -580,22 +580,22 @@ class LogLikelihood:
 
         And its decrease (K - 1, rows, G + R) per unit of changes, as in `missing`.
         """
-        missed = self._contradicting(geometry, changed, change, state, readings)
-        missed[..., len(change) :] -= slips
-        seen, less = self.missed(geometry, state)[..., None], np.negative(missed, out=missed)
+        changes = self._contradicting(geometry, changed, change, state, readings)
+        changes[..., len(change) :] -= slips
+        seen, decrease = self.residuals(geometry, state)[..., None], np.negative(changes, out=changes)
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         by_motion = np.linalg.pinv(a, rcond=1e-10)
-        for k in blocks(len(less)):
-            less[k] -= a[k] @ (by_motion[k] @ less[k])
-        return (seen - a @ (by_motion @ seen))[..., 0], less
+        for k in blocks(len(decrease)):
+            decrease[k] -= a[k] @ (by_motion[k] @ decrease[k])
+        return (seen - a @ (by_motion @ seen))[..., 0], decrease
 
     def _contradicting(
         self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array
     ) -> Array:
         """Return the change of the residuals of every step (K - 1, rows, G + R), per unit as in `masked_by_creep`."""
-        residual, (start, end) = self.missed(geometry, state), self._derivatives(geometry, state)
-        by_change = np.moveaxis((self.missed(changed, state) - residual) / change[:, None, None], 0, -1)
+        residual, (start, end) = self.residuals(geometry, state), self._derivatives(geometry, state)
+        by_change = np.moveaxis((self.residuals(changed, state) - residual) / change[:, None, None], 0, -1)
         found = np.empty((*residual.shape, len(change) + readings.shape[-1]))
         found[..., : len(change)] = by_change
         for k in blocks(len(found)):
@@ -629,7 +629,7 @@ class LogLikelihood:
         angle = self._angles(geometry, state[:, 3:])[:, np.unique(self._castor)]
         turned = np.abs(np.diff(angle, axis=0)).max(axis=1, initial=0.0)
         around = np.maximum.reduce([turned, np.append(turned[1:], 0.0), np.append(0.0, turned[:-1])])
-        second, fourth = (self.missed(geometry, state, np.full(len(turned), order)) for order in (False, True))
+        second, fourth = (self.residuals(geometry, state, np.full(len(turned), order)) for order in (False, True))
         unsure = np.abs(fourth - second) * np.where(self._even, around**2, 1.0)[:, None]
         step = np.diff(self._t)
         rolled = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)

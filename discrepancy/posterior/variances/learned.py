@@ -21,7 +21,7 @@ from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS
-from discrepancy.posterior.random_effects import Statistics, together
+from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.validation.cost import cost_of
 
 KNOTS = 12
@@ -97,7 +97,7 @@ def learned(
         return None
     candidates = [(term, Candidate(described(term), _unit_terms(term), KNOTS)) for term in terms]
     linearised = look(robot, [candidate for _, candidate in candidates])
-    statistics = together(linearised.logs)
+    statistics = summed(linearised.logs)
     curves = [
         (
             term,
@@ -117,7 +117,7 @@ def learned(
     linearised = look(robot.with_effects(fitted), [candidate])
     columns, sizes = linearised.columns[linearised.candidates.index(candidate)], np.zeros(2 * len(linearised.usual))
     sizes[columns] = values
-    _, values, errors = _curve(term, together(linearised.logs).at(-sizes), columns, len(linearised.usual))
+    _, values, errors = _curve(term, summed(linearised.logs).at(-sizes), columns, len(linearised.usual))
     effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
@@ -188,7 +188,7 @@ def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[
     curve = Candidate(described(unit), (unit,))
     linearised = look(robot, [curve, *(candidate for candidate in candidates_of(robot) if candidate.columns == 1)])
     information, k = (
-        together(linearised.logs).information,
+        summed(linearised.logs).information,
         int(linearised.columns[linearised.candidates.index(curve)][0]),
     )
     best = None

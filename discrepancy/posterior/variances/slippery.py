@@ -61,12 +61,12 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     if not motions:
         return None
     try:
-        plain = _missed(robot, logs, seen)
+        plain = _replay_errors(robot, logs, seen)
     except InputError:  # a robot that cannot be replayed
         return None
 
     def gain(patch: FrictionPatch, value: float) -> float:
-        return _likelier(_missed(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
+        return _likelier(_replay_errors(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
 
     tried = [(gain(patch, TRIED), patch) for patch in patches_of(robot, motions, slips)]
     most, patch = max(tried, key=lambda found: found[0], default=(0.0, None))
@@ -92,10 +92,10 @@ def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised,
     A second patch is tried because a single log hardly determines how far a patch extends.
     """
     try:
-        plain, missed = (_missed(vehicle, logs, seen) for vehicle in (robot, robot.with_effects(patch.effect)))
+        plain, errors = (_replay_errors(vehicle, logs, seen) for vehicle in (robot, robot.with_effects(patch.effect)))
     except InputError:  # logs that cannot be replayed
         return 0.0
-    as_found = _likelier(missed, plain)
+    as_found = _likelier(errors, plain)
     again = slippery_in(robot, logs, seen, 1)
     if again is None or not (_holds(patch.effect, again.effect) or _holds(again.effect, patch.effect)):
         return as_found
@@ -137,25 +137,25 @@ def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
     )
 
 
-def _missed(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:
+def _replay_errors(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:
     """Return the errors (3, N) at the ends of replayed windows: wheels, m; pivots, rad; place, m."""
     geometry = Geometry.of(robot.as_built())
     roll = np.nanmedian(2 * np.pi * geometry.radius / geometry.counts_per_rev)
     sensed = geometry.pivot_counts_per_rev[np.isfinite(geometry.pivot_counts_per_rev)]
     turn = float(np.median(2 * np.pi / sensed)) if len(sensed) else 0.0
-    missed = []
+    errors = []
     for log, clock in zip(logs, seen.state.clocks, strict=True):
         if log.reference is not None:
             left = replay(without(robot, ClockSkew), log, WINDOW, clock=clock, mount=seen.state.mount)
             place = np.nan_to_num(np.sum(left.body[:, :2] ** 2, axis=1))
             pivots = np.mean(left.pivots**2, axis=1) if left.pivots.shape[1] else 0 * place
             wheels = np.mean(left.wheels**2, axis=1)
-            missed.append(np.sqrt([wheels + roll**2 / 6, pivots + turn**2 / 6 + 1e-8, place + PLACE**2]))
-    return np.concatenate(missed, axis=1)
+            errors.append(np.sqrt([wheels + roll**2 / 6, pivots + turn**2 / 6 + 1e-8, place + PLACE**2]))
+    return np.concatenate(errors, axis=1)
 
 
-def _likelier(missed: Array, plain: Array) -> float:
-    """Return the log-likelihood ratio (natural logarithm) of replays with errors `missed` (3, N) and `plain` (3, N)."""
+def _likelier(errors: Array, plain: Array) -> float:
+    """Return the log-likelihood ratio (natural logarithm) of replays with `errors` over those with `plain` (3, N)."""
     usual = np.median(plain, axis=1, keepdims=True)
-    gains = np.log1p((plain / usual) ** 2 / FREEDOM) - np.log1p((missed / usual) ** 2 / FREEDOM)
+    gains = np.log1p((plain / usual) ** 2 / FREEDOM) - np.log1p((errors / usual) ** 2 / FREEDOM)
     return (FREEDOM + 1) / 2 * float(np.sum(gains))

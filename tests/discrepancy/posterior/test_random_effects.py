@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discrepancy.posterior.calibrated import REFITTED, SIGNATURE
-from discrepancy.posterior.random_effects import Statistics, good_order, together
+from discrepancy.posterior.random_effects import Statistics, good_order, summed
 
 
 def drawn(random, design, sizes):
@@ -84,6 +84,6 @@ def test_a_robot_in_good_order_is_beyond_nothing_as_often_as_chance_says(logs):
 
 def test_logs_together_are_their_sum():
     one, other = Statistics(np.eye(2), np.ones(2)), Statistics(2 * np.eye(2), 3 * np.ones(2))
-    both = together([one, other])
+    both = summed([one, other])
     assert both.information == pytest.approx(3 * np.eye(2))
     assert both.score == pytest.approx(np.full(2, 4.0))
