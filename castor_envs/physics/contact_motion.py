@@ -153,8 +153,8 @@ def _solved(matrices: Array, right: Array) -> Array:
     with suppress(np.linalg.LinAlgError):  # an order of magnitude faster than eigenvalues, where none is zero
         pivots = np.diagonal(np.linalg.cholesky(matrices), axis1=1, axis2=2)
         if np.all(pivots.min(axis=1) > 1e-4 * pivots.max(axis=1)):
-            return np.linalg.solve(matrices, right)
-    return np.linalg.pinv(matrices, rcond=1e-10, hermitian=True) @ right
+            return np.asarray(np.linalg.solve(matrices, right), dtype=np.float64)
+    return np.asarray(np.linalg.pinv(matrices, rcond=1e-10, hermitian=True) @ right, dtype=np.float64)
 
 
 def _needed(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:
