@@ -14,7 +14,8 @@ Of every twenty cases, in an order that the seed draws:
 Of all cases, whatever the stratum:
 
     robot       each of the trial's in turn, in an order that the seed draws
-    strength    by cost in use in one half, by z in the other (`BOUNDS`); wiring has no size
+    strength    by cost in use in one half, by z in the other (`BOUNDS`), unless no effect can have such a z, as in
+                motions that small changes alter more; wiring has no size
     clean logs  three in half of the cases by pymunk, and in four of five by another simulator; else none
     reference   none in one half of the cases of robots whose encoders are redundant; all others have one
 

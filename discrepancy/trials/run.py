@@ -149,7 +149,20 @@ def _make_clean(plan: Plan, name: str, number: int, folder: Path) -> None:
 
 
 def _make_case(plan: Plan, number: int, folder: Path) -> None:
-    started, source, begun = time.process_time(), generator(plan.generator), plan.setting(number)
+    """Make a case; if no effect can have the z that is drawn, its strength is drawn by cost."""
+    started, begun = time.process_time(), plan.setting(number)
+    for case in dict.fromkeys([begun, dataclasses.replace(begun, measure="cost")]):
+        label = _made(plan, case, folder)
+        if label is not None:
+            label |= {"seconds": time.process_time() - started}
+            write_json(folder / "labels" / f"{name_of(number)}.json", label)
+            return
+    raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
+
+
+def _made(plan: Plan, begun: Case, folder: Path) -> dict[str, Any] | None:
+    """Write the files of a case and return its label; None if no attempt meets the requirements."""
+    source = generator(plan.generator)
     first = TrialRun(begun, 0, source, plan.duration)
     trial_runs = [first, TrialRun(begun, 1, source, plan.duration, like=first)]
     for attempt in range(ATTEMPTS):
@@ -164,10 +177,8 @@ def _make_case(plan: Plan, number: int, folder: Path) -> None:
             _write_files(case, logs, folder)
         except (InputError, ValueError, ArithmeticError):
             continue
-        label = _label(case, strengths) | {"attempts": attempt + 1, "seconds": time.process_time() - started}
-        write_json(folder / "labels" / f"{name_of(number)}.json", label)
-        return
-    raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
+        return _label(case, strengths) | {"attempts": attempt + 1}
+    return None
 
 
 def _strengths(case: Case, trial_runs: list[TrialRun]) -> list[Strength] | None:
