@@ -26,6 +26,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion, contact_paths
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.likelihood.sparse_columns import SparseColumns
 
 SWEPT = np.pi
 """rad that a castor must sweep so that errors periodic in its angle can be distinguished from a bias and a gain of its
@@ -135,15 +136,15 @@ class Signatures:
     """Signatures of candidates in one log, one or two columns each.
 
     The first G columns are of `geometries`, changed by `steps` (G,); the other R of `readings` (K, s + d, R), counts
-    read too much per unit, of `slips`, R of them, and of `rates` (R,), rate of the reference's clock per unit. places:
-    which of the R are at a place on the floor.
+    read too much per unit, of `slips` (K - 1, w + n, R), m per unit that wheels roll and castors move to their side,
+    and of `rates` (R,), rate of the reference's clock per unit. places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
     geometries: tuple[Geometry, ...]
     steps: Array
-    readings: Array
-    slips: tuple[Slip, ...]
+    readings: SparseColumns
+    slips: SparseColumns
     rates: Array
     places: tuple[int, ...]
 
@@ -252,17 +253,24 @@ def signatures_of(
         return total / len(dithers)
 
     built: list[tuple[Candidate, Geometry, float]] = []
-    read: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
-    clocks: list[tuple[Candidate, Array, tuple[Slip, ...]]] = []
+    read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []
+    clocks: list[Candidate] = []
     motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
-    no_readings, still = np.zeros((*counts.shape, 1)), Slip.none(motion)
+    slip_rows = motion.wheel_angle.shape[1] + motion.castor_angle.shape[1]
+
+    def misreading(candidate: Candidate, excess: Array) -> tuple[Candidate, SparseColumns, SparseColumns]:
+        return candidate, SparseColumns.of(excess), SparseColumns((len(counts) - 1, slip_rows, candidate.columns))
+
+    def slipping(candidate: Candidate, slips: SparseColumns) -> tuple[Candidate, SparseColumns, SparseColumns]:
+        return candidate, SparseColumns((*counts.shape, candidate.columns)), slips
+
     for candidate in [*candidates_of(robot), *places] if among is None else among:
         kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
         if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not in_robot:
             continue
         if rate_of(candidate.kinds):
-            clocks.append((candidate, no_readings, (still,)))
+            clocks.append(candidate)
             continue
         try:
             changed = [robot.with_effects(effect) for effect in candidate.kinds]
@@ -275,26 +283,22 @@ def signatures_of(
             dithers = DITHERS if kind.discrete else np.zeros(1)
             excess = np.stack([added(changed_robot, dithers) for changed_robot in changed], axis=-1) / kind.value
             if np.any(excess):
-                read.append((candidate, excess, (still,) * candidate.columns))
+                read.append(misreading(candidate, excess))
             elif (slip := _slip_of(candidate, robot, motion)) is not None:
-                read.append((candidate, no_readings, (slip,)))
+                both = np.concatenate([slip.rolling, slip.side], axis=1)
+                read.append(slipping(candidate, SparseColumns.of(both[..., None])))
     if among is None:
-        read += [
-            (candidate, excess, (still,) * candidate.columns)
-            for candidate, excess in _misread(channels, log, counts, score, of)
-        ]
-        read += [
-            (candidate, np.repeat(no_readings, candidate.columns, axis=-1), slips)
-            for candidate, slips in _slipping(robot, motion)
-        ]
-    read += clocks if log.reference is not None else []
-    of_columns = [candidate for candidate, _, slips in read for _ in slips]
+        read += [misreading(candidate, excess) for candidate, excess in _misread(channels, log, counts, score, of)]
+        read += [slipping(candidate, slips) for candidate, slips in _slipping(robot, motion)]
+    still = np.zeros((*counts.shape, 1))
+    read += [misreading(candidate, still) for candidate in clocks] if log.reference is not None else []
+    of_columns = [candidate for candidate, _, _ in read for _ in range(candidate.columns)]
     return Signatures(
         (*(candidate for candidate, _, _ in built), *(candidate for candidate, _, _ in read)),
         tuple(geometry for _, geometry, _ in built),
         np.array([step for _, _, step in built]),
-        np.concatenate([no_readings[..., :0], *(excess for _, excess, _ in read)], axis=-1),
-        tuple(slip for _, _, slips in read for slip in slips),
+        SparseColumns.joined([excess for _, excess, _ in read], counts.shape),
+        SparseColumns.joined([slips for _, _, slips in read], (len(counts) - 1, slip_rows)),
         np.array(
             [
                 rate_of(candidate.kinds) / (candidate.kinds[0].value if candidate.kinds else 1.0)
@@ -364,20 +368,18 @@ def _place_but_phase(effect: Effect) -> dict[str, object]:
     return {key: value for key, value in place_of(effect).items() if key != "phase"}
 
 
-def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candidate, tuple[Slip, ...]]]:
+def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candidate, SparseColumns]]:
     """Yield unnamed alternatives: one wheel or castor that slips periodically with its angle, or increasingly with
-    time."""
-    paths, later, no_slip = contact_paths(robot.as_built(), motion), motion.middle - motion.middle[0], Slip.none(motion)
+    time; with the slips (K - 1, w + n, columns) of wheels and castors."""
+    paths, later = contact_paths(robot.as_built(), motion), motion.middle - motion.middle[0]
     wheel_angle = (motion.wheel_angle[1:] + motion.wheel_angle[:-1]) / 2
     swept = motion.body[:, 2:] + motion.turned
 
-    def alone(behaviour: str, place: str, k: int, *values: Array) -> tuple[Candidate, tuple[Slip, ...]]:
-        slips = []
-        for value in values:
-            rolling, side = no_slip.rolling.copy(), no_slip.side.copy()
-            (side if place.startswith("castor") else rolling)[:, k] = value
-            slips.append(Slip(rolling, side))
-        return Candidate(f"{place} {behaviour}", columns=len(values)), tuple(slips)
+    def alone(behaviour: str, place: str, k: int, *values: Array) -> tuple[Candidate, SparseColumns]:
+        row = k + len(robot.wheels) if place.startswith("castor") else k
+        shape = len(later), len(robot.wheels) + len(robot.castors), len(values)
+        slips = SparseColumns(shape, values, [row] * len(values), range(len(values)))
+        return Candidate(f"{place} {behaviour}", columns=len(values)), slips
 
     for k in robot.driven_wheels:
         i = robot.wheel_castors[k]

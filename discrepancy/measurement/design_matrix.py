@@ -2,19 +2,29 @@
 creep."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, rate_of, signatures_of, stacked
 from discrepancy.measurement.creep_prediction import Slipping
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
-from estimators.likelihood.log_likelihood import TIMED, ExtraColumns, LogLikelihood, Noise, Reduced
+from estimators.likelihood.log_likelihood import (
+    TIMED,
+    Changes,
+    ExtraColumns,
+    LogLikelihood,
+    Masked,
+    Noise,
+    Reduced,
+)
+from estimators.likelihood.sparse_columns import SparseColumns
 
 NOISE_ROUNDS, SAME = 20, 0.02
 """Most rounds in which noise beside given candidates is estimated, and the change at which they end."""
@@ -26,22 +36,19 @@ UNEVEN = 0.3
 @dataclass(frozen=True, eq=False)
 class Columns:
     """The columns of one log's linear problem about a state. Of C amplitudes the first G change the geometry
-    (`geometries`, changed by `steps` (G,)), the other R change readings (K, s + d, R) and slips (K - 1, rows, R).
-    masked (K - 1, rows, C): slips that mask each amplitude; for the robot's effects, as predicted. known_slips (K - 1,
-    rows, e): slips known up to a factor. rates (R,): rate of the reference's clock, s/s; rate: its rate by the robot's
-    effects, None where no poses determine it."""
+    (`geometries`), the other R change readings and slips (`changes`). masked (K - 1, rows, C): slips that mask each
+    amplitude; for the robot's effects, as predicted. known_slips (K - 1, rows, e): slips known up to a factor. rates
+    (R,): rate of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine it."""
 
     model: LogLikelihood
-    geometry: Geometry
-    state: Array
     clock: Array
     candidates: tuple[Candidate, ...]
     geometries: tuple[Geometry, ...]
-    steps: Array
-    readings: Array
-    slips: Array
-    masked: Array
-    known_slips: Array
+    changes: Changes
+    readings: SparseColumns
+    slips: SparseColumns
+    masked: Masked
+    known_slips: SparseColumns
     rates: Array
     rate: float | None
 
@@ -60,61 +67,76 @@ class Columns:
         places: Sequence[Candidate],
         of: str,
     ) -> "Columns":
-        """Return the columns of candidates, from `signatures_of`. known_slips: `Slipping.known()`; parts: their
-        factors."""
+        """Return the columns of candidates, from `signatures_of`. known_slips: `Slipping.known()`, of which the first
+        kind may also be known up to a factor for each row alone; parts: factors of the kinds."""
         geometry = Geometry.of(robot.as_built())
         found = signatures_of(robot, log, state, model.score_by_counts(state), among, of, places)
+        slips = found.slips.in_rows(model.slip_rows)
+        for k in found.places:  # the state took this disagreement for creep, while no cable was in the model
+            slip = Slip(*np.split(found.slips.only([k])[:][..., 0], [len(robot.wheels)], axis=1))
+            slips = slips.less(k, parts[0] * slipping.seen_as_creep(slip))
         changed = stacked(geometry, found.geometries)
-        masked = model.masked_by_creep(geometry, changed, found.steps, state, found.readings, slipping.yields)
+        changes = Changes(geometry, changed, found.steps, state, found.readings, slips)
+        masked = model.masked_by_creep(changes, slipping.yields)
         for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
             for effect in robot.effects:
                 if candidate.is_of(effect) and not effect.binary and np.any(candidate.amplitudes(effect)):
-                    masked[..., columns] = parts[0] * slipping.masking(effect, candidate)
-        slips = np.zeros((*known_slips.shape[:2], len(found.slips)))
-        for k, slip in enumerate(found.slips):
-            slips[..., k] = model.rows_of(slip.rolling, slip.side)
-        for k in found.places:  # the state took this disagreement for creep, while no cable was in the model
-            slips[..., k] -= parts[0] * slipping.seen_as_creep(found.slips[k])
+                    predicted = parts[0] * slipping.masking(effect, candidate)
+                    for column, slip in zip(columns.tolist(), np.moveaxis(predicted, -1, 0), strict=True):
+                        masked.give(column, slip)
+        row_by_row = SparseColumns.of(known_slips), SparseColumns.diagonal(known_slips[..., 0])
         return cls(
             model=model,
-            geometry=geometry,
-            state=state,
             clock=clock,
             candidates=found.candidates,
             geometries=found.geometries,
-            steps=found.steps,
+            changes=changes,
             readings=found.readings,
             slips=slips,
             masked=masked,
-            known_slips=known_slips,
+            known_slips=SparseColumns.joined(row_by_row, known_slips.shape[:2]),
             rates=found.rates,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
         )
 
+    @property
+    def geometry(self) -> Geometry:
+        """The robot's geometry, its effects included."""
+        return self.changes.geometry
+
+    @property
+    def state(self) -> Array:
+        """The state (K, m)."""
+        return self.changes.state
+
+    @property
+    def steps(self) -> Array:
+        """The changes (G,) of the geometries."""
+        return self.changes.change
+
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
         """Return the log's statistics of amplitudes, masked amounts, factors of known slips, and constant creep of
         every wheel and castor; with `only`: of these candidates, without constant creep."""
-        chosen = [only is None or candidate in only for candidate in self.candidates for _ in range(candidate.columns)]
-        columns, always = np.flatnonzero(chosen), self.known_slips[..., :0]
+        changes, masked, rates, always = self.changes, self.masked, self.rates, []
         if only is None:
-            always = self.model.rolled(self.geometry, self.state)[..., None] * np.eye(len(self.model.rows))
-        built, of_readings = columns[columns < len(self.steps)], columns[columns >= len(self.steps)] - len(self.steps)
-        changed = stacked(self.geometry, [self.geometries[k] for k in built.tolist()])
-        readings, slips, masked = (
-            part if only is None else part[..., kept]
-            for part, kept in ((self.readings, of_readings), (self.slips, of_readings), (self.masked, columns))
-        )
-        parts = (slips, masked, self.known_slips, always)
-        rates = np.pad(self.rates[of_readings], (0, sum(part.shape[-1] for part in parts) - len(of_readings)))
-        extra = ExtraColumns(readings, parts, rates)
-        return self.model.reduce(
-            self.geometry, changed, self.steps[built], self.state, self.clock, mount, noise, probes, extra, self.rate
-        )
-
-    def alone(self) -> tuple[Geometry, Geometry, Array, Array, Array, Array]:
-        """Return the arguments of `LogLikelihood.missing` for all candidates."""
-        changed = stacked(self.geometry, self.geometries)
-        return self.geometry, changed, self.steps, self.state, self.readings, self.slips
+            always = [SparseColumns.diagonal(self.model.rolled(self.geometry, self.state))]
+        else:
+            chosen = [candidate in only for candidate in self.candidates for _ in range(candidate.columns)]
+            columns, built = np.flatnonzero(chosen), len(self.steps)
+            of_geometry, of_readings = columns[columns < built], columns[columns >= built] - built
+            changes = replace(
+                changes,
+                changed=stacked(self.geometry, [self.geometries[k] for k in of_geometry.tolist()]),
+                change=self.steps[of_geometry],
+                readings=self.readings.only(of_readings.tolist()),
+                slips=self.slips.only(of_readings.tolist()),
+            )
+            masked, rates = self.masked.only(changes, columns), rates[of_readings]
+        parts = (changes.slips, masked, self.known_slips, *always)
+        rates = np.pad(rates, (0, sum(part.shape[-1] for part in parts) - len(rates)))
+        extra = ExtraColumns(changes.readings, parts, rates)
+        at = self.geometry, changes.changed, changes.change, self.state, self.clock
+        return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
 
 
 def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
-from discrepancy.hypotheses.candidates import stacked
 from discrepancy.measurement.design_matrix import UNEVEN, Columns
+from estimators.likelihood.elimination import BLOCK, blocks
 
 WINDOW = 1.0
 """s: window over which disagreement is summed. Errors of rounding, and of castors that turn between two commands,
@@ -68,7 +68,7 @@ class Disagreement:
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
         model = design.model
-        seen, by_size = model.disagreement(*design.alone())
+        seen = model.disagreement(design.geometry, design.state)
         caused = caused - model.explained(design.geometry, design.state, caused)
         square = max(float(np.sum(caused**2)), 1e-30)
         caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
@@ -77,7 +77,12 @@ class Disagreement:
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
         rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        sums = [np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused), by_size)]
+        by_size = [
+            np.add.reduceat(model.agreement_by(design.changes, steps), np.arange(0, steps.stop - steps.start, samples))
+            for steps in blocks(len(way), max(BLOCK // samples, 1) * samples)
+        ]
+        parts = (np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused)))
+        sums = [*parts, np.concatenate(by_size)]
         of_way, doubt, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
         steps = np.diff([*starts, len(way)])
         along = model.rows < len(design.geometry.radius)
@@ -117,22 +122,22 @@ class Disagreement:
         size = np.where(self.along, *sizes)
         off = np.abs(self.seen) / size
         weight = self.counted[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
-        columns = np.concatenate([self.by_size, -self.by_size], axis=-1) * weight[..., None]
-        columns, seen = columns.reshape(self.seen.size, -1), (self.seen * weight).reshape(-1)
+        columns = (self.by_size * weight[..., None]).reshape(self.seen.size, -1)
+        information, score = columns.T @ columns, columns.T @ (self.seen * weight).reshape(-1)
         far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
         likely = -float(self.counted.sum() * np.sum(np.log(size))) - float(np.sum(far[self.counted]))
-        return columns.T @ columns, columns.T @ seen, likely
+        masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
+        return np.kron(masked, information), np.concatenate([score, -score]), likely
 
 
 def of_row(design: Columns, row: int) -> tuple[Array, Array]:
     """Return by how much a row disagrees with the other rows in every step (K - 1,), m, and the change of it per metre
     of slip of that row."""
     model, geometry, state = design.model, design.geometry, design.state
-    slips = np.zeros((len(state) - 1, len(model.rows), 1))
+    slips = np.zeros((len(state) - 1, len(model.rows)))
     slips[:, row] = 1.0
-    no_readings = np.zeros((len(state), state.shape[1] - 3, 1))
-    seen, by_slip = model.disagreement(geometry, stacked(geometry, []), np.zeros(0), state, no_readings, slips)
-    return seen[:, row], by_slip[:, row, 0]
+    by_slip = model.explained(geometry, state, slips) - slips
+    return model.disagreement(geometry, state)[:, row], -by_slip[:, row]
 
 
 def _size(seen: Array) -> float:

@@ -26,7 +26,9 @@ from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
 from estimators.calibration.maximum_likelihood import MOUNT, State
+from estimators.likelihood.elimination import blocks
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
+from estimators.likelihood.sparse_columns import SparseColumns
 
 CREEP = 7e-5
 """Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.
@@ -74,7 +76,7 @@ class Linearised:
         costs = []
         for design, slipped in zip(self.designs, slips, strict=True):
             error = design.model.as_motion(design.geometry, design.state, slipped)
-            costs.append(cost_of_sizes(error, design.state[:, :3])[:, 0])
+            costs.append(cost_of_sizes([error], design.state[:, :3])[:, 0])
         return np.sqrt(np.mean(np.square(costs), axis=0))
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
@@ -129,7 +131,7 @@ def linearise(
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
         Columns.of(
-            robot, model, log, state, clock, slip.slipping, _row_by_row(slip.known), shared.parts, among, places, name
+            robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name
         )
         for model, log, state, clock, slip, name in zip(models, logs, at.states, at.clocks, slips, names, strict=True)
     ]
@@ -139,14 +141,15 @@ def linearise(
     count = sum(candidate.columns for candidate in candidates)
     usual, costs = np.full(count, np.nan), []
     for model, design, state in zip(models, designs, at.states, strict=True):
-        blocks = [place[candidate] for candidate in design.candidates]
-        indices = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
+        parts = [place[candidate] for candidate in design.candidates]
+        indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
         unnamed = np.array(
             [not candidate.kinds for candidate in design.candidates for _ in range(candidate.columns)], dtype=bool
         )
-        usual[indices[unnamed]] = _usual(model, geometry, design, state)[unnamed]
+        usual[indices[unnamed]] = _usual(design)[unnamed]
         cost = np.zeros((2, count))
-        cost[:, indices] = cost_of_sizes(model.missing(*design.alone()), state[:, :3])
+        missing = (model.missing(design.changes, steps) for steps in blocks(len(state) - 1))
+        cost[:, indices] = cost_of_sizes(missing, state[:, :3])
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
@@ -185,8 +188,8 @@ def _statistics_of(
     place, by_log, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
     for design, disagreement in zip(designs, disagreements, strict=True):
-        blocks = [place[candidate] for candidate in design.candidates]
-        indices = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
+        parts = [place[candidate] for candidate in design.candidates]
+        indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
         statistics, log_likelihood = _of_sizes(design, disagreement.statistics(disagreement.sizes()), shared, noise)
         by_log.append(_spread(statistics, indices, count))
         log_evidence += log_likelihood
@@ -226,12 +229,6 @@ def _of_sizes(
     return Statistics((eliminated + eliminated.T) / 2, score[:n] - information[:n, n:] @ solved[:, n]), float(likely)
 
 
-def _row_by_row(known: Array) -> Array:
-    """Return slips known up to a factor (K - 1, rows, e), followed by the first of them, predicted creep, for each row
-    alone."""
-    return np.concatenate([known, known[..., :1] * np.eye(known.shape[1])], axis=-1)
-
-
 def _spread(statistics: Statistics, indices: NDArray[np.intp], count: int) -> Statistics:
     """Return the statistics of a log embedded in those of all sizes; sizes without a column in this log get information
     0."""
@@ -241,11 +238,16 @@ def _spread(statistics: Statistics, indices: NDArray[np.intp], count: int) -> St
     return Statistics(information, score)
 
 
-def _usual(model: LogLikelihood, geometry: Geometry, design: Columns, state: Array) -> Array:
+def _usual(design: Columns) -> Array:
     """Return sizes (columns,) at which candidates change readings by `COUNTS`, or slips by `SLIP`, rms."""
-    built = len(design.steps)
-    rolled = np.sqrt(np.mean(model.rolled(geometry, state) ** 2))
-    read = np.sqrt(np.mean(np.max(design.readings**2, axis=1), axis=0)) / COUNTS
-    slipped = np.sqrt(np.mean(np.max(design.slips**2, axis=1), axis=0)) / (SLIP * rolled + 1e-12)
+    rolled = np.sqrt(np.mean(design.model.rolled(design.geometry, design.state) ** 2))
+    read = np.sqrt(_mean_of_largest_squares(design.readings)) / COUNTS
+    slipped = np.sqrt(_mean_of_largest_squares(design.slips)) / (SLIP * rolled + 1e-12)
     shown = np.maximum(read, slipped)
-    return np.concatenate([np.full(built, np.nan), 1 / np.maximum(shown, 1e-30)])
+    return np.concatenate([np.full(len(design.steps), np.nan), 1 / np.maximum(shown, 1e-30)])
+
+
+def _mean_of_largest_squares(columns: SparseColumns) -> Array:
+    """Return the mean over samples or steps of the largest square in any row (C,)."""
+    sums = [np.max(columns[block] ** 2, axis=1).sum(axis=0) for block in blocks(columns.shape[0])]
+    return np.sum(sums, axis=0) / columns.shape[0]

@@ -303,4 +303,4 @@ def _cost_of_path(pose: Array, off: Array) -> Array:
     c, s, turned = np.cos(heading)[:, None], np.sin(heading)[:, None], (off[1:, 2] + off[:-1, 2]) / 2
     x = np.diff(off[:, 0], axis=0) + turned * step[:, 1:2]
     y = np.diff(off[:, 1], axis=0) - turned * step[:, :1]
-    return cost_of_sizes(np.stack([c * x + s * y, c * y - s * x, np.diff(off[:, 2], axis=0)], axis=1), pose)
+    return cost_of_sizes([np.stack([c * x + s * y, c * y - s * x, np.diff(off[:, 2], axis=0)], axis=1)], pose)

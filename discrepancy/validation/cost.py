@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
@@ -61,34 +62,55 @@ def odometry(robot: RobotDescription, log: Log) -> Array:
     return model.odometry(geometry)
 
 
-def cost_of_sizes(error: Array, pose: Array) -> Array:
+def cost_of_sizes(errors: Iterable[Array], pose: Array) -> Array:
     """Return the accumulated errors of odometry (2, C), rms: m after `WAY`, and rad after a turn.
 
-    error (K - 1, 3, C): of each step, in B, m and rad, by C causes. pose (K, 3). Shorter drives are scaled up; 0 where
-    a drive is shorter than a tenth of the way, or does not turn by half a turn.
+    errors: of each step, in B, m and rad, by C causes; successive blocks (k, 3, C) of all K - 1 steps. pose (K, 3).
+    Shorter drives are scaled up; 0 where a drive is shorter than a tenth of the way, or does not turn by half a turn.
     """
-    heading, place = pose[:-1, 2] + np.diff(pose[:, 2]) / 2, (pose[1:, :2] + pose[:-1, :2]) / 2
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    moved = np.stack([c * error[:, 0] - s * error[:, 1], s * error[:, 0] + c * error[:, 1]], axis=1)
-    turned = error[:, 2]
-    sums = [
-        np.concatenate([np.zeros_like(part[:1]), np.cumsum(part, axis=0)])
-        for part in (moved, turned, place[:, :, None] * turned[:, None, :])
-    ]
     driven, swept = (
         np.concatenate([[0.0], np.cumsum(steps)])
         for steps in (np.hypot(*np.diff(pose[:, :2], axis=0).T), np.abs(np.diff(pose[:, 2])))
     )
-    cost, way = np.zeros((2, error.shape[2])), min(WAY, float(driven[-1]))
+    way, turn = min(WAY, float(driven[-1])), min(2 * np.pi, float(swept[-1]))
+    (starts, ends), (turn_starts, turn_ends) = _stretches(driven, way), _stretches(swept, turn)
+    at = np.unique(np.concatenate([starts, ends, turn_starts, turn_ends]))
+    sums = _sums_at(at, errors, pose)
+
+    def over(first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+        return sums[np.searchsorted(at, last)] - sums[np.searchsorted(at, first)]
+
+    cost = np.zeros((2, sums.shape[2]))
     if way >= WAY / 10:
-        starts = np.unique(np.searchsorted(driven, np.linspace(0.0, driven[-1] - way, WINDOWS)))
-        ends = np.minimum(np.searchsorted(driven, driven[starts] + way), len(driven) - 1)
-        moved, turned, swung = (total[ends] - total[starts] for total in sums)
+        within = over(starts, ends)
+        moved, turned, swung = within[:, :2], within[:, 2], within[:, 3:]
         off = moved + (pose[ends, :2, None] * turned[:, None, :] - swung)[:, ::-1] * np.array([-1.0, 1.0])[:, None]
         cost[0] = np.sqrt(np.mean(np.sum(off**2, axis=1), axis=0)) * WAY / way
     if swept[-1] >= np.pi:
-        turn = min(2 * np.pi, float(swept[-1]))
-        starts = np.unique(np.searchsorted(swept, np.linspace(0.0, swept[-1] - turn, WINDOWS)))
-        ends = np.minimum(np.searchsorted(swept, swept[starts] + turn), len(swept) - 1)
-        cost[1] = np.sqrt(np.mean((sums[1][ends] - sums[1][starts]) ** 2, axis=0)) * 2 * np.pi / turn
+        cost[1] = np.sqrt(np.mean(over(turn_starts, turn_ends)[:, 2] ** 2, axis=0)) * 2 * np.pi / turn
     return cost
+
+
+def _stretches(driven: Array, way: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the samples at which up to `WINDOWS` stretches of a way begin and end, given the way (K,) up to each."""
+    starts = np.unique(np.searchsorted(driven, np.linspace(0.0, driven[-1] - way, WINDOWS)))
+    return starts, np.minimum(np.searchsorted(driven, driven[starts] + way), len(driven) - 1)
+
+
+def _sums_at(at: NDArray[np.intp], errors: Iterable[Array], pose: Array) -> Array:
+    """Return sums up to some samples (k, 5, C) of the errors of place and heading, in N, and of the place in a step
+    times the error of heading. errors, pose: as in `cost_of_sizes`."""
+    heading, place = pose[:-1, 2] + np.diff(pose[:, 2]) / 2, (pose[1:, :2] + pose[:-1, :2]) / 2
+    first, total, sums = 0, None, []
+    for error in errors:
+        steps = slice(first, first + len(error))
+        c, s = np.cos(heading[steps])[:, None], np.sin(heading[steps])[:, None]
+        x, y, turned = np.moveaxis(error, 1, 0)
+        px, py = place[steps].T[..., None]
+        parts = np.stack([c * x - s * y, s * x + c * y, turned, px * turned, py * turned], axis=1)
+        begin = np.zeros_like(parts[:1]) if total is None else total
+        parts = np.concatenate([begin, parts]).cumsum(axis=0)
+        last = np.searchsorted(at, steps.stop, side="right")
+        sums.append(parts[at[sum(map(len, sums)) : last] - first])
+        first, total = steps.stop, parts[-1:]
+    return np.concatenate(sums)

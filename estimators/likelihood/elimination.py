@@ -72,9 +72,9 @@ def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int
     return total
 
 
-def blocks(count: int) -> list[slice]:
-    """Return slices of at most `BLOCK` of so many samples or steps."""
-    return [slice(first, min(first + BLOCK, count)) for first in range(0, count, BLOCK)]
+def blocks(count: int, most: int = BLOCK) -> list[slice]:
+    """Return slices of at most so many of samples or steps."""
+    return [slice(first, min(first + most, count)) for first in range(0, count, most)]
 
 
 def left_by(rows: Rows, by: Array, samples: int) -> Array:

@@ -29,6 +29,7 @@ from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
 from estimators.likelihood.elimination import Rows, add, banded, blocks, eliminated, left_by
+from estimators.likelihood.sparse_columns import ByBlocks
 
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
@@ -57,6 +58,9 @@ Errors of such poses within seconds (jitter of clocks, a filter) are correlated.
 
 CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
+
+REACH = 2
+"""Steps before and after a step with which its residuals are integrated to fourth order."""
 
 RATE_KNOWN = 1e-6
 """s/s: standard deviation of a known rate."""
@@ -106,18 +110,32 @@ class ExtraColumns(NamedTuple):
     """R parameters beside those of the geometry, by the effect of a unit of each.
 
     readings (K, s + d, r): counts read too much, of the first r parameters; the others change no reading. slips: metres
-    by which a step misses its constraints, blocks (K - 1, rows, c) of successive parameters, R in all. rates (R,): rate
+    by which a step misses its constraints, parts (K - 1, rows, c) of successive parameters, R in all. rates (R,): rate
     of the reference's clock, s/s; None: 0.
     """
 
-    readings: Array
-    slips: tuple[Array, ...]
+    readings: ByBlocks
+    slips: tuple[ByBlocks, ...]
     rates: Array | None = None
 
     @property
     def parameters(self) -> int:
         """The number of parameters."""
         return sum(part.shape[-1] for part in self.slips)
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Changes about a state (K, m) of a robot: `changed` geometries (G,), in each of which one parameter is larger by
+    change (G,); and R of readings (K, s + d, R), counts read too much per unit, and of slips (K - 1, rows, R), m per
+    unit."""
+
+    geometry: Geometry
+    changed: Geometry
+    change: Array
+    state: Array
+    readings: ByBlocks
+    slips: ByBlocks
 
 
 class LogLikelihood:
@@ -145,7 +163,7 @@ class LogLikelihood:
         self._readings = np.sqrt(12 * np.apply_along_axis(_share_of_reading, 0, self._counts))
         self._sensed, self._wheels = len(sensed), np.flatnonzero(~np.isnan(layout.counts_per_rev))
 
-        self._radius = float(np.mean(layout.radius[self._wheels]))
+        self._wheel_count, self._radius = len(layout.radius), float(np.mean(layout.radius[self._wheels]))
 
         known = (layout.fixed | ~np.isnan(layout.pivot_counts_per_rev))[layout.wheel_castor]
         self._rolling = np.flatnonzero(known & ~np.isnan(layout.counts_per_rev))
@@ -180,8 +198,13 @@ class LogLikelihood:
 
     def rows_of(self, rolling: Array, side: Array) -> Array:
         """Return slips of wheels (K - 1, w) and, to the side, of castors (K - 1, n) as the rows of `residuals`."""
+        return np.concatenate([rolling, side], axis=1)[:, self.slip_rows]
+
+    @property
+    def slip_rows(self) -> list[int]:
+        """The place of every row of `residuals` among the slips of wheels and, to the side, of castors (w + n,)."""
         first = len(self._rolling)
-        return np.concatenate([rolling[:, self._rolling], side[:, self._castor[first:]]], axis=1)
+        return [*self._rolling.tolist(), *(self._wheel_count + self._castor[first:]).tolist()]
 
     def rolled(self, geometry: Geometry, state: Array) -> Array:
         """Return the distance that every row's wheel rolled in every step (K - 1, rows), m; for side slip the mean of
@@ -440,7 +463,7 @@ class LogLikelihood:
     ) -> dict[str, Rows]:
         """Return all equations linearised about a state, by the kinds of `_values`."""
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
-        extra_count = extra.parameters if extra else 0
+        extra_count, slips = (extra.parameters, extra.slips) if extra else (0, ())
         count = first + extra_count + len(mount) + len(clock)
         residual, derivatives = self.residuals(geometry, state), self._derivatives(geometry, state)
         values = self._values(residual, state, clock, mount, weights)
@@ -454,16 +477,19 @@ class LogLikelihood:
 
         kinds = {"counts": Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
 
-        by_change = np.moveaxis((self.residuals(changed, state) - residual) / change[:, None, None], 0, -1)
-        rolling = len(self._rolling)
+        rolling, last = len(self._rolling), (slice(0), np.zeros(0))
+
+        def in_steps(steps: slice) -> Array:
+            nonlocal last  # rolling and side slip are asked for one after the other
+            if last[0] != steps:
+                by_change = self._by_change(geometry, changed, change, state, steps)
+                last = steps, np.concatenate([by_change, *(-part[steps] for part in slips)], axis=-1)
+            return last[1]
 
         def by_slips(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
             by = np.zeros((*weight[chosen].shape, count))
-            at = 0
-            for part in (by_change, *(extra.slips if extra else ())):
-                np.multiply(weight[chosen, :, None], part[chosen, wheel_rows], out=by[..., at : at + part.shape[-1]])
-                at += part.shape[-1]
-            by[..., first:at] *= -1.0
+            columns = in_steps(chosen)[:, wheel_rows]
+            np.multiply(weight[chosen, :, None], columns, out=by[..., : columns.shape[-1]])
             return by
 
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
@@ -494,9 +520,12 @@ class LogLikelihood:
             kinds[name] = Rows(at, values[name], start, end, by_numbers.__getitem__)
         return kinds
 
-    def _derivatives(self, geometry: Geometry, state: Array) -> tuple[Array, Array]:
+    def _derivatives(
+        self, geometry: Geometry, state: Array, even: NDArray[np.bool_] | None = None
+    ) -> tuple[Array, Array]:
         """Return the derivatives of `residuals` by the state at the start and end of every step, to second order."""
-        angle, body, s = self._angles(geometry, state[:, 3:]), body_motion(state, self._even), self._sensed
+        even = self._even if even is None else even
+        angle, body, s = self._angles(geometry, state[:, 3:]), body_motion(state, even), self._sensed
         middle = (angle[1:] + angle[:-1]) / 2
         a, b = self._matrices(geometry, middle)
         # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
@@ -523,41 +552,27 @@ class LogLikelihood:
             start[:, row, column], end[:, row, column] = length, -length
         return start * self._magnified(geometry), end * self._magnified(geometry)
 
-    def masked_by_creep(
-        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, yields: Array
-    ) -> Array:
-        """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts.
+    def masked_by_creep(self, changes: Changes, yields: Array) -> "Masked":
+        """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts, per
+        unit of changes of geometry and readings.
 
         Wheels whose held speeds contradict each other creep with the least loss of power: weighted least squares with
-        the compliance of each row (K - 1, rows), of the residuals that no motion of body and castors explains. Per unit
-        of the changes of the geometry (as in `reduce`) and of the excess of readings (K, s + d, R).
+        the compliance of each row (K - 1, rows), of the residuals that no motion of body and castors explains.
         """
-        missing = self._contradicting(geometry, changed, change, state, readings)
-        angle = self._angles(geometry, state[:, 3:])
-        a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
-        stiff = np.sqrt(yields.min(axis=1, keepdims=True) / yields)[..., None]
-        moved = np.concatenate([a, turning], axis=-1)
-        by_motion = np.linalg.pinv(stiff * moved, rcond=1e-10)
-        largest = np.zeros(missing.shape[-1])
-        for k in blocks(len(missing)):
-            np.maximum(largest, np.abs(missing[k]).max(axis=(0, 1), initial=0.0), out=largest)
-            missing[k] -= moved[k] @ (by_motion[k] @ (stiff[k] * missing[k]))
-        for k in blocks(len(missing)):  # effects without contradiction have no masked part
-            missing[k][np.abs(missing[k]) <= 1e-12 * largest] = 0.0
-        return missing
+        geometry, left = changes.geometry, np.empty((*yields.shape, yields.shape[1]))
+        for steps in blocks(len(yields)):
+            a, b = self._matrices_in(geometry, changes.state, steps)
+            turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
+            stiff = np.sqrt(yields[steps].min(axis=1, keepdims=True) / yields[steps])
+            moved = np.concatenate([a, turning], axis=-1)
+            by_motion = np.linalg.pinv(stiff[..., None] * moved, rcond=1e-10)
+            left[steps] = np.eye(yields.shape[1]) - moved @ (by_motion * stiff[:, None, :])
+        return Masked(self, changes, left)
 
-    def missing(
-        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
-    ) -> Array:
-        """Return the error of odometry in the body's motion in every step (K - 1, 3, G + R), in B, m and rad.
-
-        Per unit of the changes of the geometry (as in `reduce`), of the excess of readings (K, s + d, R) and of slips
-        (K - 1, rows, R).
-        """
-        changes = self._contradicting(geometry, changed, change, state, readings)
-        changes[..., len(change) :] -= slips
-        return self.as_motion(geometry, state, np.negative(changes, out=changes))
+    def missing(self, changes: Changes, steps: slice) -> Array:
+        """Return the error of odometry in the body's motion in some steps (k, 3, G + R), in B, m and rad, per unit of
+        changes."""
+        return self.as_motion(changes.geometry, changes.state[_samples_of(steps)], self._decreasing(changes, steps))
 
     def as_motion(self, geometry: Geometry, state: Array, slips: Array) -> Array:
         """Return the motion of the body in every step (K - 1, 3, n), in B, that odometry computes from slips (K - 1,
@@ -572,36 +587,45 @@ class LogLikelihood:
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         return (a @ self.as_motion(geometry, state, slips[..., None]))[..., 0]
 
-    def disagreement(
-        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array, slips: Array
-    ) -> tuple[Array, Array]:
+    def disagreement(self, geometry: Geometry, state: Array) -> Array:
         """Return the disagreement of wheels (K - 1, rows), m: the residuals of the constraints that no motion of the
-        body explains.
+        body explains."""
+        seen = self.residuals(geometry, state)
+        return seen - self.explained(geometry, state, seen)
 
-        And its decrease (K - 1, rows, G + R) per unit of changes, as in `missing`.
-        """
-        changes = self._contradicting(geometry, changed, change, state, readings)
-        changes[..., len(change) :] -= slips
-        seen, decrease = self.residuals(geometry, state)[..., None], np.negative(changes, out=changes)
-        angle = self._angles(geometry, state[:, 3:])
-        a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        by_motion = np.linalg.pinv(a, rcond=1e-10)
-        for k in blocks(len(decrease)):
-            decrease[k] -= a[k] @ (by_motion[k] @ decrease[k])
-        return (seen - a @ (by_motion @ seen))[..., 0], decrease
+    def agreement_by(self, changes: Changes, steps: slice) -> Array:
+        """Return the decrease of the disagreement in some steps (k, rows, G + R), per unit of changes."""
+        decrease = self._decreasing(changes, steps)
+        a, _ = self._matrices_in(changes.geometry, changes.state, steps)
+        return decrease - a @ (np.linalg.pinv(a, rcond=1e-10) @ decrease)
 
-    def _contradicting(
-        self, geometry: Geometry, changed: Geometry, change: Array, state: Array, readings: Array
-    ) -> Array:
-        """Return the change of the residuals of every step (K - 1, rows, G + R), per unit as in `masked_by_creep`."""
-        residual, (start, end) = self.residuals(geometry, state), self._derivatives(geometry, state)
-        by_change = np.moveaxis((self.residuals(changed, state) - residual) / change[:, None, None], 0, -1)
-        found = np.empty((*residual.shape, len(change) + readings.shape[-1]))
-        found[..., : len(change)] = by_change
-        for k in blocks(len(found)):
-            later = slice(k.start + 1, k.stop + 1)
-            found[k, :, len(change) :] = -(start[k, :, 3:] @ readings[k] + end[k, :, 3:] @ readings[later])
-        return found
+    def _decreasing(self, changes: Changes, steps: slice) -> Array:
+        """Return the decrease of the residuals of some steps (k, rows, G + R), per unit of changes."""
+        contradicting = self.contradicting(changes, steps)
+        contradicting[..., len(changes.change) :] -= changes.slips[steps]
+        return np.negative(contradicting, out=contradicting)
+
+    def contradicting(self, changes: Changes, steps: slice) -> Array:
+        """Return the change of the residuals of some steps (k, rows, G + R), per unit of changes of geometry and
+        readings."""
+        near, inner = self._near(steps)
+        start, end = self._derivatives(changes.geometry, changes.state[_samples_of(near)], self._even[near])
+        by_change = self._by_change(changes.geometry, changes.changed, changes.change, changes.state, steps)
+        read = changes.readings[_samples_of(steps)]
+        by_reading = -(start[inner, :, 3:] @ read[:-1] + end[inner, :, 3:] @ read[1:])
+        return np.concatenate([by_change, by_reading], axis=-1)
+
+    def _near(self, steps: slice) -> tuple[slice, slice]:
+        """Return some steps with those by which they are integrated, and the steps' place among these."""
+        near = slice(max(steps.start - REACH, 0), min(steps.stop + REACH, len(self._even)))
+        return near, slice(steps.start - near.start, steps.stop - near.start)
+
+    def _by_change(self, geometry: Geometry, changed: Geometry, change: Array, state: Array, steps: slice) -> Array:
+        """Return the change of residuals in some steps (k, rows, G), per unit of changes of the geometry."""
+        near, inner = self._near(steps)
+        at, even = state[_samples_of(near)], self._even[near]
+        difference = self.residuals(changed, at, even) - self.residuals(geometry, at, even)
+        return np.moveaxis(difference[:, inner] / change[:, None, None], 0, -1)
 
     def _angles(self, geometry: Geometry, counts: Array) -> Array:
         """Return the castors' angles (..., K, n) at counts (K, s + d)."""
@@ -611,6 +635,11 @@ class LogLikelihood:
         """Return A (..., K - 1, rows, 3) and B (..., K - 1, rows) of the rows in use (`constraint_matrix`)."""
         a, b = constraint_matrix(geometry.expand(1), angle)
         return a[..., self._used, :], b[..., self._used]
+
+    def _matrices_in(self, geometry: Geometry, state: Array, steps: slice) -> tuple[Array, Array]:
+        """Return A (k, rows, 3) and B (k, rows) half-way through some steps of a state (K, m)."""
+        angle = self._angles(geometry, state[_samples_of(steps), 3:])
+        return self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
 
     def _rolled(self, geometry: Geometry, counts: Array) -> Array:
         """Return the distances that wheels rolled in every step (..., K - 1, rows), m; 0 in rows of side slip."""
@@ -638,6 +667,47 @@ class LogLikelihood:
     def _magnified(self, geometry: Geometry) -> Array:
         """Return the factor (..., 1, 1) by which the wheels are smaller than described."""
         return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
+
+
+class Masked:
+    """The slips (K - 1, rows, C) that mask each of several changes, from `LogLikelihood.masked_by_creep`, made by
+    blocks."""
+
+    def __init__(self, model: LogLikelihood, changes: Changes, left: Array, largest: Array | None = None) -> None:
+        """left (K - 1, rows, rows): the part of contradictions for which wheels compensate. largest (C,): contradiction
+        of each change; None: not known yet."""
+        self._model, self._changes, self._left = model, changes, left
+        self.shape = (*left.shape[:2], len(changes.change) + changes.readings.shape[-1])
+        self._given: dict[int, Array] = {}
+        self._largest = np.zeros(self.shape[-1]) if largest is None else largest
+        for steps in blocks(len(left)) if largest is None else ():
+            there = np.abs(model.contradicting(changes, steps)).max(axis=(0, 1))
+            np.maximum(self._largest, there, out=self._largest)
+
+    def give(self, column: int, slips: Array) -> None:
+        """Set what masks a change to known slips (K - 1, rows)."""
+        self._given[column] = slips
+
+    def only(self, changes: Changes, columns: NDArray[np.intp]) -> "Masked":
+        """Return the slips that mask these columns; changes: of these columns alone."""
+        chosen = Masked(self._model, changes, self._left, self._largest[columns])
+        for place, column in enumerate(columns.tolist()):
+            if column in self._given:
+                chosen.give(place, self._given[column])
+        return chosen
+
+    def __getitem__(self, steps: slice) -> Array:
+        """Return the columns (k, rows, C) of a block of steps."""
+        masked = self._left[steps] @ self._model.contradicting(self._changes, steps)
+        masked[np.abs(masked) <= 1e-12 * self._largest] = 0.0  # changes without contradiction have no masked part
+        for column, slips in self._given.items():
+            masked[..., column] = slips[steps]
+        return masked
+
+
+def _samples_of(steps: slice) -> slice:
+    """Return the samples between which steps lie."""
+    return slice(steps.start, steps.stop + 1)
 
 
 def _chained(twist: Array) -> Array:

@@ -37,7 +37,7 @@ def test_steered_wheels_disagree_as_predicted_of_an_effect_in_the_model():
     plain, seen = (linearise(vehicle, [log], among=()) for vehicle in (robot, robot.with_effects(STEERED)))
     assert max(seen.disagreements[0].sizes()) < 1.1 * max(plain.disagreements[0].sizes())
     (disagreement,), (design,) = seen.disagreements, seen.designs
-    whole, _ = design.model.disagreement(*design.alone())
+    whole = design.model.disagreement(design.geometry, design.state)
     whole = np.abs(np.add.reduceat(whole, np.cumsum([0, *disagreement.steps[:-1]]), axis=0))
     assert np.abs(disagreement.seen).mean() < 0.1 * (whole / np.mean(disagreement.way * disagreement.steps[0])).mean()
 

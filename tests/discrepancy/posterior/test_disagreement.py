@@ -37,13 +37,16 @@ def test_in_good_order_wheels_agree_but_for_what_rounding_leaves():
 @pytest.mark.parametrize("effect", [WheelRadius(castor=1, wheel=1, value=1e-3), Track(castor=2, value=1e-3)])
 def test_what_an_effect_adds_is_by_how_much_wheels_of_a_robot_with_it_disagree_less(effect):
     (design,) = seen().designs
-    real, _, _, state, readings, slips = design.alone()
-    other = Geometry.of(ROBOT.with_effects(effect).as_built())
-    model, none = design.model, (np.zeros(0), state, readings[..., :0], slips[..., :0])
-    before, _ = model.disagreement(real, stacked(real, []), *none)
-    after, _ = model.disagreement(other, stacked(other, []), *none)
-    change = np.array([effect.value]), state, readings[..., :0], slips[..., :0]
-    _, less = model.disagreement(real, stacked(real, [other]), *change)
+    real, state, other = design.geometry, design.state, Geometry.of(ROBOT.with_effects(effect).as_built())
+    before, after = (design.model.disagreement(geometry, state) for geometry in (real, other))
+    changed = dataclasses.replace(
+        design.changes,
+        changed=stacked(real, [other]),
+        change=np.array([effect.value]),
+        readings=design.readings.only([]),
+        slips=design.slips.only([]),
+    )
+    less = design.model.agreement_by(changed, slice(0, len(state) - 1))
     assert np.abs(before - after).max() > 1e-6
     np.testing.assert_allclose(effect.value * less[..., 0], before - after, atol=0.02 * np.abs(before - after).max())
 
