@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from castor_envs.effects.catalogue import readings
 from castor_envs.effects.clocks import ClockSkew, SampleJitter
@@ -37,6 +38,7 @@ from estimators.likelihood.log_likelihood import Noise
 Logs = Mapping[str, Log]
 
 
+@threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def posterior_of(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> tuple[tuple[Mistake, ...], Diagnosis[RobotDescription, Linearised]]:
@@ -91,6 +93,7 @@ class Examined:
         return plain, mended
 
 
+@threadpool_limits.wrap(limits=1)
 def examine(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> Examined:

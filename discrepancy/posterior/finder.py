@@ -7,7 +7,7 @@ that follows from it (`verdicts`).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic
 
 import numpy as np
@@ -108,7 +108,7 @@ def _diagnosed(
     material: Material,
 ) -> Diagnosis[RobotDescription, Linearised]:
     """Compute the diagnosis that `diagnose` returns, of checked logs."""
-    good = linearise(without(before or robot, SampleJitter), clean) if clean else None
+    good = replace(linearise(without(before or robot, SampleJitter), clean), designs=()) if clean else None
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
     events, released, base, curve, looked = Events(), Released(), robot, None, False
@@ -128,15 +128,23 @@ def _diagnosed(
     def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released)
 
-    worse, plain = WORSE * sum(len(log) for log in logs), None
-    while True:
+    def begun() -> Linearised:
+        """Return the logs linearised without effects; who asks for it alone holds its columns, and may let them go."""
+        nonlocal plain, somewhere
         first = linearise(base, logs, creep=creep, places=places, released=released)
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        plain = plain or first
-        named, seen, posterior, answers = named_together(base, look, ask, worse, first)
+        plain = plain or first.without_columns()
+        return first
+
+    worse = WORSE * sum(len(log) for log in logs)
+    plain: Linearised | None = None
+    somewhere: tuple[Candidate, ...] = ()
+    while True:
+        named, seen, posterior, answers = named_together(base, look, ask, worse, begun())
         found, names = with_effects(base, named), len(posterior.names)
         if extended := events.extended(found, logs, seen, good, answers, names):
             events, released = extended, extended.released(found, logs, seen)
+            del seen  # its columns, before there are others
             continue
         if looked or not (channels := encoders_of(answers)):
             break
@@ -163,19 +171,20 @@ def _diagnosed(
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
     answers = judged(answers, named, held, order, material)
-    return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen, held, creep)
+    assert plain is not None  # linearised in the first round
+    held = None if held is None else (held[0].without_columns(), held[1].without_columns())
+    return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_columns(), held, creep)
 
 
 def named_together(
-    vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, first: S
+    vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, seen: S
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs without any of these effects; worse: see `refitted`.
+    seen: statistics of the logs without any of these effects; worse: see `refitted`.
     """
-    seen, tried = first, [frozenset[str]()]
-    named: tuple[Sized, ...] = ()
+    tried, named = [frozenset[str]()], tuple[Sized, ...]()
     while True:
         posterior, answers = ask(seen, named)
         for least in (SECOND, 0.0):

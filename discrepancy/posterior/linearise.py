@@ -52,7 +52,8 @@ class Linearised:
     clock. parts: factors of predicted creep.
     log_evidence: log-likelihood of the logs with all sizes 0, nuisances integrated out (natural logarithm, up to a
     constant of the logs). gap: rms difference between odometry, with predicted creep, and reference, m and rad; None
-    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m.
+    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. designs, disagreements: of each
+    log; empty after `without_columns`.
     """
 
     candidates: tuple[Candidate, ...]
@@ -78,6 +79,11 @@ class Linearised:
             error = design.model.as_motion(design.geometry, design.state, slipped)
             costs.append(cost_of_sizes([error], design.state[:, :3])[:, 0])
         return np.sqrt(np.mean(np.square(costs), axis=0))
+
+    def without_columns(self) -> "Linearised":
+        """Return the statistics without columns and disagreements, which hold most of their memory. No noise can be
+        estimated anew from it."""
+        return replace(self, designs=(), disagreements=())
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes.

@@ -225,6 +225,7 @@ def fitted(
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
+        del reductions  # they hold many times the memory of the logs
         k += 1
 
 

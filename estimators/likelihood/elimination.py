@@ -15,15 +15,15 @@ BLOCK = 256
 class Rows(NamedTuple):
     """Equations of one kind, over their standard deviations, one sample or step k after another.
 
-    at (k,): the sample, none before the last. values (k, rows); derivatives by the state at that sample, `start` (k,
-    rows, m), and at the next sample, `end`, or None. numbers: maps a slice of equations to derivatives by parameters,
-    mount and clock (k, rows, P + 5), or None; drawn (k, rows, probes): drawn residuals in place of values.
+    at (k,): the sample, none before the last. values (k, rows). start, end, numbers map a slice of equations to
+    derivatives: by the state at that sample (k, rows, m), at the next sample (or None), and by parameters, mount and
+    clock (k, rows, P + 5). drawn (k, rows, probes): drawn residuals in place of values.
     """
 
     at: NDArray[np.intp]
     values: Array
-    start: Array
-    end: Array | None = None
+    start: Callable[[slice], Array]
+    end: Callable[[slice], Array] | None = None
     numbers: Callable[[slice], Array] | None = None
     drawn: Array | None = None
 
@@ -36,6 +36,54 @@ class Rows(NamedTuple):
         values = self.values[chosen, :, None]
         by = np.zeros((*values.shape[:2], count)) if self.numbers is None else self.numbers(chosen)
         return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
+
+
+    def left(self, chosen: slice, by: Array) -> Array:
+        """Return the residuals (k, rows, 1 + probes) of values and drawn residuals of chosen equations after changes of
+        numbers (P + 5, 1 + probes)."""
+        right = self.right(chosen, len(by))
+        return right[..., len(by) :] + right[..., : len(by)] @ by
+
+    def add_by_state(self, total: Array, first: int, chosen: slice, right: Array) -> None:
+        """Add the products of derivatives by the state with columns (k, rows, c) of chosen equations to a total
+        (K, m, c) that begins at sample `first`."""
+        at = self.at[chosen] - first
+        add(total, at, np.swapaxes(self.start(chosen), 1, 2) @ right)
+        if self.end is not None:
+            add(total, at + 1, np.swapaxes(self.end(chosen), 1, 2) @ right)
+
+    def by_state(self, chosen: slice, away: Array) -> Array:
+        """Return the changes (k, rows, c) of chosen equations by changes of the state (K, m, c)."""
+        at = self.at[chosen]
+        changes = self.start(chosen) @ away[at]
+        return changes if self.end is None else changes + self.end(chosen) @ away[at + 1]
+
+
+def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> Array:
+    """Return the information on states (K, m) in upper banded form (2 m, K m), in the order of memory of LAPACK."""
+    band, over = np.zeros((samples, size, 2 * size)), np.zeros((size, size))
+    for block in blocks(samples):
+        first, last = block.start, block.stop
+        diagonal, above = np.zeros((last - first + 1, size, size)), np.zeros((last - first, size, size))
+        diagonal[0] = over
+        for rows in kinds:
+            chosen = rows.within(first, last)
+            if chosen.start == chosen.stop:
+                continue
+            start, at = rows.start(chosen), rows.at[chosen] - first
+            transposed = np.swapaxes(start, 1, 2)
+            add(diagonal, at, transposed @ start)
+            if rows.end is not None:
+                end = rows.end(chosen)
+                add(diagonal, at + 1, np.swapaxes(end, 1, 2) @ end)
+                add(above, at, transposed @ end)
+        over, following = diagonal[-1], min(last + 1, samples) - first - 1
+        for a in range(size):
+            for b in range(size):
+                if a <= b:
+                    band[block, b, 2 * size - 1 + a - b] = diagonal[:-1, a, b]
+                band[first + 1 : first + 1 + following, b, size - 1 + a - b] = above[:following, a, b]
+    return band.reshape(samples * size, 2 * size).T
 
 
 def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int) -> Array:
@@ -58,10 +106,8 @@ def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int
             chosen = rows.within(first, last)
             if chosen.start == chosen.stop:
                 continue
-            right, at = rows.right(chosen, count), rows.at[chosen] - first
-            add(block, at, np.swapaxes(rows.start[chosen], 1, 2) @ right)
-            if rows.end is not None:
-                add(block, at + 1, np.swapaxes(rows.end[chosen], 1, 2) @ right)
+            right = rows.right(chosen, count)
+            rows.add_by_state(block, first, chosen, right)
             total += _squared(right.reshape(-1, columns))
         half, _ = solve(factors[:, first * size : last * size], block[:-1].reshape(-1, columns), trans="T")
         total -= _squared(half)
@@ -77,14 +123,6 @@ def blocks(count: int, most: int = BLOCK) -> list[slice]:
     return [slice(first, min(first + most, count)) for first in range(0, count, most)]
 
 
-def left_by(rows: Rows, by: Array, samples: int) -> Array:
-    """Return the residuals (k, rows, 1 + probes) of values and drawn residuals after changes of numbers (P + 5, 1 +
-    probes)."""
-    slices = (rows.within(block.start, block.stop) for block in blocks(samples))
-    rights = (rows.right(chosen, len(by)) for chosen in slices)
-    return np.concatenate([right[..., len(by) :] + right[..., : len(by)] @ by for right in rights])
-
-
 def _squared(rows: Array) -> Array:
     """Return the products of all columns with each other (n, n); twice as fast as a product of two matrices."""
     return rows.T @ rows
@@ -96,15 +134,3 @@ def add(total: Array, at: NDArray[np.intp], values: Array) -> None:
         total[at[0] : at[-1] + 1] += values
     else:
         np.add.at(total, at, values)
-
-
-def banded(diagonal: Array, above: Array) -> Array:
-    """Return a symmetric matrix of blocks (K, m, m) and those right of them (K - 1, m, m) in upper banded form."""
-    k, m, _ = diagonal.shape
-    band = np.zeros((2 * m, k, m))
-    for a in range(m):
-        for b in range(m):
-            if a <= b:
-                band[2 * m - 1 + a - b, :, b] = diagonal[:, a, b]
-            band[m - 1 + a - b, 1:, b] = above[:, a, b]
-    return band.reshape(2 * m, k * m)

@@ -28,7 +28,7 @@ from castor_envs.geometry.steps import body_motion, even_steps, half_way, integr
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
-from estimators.likelihood.elimination import Rows, add, banded, blocks, eliminated, left_by
+from estimators.likelihood.elimination import Rows, blocks, eliminated, information_on_states
 from estimators.likelihood.sparse_columns import ByBlocks
 
 FLOOR = 1e-7
@@ -349,15 +349,10 @@ class LogLikelihood:
         size, p = state.shape[1], len(change) + (extra.parameters if extra else 0) + len(mount)
         n = p + len(clock)
         random = np.random.default_rng(self._number)
-        diagonal, above = np.zeros((len(state), size, size)), np.zeros((len(state) - 1, size, size))
         for name, rows in kinds.items():
             kinds[name] = rows._replace(drawn=random.normal(size=(*rows.values.shape, probes)))
-            start = np.swapaxes(rows.start, 1, 2)
-            add(diagonal, rows.at, start @ rows.start)
-            if rows.end is not None:
-                add(diagonal, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ rows.end)
-                add(above, rows.at, start @ rows.end)
-        factors = cholesky_banded(banded(diagonal, above), overwrite_ab=True, check_finite=False)
+        information = information_on_states(kinds.values(), len(state), size)
+        factors = cholesky_banded(information, overwrite_ab=True, check_finite=False)
         numbers_block = eliminated(kinds.values(), factors, n, n + 1 + probes)
         least = float(numbers_block[n, n])
         numbers_block = numbers_block[:n]
@@ -370,7 +365,7 @@ class LogLikelihood:
         clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
         reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
         least -= float(numbers_block[p:, n] @ clocks[:, p])
-        log_evidence = -least / 2 - float(np.sum(np.log(factors.reshape(2 * size, -1)[-1])))
+        log_evidence = -least / 2 - float(np.sum(np.log(factors[-1])))
         log_evidence -= float(np.linalg.slogdet(numbers_block[p:, p:n])[1]) / 2
         for name, rows in kinds.items():
             log_evidence += float(np.sum(np.log(np.broadcast_to(weights[name], rows.values.shape))))
@@ -378,23 +373,21 @@ class LogLikelihood:
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
             all_by = np.concatenate([moved_by, set_by])
-            lefts = {name: left_by(rows, all_by, len(state)) for name, rows in kinds.items()}
             columns = np.zeros((len(state), size, 1 + probes))
-            for name, rows in kinds.items():
-                add(columns, rows.at, np.swapaxes(rows.start, 1, 2) @ lefts[name])
-                if rows.end is not None:
-                    add(columns, rows.at + 1, np.swapaxes(rows.end, 1, 2) @ lefts[name])
+            for block in blocks(len(state)):
+                for rows in kinds.values():
+                    chosen = rows.within(block.start, block.stop)
+                    if chosen.start < chosen.stop:
+                        rows.add_by_state(columns, 0, chosen, rows.left(chosen, all_by))
             away = -cho_solve_banded((factors, False), columns.reshape(-1, 1 + probes), check_finite=False)
             away = away.reshape(len(state), size, 1 + probes)
             if part < 1:
                 away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
-                lefts = {name: left_by(rows, all_by, len(state)) for name, rows in kinds.items()}
             squares, expected = {}, {}
             for name, rows in kinds.items():
-                left = lefts[name] + rows.start @ away[rows.at]
-                if rows.end is not None:
-                    left += rows.end @ away[rows.at + 1]
-                total = np.sum(left**2, axis=(0, 1))
+                chosen = (rows.within(block.start, block.stop) for block in blocks(len(state)))
+                lefts = (rows.left(some, all_by) + rows.by_state(some, away) for some in chosen)
+                total = np.sum([np.sum(left**2, axis=(0, 1)) for left in lefts], axis=0)
                 squares[name], expected[name] = float(total[0]), float(np.mean(total[1:])) if probes else 0.0
             return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
 
@@ -475,7 +468,14 @@ class LogLikelihood:
                 np.multiply(self._readings[chosen, :, None], extra.readings[chosen], out=by[..., first:end])
             return by
 
-        kinds = {"counts": Rows(samples, values["counts"], self._readings[..., None] * eye[3:], numbers=read)}
+        def by_state(chosen: slice, weight: Array, derivative: Array) -> Array:
+            return weight[chosen, :, None] * derivative[chosen]
+
+        kinds = {
+            "counts": Rows(
+                samples, values["counts"], lambda chosen: self._readings[chosen, :, None] * eye[3:], numbers=read
+            )
+        }
 
         rolling, last = len(self._rolling), (slice(0), np.zeros(0))
 
@@ -493,11 +493,11 @@ class LogLikelihood:
             return by
 
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            parts = (weights[name][..., None] * part[:, wheel_rows] for part in derivatives)
+            start, end = (partial(by_state, weight=weights[name], derivative=part[:, wheel_rows]) for part in derivatives)
             by = partial(by_slips, wheel_rows=wheel_rows, weight=weights[name])
-            kinds[name] = Rows(samples[:-1], values[name], *parts, numbers=by)
+            kinds[name] = Rows(samples[:-1], values[name], start, end, by)
         if not self.poses:
-            kinds["pinned"] = Rows(samples[:1], values["pinned"], eye[None, :3] / PINNED)
+            kinds["pinned"] = Rows(samples[:1], values["pinned"], (eye[None, :3] / PINNED).__getitem__)
             return kinds
 
         at, part, known = self._shown(clock)
@@ -516,8 +516,7 @@ class LogLikelihood:
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]
-            start, end, by_numbers = (weight * slope[:, axes] for slope in parts)
-            kinds[name] = Rows(at, values[name], start, end, by_numbers.__getitem__)
+            kinds[name] = Rows(at, values[name], *((weight * slope[:, axes]).__getitem__ for slope in parts))
         return kinds
 
     def _derivatives(
@@ -550,7 +549,9 @@ class LogLikelihood:
             column = 3 + s + int(np.searchsorted(self._wheels, wheel))
             length = 2 * np.pi * geometry.radius[wheel] / geometry.counts_per_rev[wheel]
             start[:, row, column], end[:, row, column] = length, -length
-        return start * self._magnified(geometry), end * self._magnified(geometry)
+        start *= self._magnified(geometry)
+        end *= self._magnified(geometry)
+        return start, end
 
     def masked_by_creep(self, changes: Changes, yields: Array) -> "Masked":
         """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts, per
