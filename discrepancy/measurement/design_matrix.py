@@ -1,8 +1,9 @@
 """Design matrix of one log about a state: columns of candidates, of the amounts that creep masks of them, and of
 creep."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, rate_of, signatures_of, stacked
+from discrepancy.hypotheses.candidates import Candidate, Signatures, rate_of, signatures_of, stacked
 from discrepancy.measurement.creep_prediction import Slipping
 from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
 from estimators.likelihood.log_likelihood import (
@@ -33,24 +34,37 @@ UNEVEN = 0.3
 """Relative standard deviation of each contact's creep about the prediction, where wheels disagree."""
 
 
+class Made(NamedTuple):
+    """Columns of C amplitudes, of which the first G change the geometry and the other R readings and slips (`changes`).
+
+    masked (K - 1, rows, C): slips that mask each amplitude; for the robot's effects, as predicted. known_slips (K - 1,
+    rows, e): slips known up to a factor.
+    """
+
+    readings: SparseColumns
+    slips: SparseColumns
+    changes: Changes
+    masked: Masked
+    known_slips: SparseColumns
+
+
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns of one log's linear problem about a state. Of C amplitudes the first G change the geometry
-    (`geometries`), the other R change readings and slips (`changes`). masked (K - 1, rows, C): slips that mask each
-    amplitude; for the robot's effects, as predicted. known_slips (K - 1, rows, e): slips known up to a factor. rates
-    (R,): rate of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine it."""
+    """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
+    `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
+    of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine it."""
 
     model: LogLikelihood
+    geometry: Geometry
+    state: Array
     clock: Array
     candidates: tuple[Candidate, ...]
     geometries: tuple[Geometry, ...]
-    changes: Changes
-    readings: SparseColumns
-    slips: SparseColumns
-    masked: Masked
-    known_slips: SparseColumns
+    steps: Array
     rates: Array
     rate: float | None
+    make: Callable[[], Made]
+    _made: list[Made]
 
     @classmethod
     def of(
@@ -70,54 +84,59 @@ class Columns:
         """Return the columns of candidates, from `signatures_of`. known_slips: `Slipping.known()`, of which the first
         kind may also be known up to a factor for each row alone; parts: factors of the kinds."""
         geometry = Geometry.of(robot.as_built())
-        found = signatures_of(robot, log, state, model.score_by_counts(state), among, of, places)
-        slips = found.slips.in_rows(model.slip_rows)
-        for k in found.places:  # the state took this disagreement for creep, while no cable was in the model
-            slip = Slip(*np.split(found.slips.only([k])[:][..., 0], [len(robot.wheels)], axis=1))
-            slips = slips.less(k, parts[0] * slipping.seen_as_creep(slip))
-        changed = stacked(geometry, found.geometries)
-        changes = Changes(geometry, changed, found.steps, state, found.readings, slips)
-        masked = model.masked_by_creep(changes, slipping.yields)
-        for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
-            for effect in robot.effects:
-                if candidate.is_of(effect) and not effect.binary and np.any(candidate.amplitudes(effect)):
-                    predicted = parts[0] * slipping.masking(effect, candidate)
-                    for column, slip in zip(columns.tolist(), np.moveaxis(predicted, -1, 0), strict=True):
-                        masked.give(column, slip)
-        row_by_row = SparseColumns.of(known_slips), SparseColumns.diagonal(known_slips[..., 0])
+
+        def signatures() -> Signatures:
+            return signatures_of(robot, log, state, model.score_by_counts(state), among, of, places)
+
+        def make(found: Signatures) -> Made:
+            slips = found.slips.in_rows(model.slip_rows)
+            for k in found.places:  # the state took this disagreement for creep, while no cable was in the model
+                slip = Slip(*np.split(found.slips.only([k])[:][..., 0], [len(robot.wheels)], axis=1))
+                slips = slips.less(k, parts[0] * slipping.seen_as_creep(slip))
+            changed = stacked(geometry, found.geometries)
+            changes = Changes(geometry, changed, found.steps, state, found.readings, slips)
+            masked = model.masked_by_creep(changes, slipping.yields)
+            for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
+                for effect in robot.effects:
+                    if candidate.is_of(effect) and not effect.binary and np.any(candidate.amplitudes(effect)):
+                        predicted = parts[0] * slipping.masking(effect, candidate)
+                        for column, slip in zip(columns.tolist(), np.moveaxis(predicted, -1, 0), strict=True):
+                            masked.give(column, slip)
+            known = SparseColumns.of(known_slips), SparseColumns.diagonal(known_slips[..., 0])
+            joined = SparseColumns.joined(known, known_slips.shape[:2])
+            return Made(found.readings, slips, changes, masked, joined)
+
+        found = signatures()
         return cls(
             model=model,
+            geometry=geometry,
+            state=state,
             clock=clock,
             candidates=found.candidates,
             geometries=found.geometries,
-            changes=changes,
-            readings=found.readings,
-            slips=slips,
-            masked=masked,
-            known_slips=SparseColumns.joined(row_by_row, known_slips.shape[:2]),
+            steps=found.steps,
             rates=found.rates,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
+            make=lambda: make(signatures()),
+            _made=[make(found)],
         )
 
     @property
-    def geometry(self) -> Geometry:
-        """The robot's geometry, its effects included."""
-        return self.changes.geometry
+    def made(self) -> Made:
+        """The columns."""
+        if not self._made:
+            self._made.append(self.make())
+        return self._made[0]
 
-    @property
-    def state(self) -> Array:
-        """The state (K, m)."""
-        return self.changes.state
-
-    @property
-    def steps(self) -> Array:
-        """The changes (G,) of the geometries."""
-        return self.changes.change
+    def forget(self) -> None:
+        """Let the columns go, which hold many times the memory of the log."""
+        self._made.clear()
 
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
         """Return the log's statistics of amplitudes, masked amounts, factors of known slips, and constant creep of
         every wheel and castor; with `only`: of these candidates, without constant creep."""
-        changes, masked, rates, always = self.changes, self.masked, self.rates, []
+        made, rates, always = self.made, self.rates, []
+        changes, masked = made.changes, made.masked
         if only is None:
             always = [SparseColumns.diagonal(self.model.rolled(self.geometry, self.state))]
         else:
@@ -128,11 +147,11 @@ class Columns:
                 changes,
                 changed=stacked(self.geometry, [self.geometries[k] for k in of_geometry.tolist()]),
                 change=self.steps[of_geometry],
-                readings=self.readings.only(of_readings.tolist()),
-                slips=self.slips.only(of_readings.tolist()),
+                readings=made.readings.only(of_readings.tolist()),
+                slips=made.slips.only(of_readings.tolist()),
             )
-            masked, rates = self.masked.only(changes, columns), rates[of_readings]
-        parts = (changes.slips, masked, self.known_slips, *always)
+            masked, rates = made.masked.only(changes, columns), rates[of_readings]
+        parts = (changes.slips, masked, made.known_slips, *always)
         rates = np.pad(rates, (0, sum(part.shape[-1] for part in parts) - len(rates)))
         extra = ExtraColumns(changes.readings, parts, rates)
         at = self.geometry, changes.changed, changes.change, self.state, self.clock

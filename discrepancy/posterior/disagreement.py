@@ -77,10 +77,10 @@ class Disagreement:
         starts = np.arange(0, len(way), samples)
         rolled = np.add.reduceat(way, starts)
         rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        by_size = [
-            np.add.reduceat(model.agreement_by(design.changes, steps), np.arange(0, steps.stop - steps.start, samples))
-            for steps in blocks(len(way), max(BLOCK // samples, 1) * samples)
-        ]
+        by_size = []
+        for steps in blocks(len(way), max(BLOCK // samples, 1) * samples):
+            within = np.arange(0, steps.stop - steps.start, samples)
+            by_size.append(np.add.reduceat(model.agreement_by(design.made.changes, steps), within))
         parts = (np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused)))
         sums = [*parts, np.concatenate(by_size)]
         of_way, doubt, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
@@ -127,7 +127,7 @@ class Disagreement:
         far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
         likely = -float(self.counted.sum() * np.sum(np.log(size))) - float(np.sum(far[self.counted]))
         masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
-        return np.kron(masked, information), np.concatenate([score, -score]), likely
+        return np.kron(masked, information).astype(np.float64), np.concatenate([score, -score]), likely
 
 
 def of_row(design: Columns, row: int) -> tuple[Array, Array]:

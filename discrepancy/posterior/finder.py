@@ -123,28 +123,23 @@ def _diagnosed(
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         places = [place_in_model(seen, effect.candidate) for effect in named]
         sizes = sizes_of(places, [effect.amplitudes for effect in named], seen)
-        return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes)
+        try:
+            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes)
+        finally:
+            seen.forget()
 
     def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released)
 
-    def begun() -> Linearised:
-        """Return the logs linearised without effects; who asks for it alone holds its columns, and may let them go."""
-        nonlocal plain, somewhere
+    worse, plain = WORSE * sum(len(log) for log in logs), None
+    while True:
         first = linearise(base, logs, creep=creep, places=places, released=released)
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        plain = plain or first.without_columns()
-        return first
-
-    worse = WORSE * sum(len(log) for log in logs)
-    plain: Linearised | None = None
-    somewhere: tuple[Candidate, ...] = ()
-    while True:
-        named, seen, posterior, answers = named_together(base, look, ask, worse, begun())
+        plain = plain or first.without_designs()
+        named, seen, posterior, answers = named_together(base, look, ask, worse, first)
         found, names = with_effects(base, named), len(posterior.names)
         if extended := events.extended(found, logs, seen, good, answers, names):
             events, released = extended, extended.released(found, logs, seen)
-            del seen  # its columns, before there are others
             continue
         if looked or not (channels := encoders_of(answers)):
             break
@@ -157,6 +152,7 @@ def _diagnosed(
     if held_out:
         among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
         after, free = linearise(found, held_out, creep=creep, among=among), Released()
+        after.forget()
         if len(events):
             recurring, confirmed = events.in_other_logs(found, held_out, after)
             free = recurring.released(found, held_out, after)
@@ -171,20 +167,20 @@ def _diagnosed(
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
     answers = judged(answers, named, held, order, material)
-    assert plain is not None  # linearised in the first round
-    held = None if held is None else (held[0].without_columns(), held[1].without_columns())
-    return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_columns(), held, creep)
+    held = None if held is None else (held[0].without_designs(), held[1].without_designs())
+    return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_designs(), held, creep)
 
 
 def named_together(
-    vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, seen: S
+    vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, first: S
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    seen: statistics of the logs without any of these effects; worse: see `refitted`.
+    first: statistics of the logs without any of these effects; worse: see `refitted`.
     """
-    tried, named = [frozenset[str]()], tuple[Sized, ...]()
+    seen, tried = first, [frozenset[str]()]
+    named: tuple[Sized, ...] = ()
     while True:
         posterior, answers = ask(seen, named)
         for least in (SECOND, 0.0):

@@ -53,7 +53,7 @@ class Linearised:
     log_evidence: log-likelihood of the logs with all sizes 0, nuisances integrated out (natural logarithm, up to a
     constant of the logs). gap: rms difference between odometry, with predicted creep, and reference, m and rad; None
     without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. designs, disagreements: of each
-    log; empty after `without_columns`.
+    log; empty after `without_designs`.
     """
 
     candidates: tuple[Candidate, ...]
@@ -80,9 +80,13 @@ class Linearised:
             costs.append(cost_of_sizes([error], design.state[:, :3])[:, 0])
         return np.sqrt(np.mean(np.square(costs), axis=0))
 
-    def without_columns(self) -> "Linearised":
-        """Return the statistics without columns and disagreements, which hold most of their memory. No noise can be
-        estimated anew from it."""
+    def forget(self) -> None:
+        """Let the columns go, which hold most of the memory; they are made again if they are asked for."""
+        for design in self.designs:
+            design.forget()
+
+    def without_designs(self) -> "Linearised":
+        """Return the statistics for a report, of which no noise can be estimated anew."""
         return replace(self, designs=(), disagreements=())
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
@@ -136,9 +140,7 @@ def linearise(
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        Columns.of(
-            robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name
-        )
+        Columns.of(robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name)
         for model, log, state, clock, slip, name in zip(models, logs, at.states, at.clocks, slips, names, strict=True)
     ]
     candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
@@ -154,7 +156,7 @@ def linearise(
         )
         usual[indices[unnamed]] = _usual(design)[unnamed]
         cost = np.zeros((2, count))
-        missing = (model.missing(design.changes, steps) for steps in blocks(len(state) - 1))
+        missing = (model.missing(design.made.changes, steps) for steps in blocks(len(state) - 1))
         cost[:, indices] = cost_of_sizes(missing, state[:, :3])
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
@@ -214,7 +216,7 @@ def _of_sizes(
     parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
     information[:n, :n] += disagreement[0]
     score[:n] += disagreement[1]
-    rows = design.known_slips.shape[1]
+    rows = len(design.model.rows)
     uneven = np.arange(rows) + n + len(shared.parts)
     creep = uneven + rows
     information[parts, parts] += np.diag(shared.doubt**-2.0)
@@ -247,8 +249,8 @@ def _spread(statistics: Statistics, indices: NDArray[np.intp], count: int) -> St
 def _usual(design: Columns) -> Array:
     """Return sizes (columns,) at which candidates change readings by `COUNTS`, or slips by `SLIP`, rms."""
     rolled = np.sqrt(np.mean(design.model.rolled(design.geometry, design.state) ** 2))
-    read = np.sqrt(_mean_of_largest_squares(design.readings)) / COUNTS
-    slipped = np.sqrt(_mean_of_largest_squares(design.slips)) / (SLIP * rolled + 1e-12)
+    read = np.sqrt(_mean_of_largest_squares(design.made.readings)) / COUNTS
+    slipped = np.sqrt(_mean_of_largest_squares(design.made.slips)) / (SLIP * rolled + 1e-12)
     shown = np.maximum(read, slipped)
     return np.concatenate([np.full(len(design.steps), np.nan), 1 / np.maximum(shown, 1e-30)])
 

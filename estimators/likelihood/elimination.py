@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 
-BLOCK = 256
-"""Samples whose columns are in memory at a time."""
+BLOCK, LARGE = 256, 2048
+"""Samples whose columns are in memory at a time: of hundreds of columns, and of few."""
+
+FEW = 64
+"""Most columns of which `LARGE` blocks are made."""
 
 
 class Rows(NamedTuple):
@@ -37,7 +40,6 @@ class Rows(NamedTuple):
         by = np.zeros((*values.shape[:2], count)) if self.numbers is None else self.numbers(chosen)
         return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
 
-
     def left(self, chosen: slice, by: Array) -> Array:
         """Return the residuals (k, rows, 1 + probes) of values and drawn residuals of chosen equations after changes of
         numbers (P + 5, 1 + probes)."""
@@ -62,7 +64,7 @@ class Rows(NamedTuple):
 def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> Array:
     """Return the information on states (K, m) in upper banded form (2 m, K m), in the order of memory of LAPACK."""
     band, over = np.zeros((samples, size, 2 * size)), np.zeros((size, size))
-    for block in blocks(samples):
+    for block in blocks(samples, LARGE):
         first, last = block.start, block.stop
         diagonal, above = np.zeros((last - first + 1, size, size)), np.zeros((last - first, size, size))
         diagonal[0] = over
@@ -98,7 +100,7 @@ def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int
     size = len(factors) // 2
     samples = factors.shape[1] // size
     total, over = np.zeros((columns, columns)), np.zeros((size, columns))
-    for samples_of_block in blocks(samples):
+    for samples_of_block in blocks(samples, LARGE if columns <= FEW else BLOCK):
         first, last = samples_of_block.start, samples_of_block.stop
         block = np.zeros((last - first + 1, size, columns))
         block[0] = over

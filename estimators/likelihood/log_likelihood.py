@@ -28,7 +28,7 @@ from castor_envs.geometry.steps import body_motion, even_steps, half_way, integr
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
-from estimators.likelihood.elimination import Rows, blocks, eliminated, information_on_states
+from estimators.likelihood.elimination import LARGE, Rows, blocks, eliminated, information_on_states
 from estimators.likelihood.sparse_columns import ByBlocks
 
 FLOOR = 1e-7
@@ -374,7 +374,7 @@ class LogLikelihood:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
             all_by = np.concatenate([moved_by, set_by])
             columns = np.zeros((len(state), size, 1 + probes))
-            for block in blocks(len(state)):
+            for block in blocks(len(state), LARGE):
                 for rows in kinds.values():
                     chosen = rows.within(block.start, block.stop)
                     if chosen.start < chosen.stop:
@@ -385,7 +385,7 @@ class LogLikelihood:
                 away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
             squares, expected = {}, {}
             for name, rows in kinds.items():
-                chosen = (rows.within(block.start, block.stop) for block in blocks(len(state)))
+                chosen = (rows.within(block.start, block.stop) for block in blocks(len(state), LARGE))
                 lefts = (rows.left(some, all_by) + rows.by_state(some, away) for some in chosen)
                 total = np.sum([np.sum(left**2, axis=(0, 1)) for left in lefts], axis=0)
                 squares[name], expected[name] = float(total[0]), float(np.mean(total[1:])) if probes else 0.0
@@ -458,7 +458,11 @@ class LogLikelihood:
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         extra_count, slips = (extra.parameters, extra.slips) if extra else (0, ())
         count = first + extra_count + len(mount) + len(clock)
-        residual, derivatives = self.residuals(geometry, state), self._derivatives(geometry, state)
+        residual, (by_start, by_end) = self.residuals(geometry, state), self._derivatives(geometry, state)
+        touched = np.any(by_start, axis=0) | np.any(by_end, axis=0)
+        numbers_of = np.argsort(~touched, axis=1, kind="stable")[:, : touched.sum(axis=1).max(initial=1)]
+        of_row = np.arange(len(numbers_of))[:, None]  # a row depends on few numbers of the state
+        by_start, by_end = by_start[:, of_row, numbers_of], by_end[:, of_row, numbers_of]
         values = self._values(residual, state, clock, mount, weights)
 
         def read(chosen: slice) -> Array:
@@ -468,8 +472,11 @@ class LogLikelihood:
                 np.multiply(self._readings[chosen, :, None], extra.readings[chosen], out=by[..., first:end])
             return by
 
-        def by_state(chosen: slice, weight: Array, derivative: Array) -> Array:
-            return weight[chosen, :, None] * derivative[chosen]
+        def by_state(chosen: slice, wheel_rows: slice, weight: Array, derivatives: Array) -> Array:
+            weighted = weight[chosen, :, None] * derivatives[chosen, wheel_rows]
+            by = np.zeros((*weighted.shape[:2], len(eye)))
+            by[:, of_row[: len(weighted[0])], numbers_of[wheel_rows]] = weighted
+            return by
 
         kinds = {
             "counts": Rows(
@@ -478,12 +485,14 @@ class LogLikelihood:
         }
 
         rolling, last = len(self._rolling), (slice(0), np.zeros(0))
+        by_geometry = partial(self._by_change, geometry, changed, change, state)
+        if extra is None:  # a fit of the geometry asks for its few columns again and again
+            by_geometry = np.concatenate([by_geometry(steps) for steps in blocks(len(residual))]).__getitem__
 
         def in_steps(steps: slice) -> Array:
             nonlocal last  # rolling and side slip are asked for one after the other
             if last[0] != steps:
-                by_change = self._by_change(geometry, changed, change, state, steps)
-                last = steps, np.concatenate([by_change, *(-part[steps] for part in slips)], axis=-1)
+                last = steps, np.concatenate([by_geometry(steps), *(-part[steps] for part in slips)], axis=-1)
             return last[1]
 
         def by_slips(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
@@ -493,7 +502,10 @@ class LogLikelihood:
             return by
 
         for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            start, end = (partial(by_state, weight=weights[name], derivative=part[:, wheel_rows]) for part in derivatives)
+            start, end = (
+                partial(by_state, wheel_rows=wheel_rows, weight=weights[name], derivatives=derivatives)
+                for derivatives in (by_start, by_end)
+            )
             by = partial(by_slips, wheel_rows=wheel_rows, weight=weights[name])
             kinds[name] = Rows(samples[:-1], values[name], start, end, by)
         if not self.poses:
@@ -516,7 +528,8 @@ class LogLikelihood:
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
             weight = (weights[name] * known)[..., None]
-            kinds[name] = Rows(at, values[name], *((weight * slope[:, axes]).__getitem__ for slope in parts))
+            start, end, by_numbers = ((weight * slope[:, axes]).__getitem__ for slope in parts)
+            kinds[name] = Rows(at, values[name], start, end, by_numbers)
         return kinds
 
     def _derivatives(
@@ -623,6 +636,8 @@ class LogLikelihood:
 
     def _by_change(self, geometry: Geometry, changed: Geometry, change: Array, state: Array, steps: slice) -> Array:
         """Return the change of residuals in some steps (k, rows, G), per unit of changes of the geometry."""
+        if not len(change):
+            return np.zeros((steps.stop - steps.start, len(self._used), 0))
         near, inner = self._near(steps)
         at, even = state[_samples_of(near)], self._even[near]
         difference = self.residuals(changed, at, even) - self.residuals(geometry, at, even)

@@ -28,7 +28,11 @@ class SparseColumns:
     """Columns (K, rows, C) as the series (K,) of each column and row in which it differs from 0."""
 
     def __init__(
-        self, shape: tuple[int, int, int], series: Sequence[Array] = (), rows: Iterable[int] = (), at: Iterable[int] = ()
+        self,
+        shape: tuple[int, int, int],
+        series: Sequence[Array] = (),
+        rows: Iterable[int] = (),
+        at: Iterable[int] = (),
     ) -> None:
         """series (N times (K,)): with the row and the column (`at`) of each."""
         self.shape, self._series = shape, tuple(series)
@@ -66,9 +70,9 @@ class SparseColumns:
         """Return the columns in these rows, in this order; a row may come several times."""
         chosen = [*rows]
         places = [(n, row) for row, old in enumerate(chosen) for n in np.flatnonzero(self._rows == old).tolist()]
-        series = [self._series[n] for n, _ in places]
-        k, _, count = self.shape
-        return SparseColumns((k, len(chosen), count), series, [row for _, row in places], self._at[[n for n, _ in places]])
+        kept, in_rows = [n for n, _ in places], [row for _, row in places]
+        shape = self.shape[0], len(chosen), self.shape[2]
+        return SparseColumns(shape, [self._series[n] for n in kept], in_rows, self._at[kept].tolist())
 
     def less(self, column: int, values: Array) -> "SparseColumns":
         """Return the columns with values (K, rows) subtracted from one of them."""

@@ -40,11 +40,11 @@ def test_what_an_effect_adds_is_by_how_much_wheels_of_a_robot_with_it_disagree_l
     real, state, other = design.geometry, design.state, Geometry.of(ROBOT.with_effects(effect).as_built())
     before, after = (design.model.disagreement(geometry, state) for geometry in (real, other))
     changed = dataclasses.replace(
-        design.changes,
+        design.made.changes,
         changed=stacked(real, [other]),
         change=np.array([effect.value]),
-        readings=design.readings.only([]),
-        slips=design.slips.only([]),
+        readings=design.made.readings.only([]),
+        slips=design.made.slips.only([]),
     )
     less = design.model.agreement_by(changed, slice(0, len(state) - 1))
     assert np.abs(before - after).max() > 1e-6
