@@ -1,0 +1,33 @@
+"""Memory of a linearisation: it bounds how long a log may be."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.linearise import linearise
+from estimators.calibration.drives import log_of
+
+pytestmark = pytest.mark.slow
+
+MOST = 10e3
+"""Bytes a sample: 720 MB for an hour at 20 Hz."""
+
+
+def peak_of(robot, minutes):
+    """Return the number of samples of a log, and the bytes that its linearisation takes at most."""
+    log = log_of(robot, wander(np.random.default_rng(3), duration=60.0 * minutes), "all")
+    tracemalloc.start()
+    try:
+        linearise(robot, [log])
+        return len(log), tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_grows_by_no_more_than_ten_kilobytes_a_sample():
+    """As arrays, the columns of the robot's 240 amplitudes and of what creep masks of each took many times as much."""
+    (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes) for minutes in (2, 4))
+    assert most - least < MOST * (long - short)
