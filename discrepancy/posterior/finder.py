@@ -28,6 +28,7 @@ from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEf
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
+from discrepancy.posterior.variances.slip_noise import noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
 
@@ -108,7 +109,10 @@ def _diagnosed(
     material: Material,
 ) -> Diagnosis[RobotDescription, Linearised]:
     """Compute the diagnosis that `diagnose` returns, of checked logs."""
-    good = replace(linearise(without(before or robot, SampleJitter), clean), designs=()) if clean else None
+    good, usual = None, None
+    if clean:
+        good = linearise(without(before or robot, SampleJitter), clean)
+        usual, good = noise_of(good), replace(good, designs=())
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
     events, released, base, curve, looked = Events(), Released(), robot, None, False
@@ -162,6 +166,7 @@ def _diagnosed(
     late = jitter_answer(robot, logs, held_out, clean, names)
     beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
     beside += [] if curve is None else [answer_of(robot, curve, logs)]
+    beside += noisy_answers(seen, None if held is None else held[1], usual)
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
     called = {name: answer.credible[0] for answer in answers for name in answer.alike}
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}

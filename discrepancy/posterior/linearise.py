@@ -72,13 +72,13 @@ class Linearised:
     slips: tuple[Array, ...]
 
     def cost_of_slips(self, slips: Sequence[Array]) -> Array:
-        """Return the odometry error (2,) that slips (K - 1, rows, 1) of each log cause: m after 10 m, rad after a
-        turn."""
+        """Return the odometry error (2,) that slips (K - 1, rows, draws) of each log cause, rms over draws: m after 10
+        m, rad after a turn."""
         costs = []
         for design, slipped in zip(self.designs, slips, strict=True):
             error = design.model.as_motion(design.geometry, design.state, slipped)
-            costs.append(cost_of_sizes([error], design.state[:, :3])[:, 0])
-        return np.sqrt(np.mean(np.square(costs), axis=0))
+            costs.append(cost_of_sizes([error], design.state[:, :3]))
+        return np.sqrt(np.mean(np.square(costs), axis=(0, 2)))
 
     def forget(self) -> None:
         """Let the columns go, which hold most of the memory; they are made again if they are asked for."""

@@ -1,0 +1,98 @@
+"""Slip noise beyond that of clean logs: Bayes factors of variances, and wheels that slip at random."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.calibrated import FAULT, FREEDOM
+from discrepancy.posterior.finder import diagnose
+from discrepancy.posterior.variances.slip_noise import SCATTER, Found, log_bayes_factor
+from discrepancy.trials.pymunk_generator import drive
+
+USUAL = 3e-4
+ROBOT = preset("differential")
+
+
+def noisy(*sizes, freedom=30.0):
+    return [Found(size**2, freedom) for size in sizes]
+
+
+def test_the_same_noise_is_no_fault_and_more_noise_is_the_more_of_one():
+    factors = [log_bayes_factor(noisy(times * USUAL), noisy(*[USUAL] * 3)) for times in (1, 2, 4, 8, 16)]
+    assert factors[0] < 0
+    assert np.all(np.diff(factors) > 0)
+    assert factors[-1] > 5
+
+
+def test_noise_that_few_residuals_determine_decides_nothing():
+    assert abs(log_bayes_factor(noisy(2 * USUAL, freedom=0.3), noisy(*[USUAL] * 3))) < 1
+
+
+def test_clean_logs_that_scatter_make_more_noise_usual():
+    steady, uneven = noisy(*[USUAL] * 3), noisy(USUAL / 2, USUAL, 2 * USUAL)
+    assert log_bayes_factor(noisy(4 * USUAL), uneven) < log_bayes_factor(noisy(4 * USUAL), steady) - 2
+
+
+def test_a_second_log_with_the_same_noise_confirms_it_and_a_quiet_one_contradicts_it():
+    once, clean = noisy(4 * USUAL), noisy(*[USUAL] * 3)
+    alone = log_bayes_factor(once, clean)
+    assert log_bayes_factor(once * 2, clean) > alone
+    assert log_bayes_factor([*once, *noisy(USUAL)], clean) < alone
+
+
+@pytest.mark.parametrize("times", [1.0, 2.0, 4.0])
+def test_it_is_the_ratio_of_likelihoods_averaged_over_draws(times):
+    """The same model by drawing scatter, level, rise and the noise of each log, without any grid."""
+    random, draws = np.random.default_rng(1), 1_000_000
+    clean, logs = noisy(USUAL, 1.2 * USUAL, 0.9 * USUAL, freedom=8.0), noisy(times * USUAL, freedom=8.0)
+    scatter = SCATTER / np.sqrt(random.chisquare(FREEDOM, draws) / FREEDOM)
+    level = random.uniform(np.log(USUAL) - 1.0, np.log(USUAL) + 1.0, draws)
+    part = random.uniform(0, 2 / np.pi * np.arctan(5 / np.log(FAULT)), draws)  # of a Cauchy distribution, up to 5
+    rise = np.log(FAULT) * np.tan(np.pi / 2 * part)
+
+    def likelihood(found, middle):
+        noise = middle + scatter * random.normal(size=draws)
+        off = np.log(found.variance) - 2 * noise
+        return np.exp(found.freedom / 2 * (off + 1 - np.exp(off)))
+
+    usual = np.prod([likelihood(log, level) for log in clean], axis=0)
+    good, raised = (np.mean(usual * likelihood(logs[0], level + by)) for by in (0.0, rise))
+    assert log_bayes_factor(logs, clean) == pytest.approx(np.log(raised / good), abs=0.15)
+
+
+@cache
+def driven(seed):
+    motion = wander(np.random.default_rng([seed, 1]), duration=25.0, holonomic=False)
+    return drive(ROBOT, motion, seed, duration=25.0)
+
+
+def slipping(seed, size):
+    """A log whose wheels also turn at random, by `size` (m) after 1 m, without moving the robot."""
+    log, random, geometry = driven(seed), np.random.default_rng(seed), Geometry.of(ROBOT)
+    count = 2 * np.pi * geometry.radius / geometry.counts_per_rev
+    way = np.abs(np.diff(log.wheel, axis=0)) * count
+    slipped = np.cumsum(size * np.sqrt(way) * random.normal(size=way.shape), axis=0) / count
+    return dataclasses.replace(log, wheel=log.wheel + np.round(np.pad(slipped, ((1, 0), (0, 0)))))
+
+
+@pytest.mark.slow
+def test_wheels_that_slip_at_random_are_unexplained_beside_clean_logs():
+    clean = [driven(seed) for seed in (1, 2, 3)]
+    diagnosis = diagnose(ROBOT, [slipping(4, 2e-3)], [slipping(5, 2e-3)], clean)
+    assert diagnosis.verdict == "unexplained"
+    (answer,) = (answer for answer in diagnosis.answers if "less regularly" in answer.credible[0])
+    assert answer.size == pytest.approx(2e-3, rel=0.4)
+    assert "roll" in answer.credible[0]
+
+
+@pytest.mark.slow
+def test_wheels_that_slip_as_usual_or_without_clean_logs_to_compare_are_no_news():
+    clean = [slipping(seed, 2e-3) for seed in (1, 2, 3)]
+    assert diagnose(ROBOT, [slipping(4, 2e-3)], [], clean).verdict == "no discrepancy"
+    alone = diagnose(ROBOT, [slipping(4, 2e-3)])
+    assert not any("less regularly" in answer.credible[0] for answer in alone.answers)
