@@ -28,7 +28,7 @@ from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEf
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
-from discrepancy.posterior.variances.slip_noise import noise_of, noisy_answers
+from discrepancy.posterior.variances.noise_excess import noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
 

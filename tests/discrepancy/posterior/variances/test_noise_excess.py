@@ -1,4 +1,4 @@
-"""Slip noise beyond that of clean logs: Bayes factors of variances, and wheels that slip at random."""
+"""Noise beyond that of clean logs: Bayes factors of variances, wheels that slip at random, and a restless tracker."""
 
 import dataclasses
 from functools import cache
@@ -11,8 +11,19 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.calibrated import FAULT, FREEDOM
 from discrepancy.posterior.finder import diagnose
-from discrepancy.posterior.variances.slip_noise import SCATTER, Found, log_bayes_factor
+from discrepancy.posterior.linearise import LEAST_NOISE, linearise
+from discrepancy.posterior.variances.noise_excess import (
+    KINDS,
+    LEVEL,
+    SCATTER,
+    Found,
+    log_bayes_factor,
+    noise_of,
+    noisy_answers,
+)
+from discrepancy.trials.noise import Noise
 from discrepancy.trials.pymunk_generator import drive
+from estimators.calibration.maximum_likelihood import MOST
 
 USUAL = 3e-4
 ROBOT = preset("differential")
@@ -45,6 +56,23 @@ def test_a_second_log_with_the_same_noise_confirms_it_and_a_quiet_one_contradict
     assert log_bayes_factor([*once, *noisy(USUAL)], clean) < alone
 
 
+def test_all_noise_that_logs_are_fitted_with_is_on_the_grid():
+    least, most = (list(dataclasses.asdict(noise).values()) for noise in (LEAST_NOISE, MOST))
+    assert np.exp(LEVEL[0]) == pytest.approx(min(least))
+    assert np.exp(LEVEL[-1]) > max(most)
+
+
+def test_within_the_grid_the_factor_of_a_rise_does_not_depend_on_the_usual_noise():
+    factors = [log_bayes_factor(noisy(3 * usual), noisy(*[usual] * 3)) for usual in (5e-4, 2e-3, 3e-2)]
+    assert np.ptp(factors) < 0.2
+
+
+@pytest.mark.parametrize("logs", [0, 3])
+def test_logs_without_a_reference_decide_nothing(logs):
+    none, some = [Found(0.0, 0.0)] * 3, noisy(*[1e-3] * 3)
+    assert abs(log_bayes_factor(*((none, some) if logs else (some, none)))) < 0.5
+
+
 @pytest.mark.parametrize("times", [1.0, 2.0, 4.0])
 def test_it_is_the_ratio_of_likelihoods_averaged_over_draws(times):
     """The same model by drawing scatter, level, rise and the noise of each log, without any grid."""
@@ -66,9 +94,39 @@ def test_it_is_the_ratio_of_likelihoods_averaged_over_draws(times):
 
 
 @cache
-def driven(seed):
+def driven(seed, size=1e-3, turned=1e-3):
+    """A log, with standard deviations of the reference's positions (m) and headings (rad)."""
     motion = wander(np.random.default_rng([seed, 1]), duration=25.0, holonomic=False)
-    return drive(ROBOT, motion, seed, duration=25.0)
+    return drive(ROBOT, motion, seed, duration=25.0, noise=Noise(size, size, turned))
+
+
+@cache
+def usual():
+    return noise_of(linearise(ROBOT, [driven(seed) for seed in (1, 2, 3)], among=()))
+
+
+@pytest.mark.parametrize(("kind", "noise"), [("position", (6e-3, 1e-3)), ("heading", (1e-3, 6e-3))])
+def test_a_reference_that_scatters_more_than_in_clean_logs_costs_its_noise(kind, noise):
+    (answer,) = noisy_answers(linearise(ROBOT, [driven(4, *noise)], among=()), None, usual())
+    assert answer.credible[0].startswith(KINDS[kind].partition("{}")[0])
+    assert answer.size == pytest.approx(6e-3, rel=0.4)
+    position, heading = answer.size * answer.cost
+    assert (position, heading)[kind == "heading"] == pytest.approx(answer.size, rel=0.1)
+    assert (position, heading)[kind == "position"] == 0
+
+
+def test_a_reference_that_scatters_as_usual_or_without_clean_logs_to_compare_is_no_news():
+    assert noisy_answers(linearise(ROBOT, [driven(4)], among=()), None, usual()) == []
+    assert noisy_answers(linearise(ROBOT, [driven(4, 6e-3)], among=()), None, None) == []
+
+
+@pytest.mark.slow
+def test_a_tracker_that_scatters_is_unexplained_beside_clean_logs():
+    clean = [driven(seed) for seed in (1, 2, 3)]
+    diagnosis = diagnose(ROBOT, [driven(4, 6e-3)], [driven(5, 6e-3)], clean)
+    assert diagnosis.verdict == "unexplained"
+    (answer,) = diagnosis.answers
+    assert answer.credible[0].startswith("positions of the reference")
 
 
 def slipping(seed, size):

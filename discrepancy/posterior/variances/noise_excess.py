@@ -1,10 +1,11 @@
-"""Slip noise beyond that of clean logs: what neither creep as predicted nor the named effects explain.
+"""Noise of contacts and of the reference beyond that of clean logs: what no named effect, nor creep, explains.
 
-Slip noise is a variance, and not a column of the linear problem. In robots in good order its logarithm is normal from
-log to log, about a level and with a scatter that clean logs tell. A fault outside the catalogue raises the level.
+Noise is a variance, and not a column of the linear problem. In robots in good order its logarithm is normal from log to
+log, about a level and with a scatter that clean logs tell. A fault outside the catalogue raises the level.
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import NamedTuple
 
 import numpy as np
@@ -18,21 +19,31 @@ from discrepancy.posterior.linearise import LEAST_NOISE, Linearised
 from estimators.calibration.maximum_likelihood import PROBES
 
 SCATTER = 0.2
-"""Standard deviation, from log to log, of the logarithm of slip noise in good order, before clean logs are seen. In
-seven clean logs each of seven bases with redundant encoders (MuJoCo, wander, 60 s) it is 0.02 to 0.16 along."""
+"""Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
+clean logs each of seven bases with redundant encoders (MuJoCo, wander, 60 s) it is 0.02 to 0.16 along."""
 
-LEVEL = np.log(LEAST_NOISE.along) + 0.15 * np.arange(40)
+LEVEL = np.log(min(asdict(LEAST_NOISE).values())) + 0.15 * np.arange(60)
 BELOW = LEVEL[0] - 0.3 * np.arange(6, 0, -1)
 SCATTERS = SCATTER * 2.0 ** np.arange(-2, 5)
 RAISED = np.linspace(0.0, 5.0, 51)
-"""Grids to integrate over: logarithm of noise (m after 1 m), of which all below the first counts as the first; levels
-below that; scatter; and rise of the level by a fault."""
+"""Grids to integrate over: logarithm of noise, from the least that is estimated (which all below counts as) to beyond
+the most that logs can be fitted with (0.3 rad); levels below that; scatter; and rise of the level by a fault."""
 
-KINDS = {"along": "roll", "across": "slide sideways"}
+KINDS = {
+    "along": "wheels roll {} times less regularly than in the clean logs",
+    "across": "wheels slide sideways {} times less regularly than in the clean logs",
+    "position": "positions of the reference scatter {} times as much as in the clean logs",
+    "heading": "headings of the reference scatter {} times as much as in the clean logs",
+}
+"""Fields of `Noise`, and what more of each is called."""
+
+REFERENCE = ("position", "heading")
+"""Those of the reference."""
 
 
 class Found(NamedTuple):
-    """Slip noise of one log: variance (m^2 after 1 m), and the degrees of freedom that determine it."""
+    """Noise of one kind in one log: variance (m^2 after 1 m of slip, m^2 or rad^2 of the reference), and the degrees of
+    freedom that determine it."""
 
     variance: float
     freedom: float
@@ -47,7 +58,7 @@ class Found(NamedTuple):
 def noisy_answers(
     seen: Linearised, held_out: Linearised | None, clean: Sequence[dict[str, Found]] | None
 ) -> list[Answer]:
-    """Return the answers that wheels roll, or slide sideways, less regularly than in clean logs.
+    """Return the answers that slip, or the reference's errors, are larger at random than in clean logs.
 
     seen, held_out: statistics beside the named effects. clean: `noise_of` clean logs; without them the usual noise is
     unknown, and there is no answer.
@@ -56,12 +67,12 @@ def noisy_answers(
         return []
     logs = [*noise_of(seen), *([] if held_out is None else noise_of(held_out))]
     answers = []
-    for kind, words in KINDS.items():
+    for kind in KINDS:
         found, good = [log[kind] for log in logs], [log[kind] for log in clean]
         log_factor = log_bayes_factor(found, good)
         probability = float(expit(log_factor - logit(NOTHING)))
         if probability >= CREDIBLE:
-            answers.append(_answer(seen, kind, words, _pooled(found), _pooled(good), log_factor, probability))
+            answers.append(_answer(seen, kind, _pooled(found), _pooled(good), log_factor, probability))
     return answers
 
 
@@ -91,7 +102,7 @@ def log_bayes_factor(logs: Sequence[Found], clean: Sequence[Found]) -> float:
 
 
 def noise_of(seen: Linearised) -> list[dict[str, Found]]:
-    """Return the slip noise along and across of each log, by the residuals of all its contacts."""
+    """Return the noise of each kind in each log, by all its residuals; of a log without a reference, none of it."""
     found = []
     for design in seen.designs:
         unchanged = stacked(design.geometry, [])
@@ -115,12 +126,10 @@ def _pooled(logs: Sequence[Found]) -> float:
     return sum(log.freedom * log.variance for log in logs) / max(freedom, 1e-9)
 
 
-def _answer(
-    seen: Linearised, kind: str, words: str, found: float, usual: float, log_factor: float, probability: float
-) -> Answer:
+def _answer(seen: Linearised, kind: str, found: float, usual: float, log_factor: float, probability: float) -> Answer:
     noise = float(np.sqrt(found))
     times = noise / max(np.sqrt(usual), getattr(LEAST_NOISE, kind))
-    name = f"wheels {words} {times:.2g} times less regularly than in the clean logs"
+    name = KINDS[kind].format(f"{times:.2g}")
     return Answer(
         probabilities={name: probability, "nothing": 1 - probability},
         credible=(name,),
@@ -135,8 +144,10 @@ def _answer(
 
 
 def _cost(seen: Linearised, kind: str, variance: float) -> Array:
-    """Return the rms odometry error (2,) by slip noise of a variance (m^2 after 1 m): m after 10 m, rad after a
-    turn."""
+    """Return the rms odometry error (2,) by slip noise of a variance: m after 10 m, rad after a turn; of the reference
+    the noise itself, m and rad, by which odometry seems to be off."""
+    if kind in REFERENCE:
+        return np.sqrt(variance) * (np.array(REFERENCE) == kind)
     random, slipped = np.random.default_rng(0), []
     for design in seen.designs:
         rolled = np.abs(design.model.rolled(design.geometry, design.state))
