@@ -67,7 +67,7 @@ class Examined:
     def page(self) -> str:
         """Return the report as one HTML page."""
         data = self.data
-        shown: list[pictures.Picture | None] = [*answers.likely(data)]
+        shown: list[pictures.Picture | None] = [*answers.drawn(data)]
         if self.replays is not None:
             shown.append(pictures.replays(*self.replays))
         try:

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.effects.encoders import LearnedTerm
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.random_effects import Statistics
@@ -108,6 +109,18 @@ SHOWN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class Learned:
+    """A curve in the robot file. errors: standard deviations of its values. log_odds: log odds of the curve against
+    none, natural logarithm. nearest: the effect of the catalogue with the most similar signature, in words, and the
+    cosine between both signatures; None where no effect overlaps."""
+
+    effect: LearnedTerm
+    errors: tuple[float, ...]
+    log_odds: float
+    nearest: tuple[str, float] | None
+
+
+@dataclass(frozen=True, eq=False)
 class Answer:
     """The answer on one single effect.
 
@@ -117,7 +130,8 @@ class Answer:
     log-likelihood ratio) that the effect explains. cost (2,): odometry error that a unit of its amplitudes causes, m
     after 10 m and rad after a turn. alike: names of effects that are the same on this vehicle, whatever it does, as the
     likeliest. confirmed: log-likelihood ratio of held-out logs with and without the effect, where
-    it is not computed from their linear columns. verdict, reason: see `verdicts`.
+    it is not computed from their linear columns. curve: what an unnamed alternative was found to depend on. verdict,
+    reason: see `verdicts`.
     """
 
     probabilities: dict[str, float]
@@ -131,6 +145,7 @@ class Answer:
     cost: Array
     alike: tuple[str, ...] = ()
     confirmed: float | None = None
+    curve: Learned | None = None
     verdict: Verdict = "named"
     reason: str = ""
 

@@ -55,9 +55,9 @@ Asked = tuple[Posterior, list[Answer]]
 class Diagnosis(Generic[V, S]):
     """The effects missing in a description, as logs show them. verdict: of the whole; answers: the most certain first.
 
-    before, after: the logs linearised without and with the named effects; held_out: both for held-out logs. inclusion:
-    probability of every name to be among the missing effects. creep: proportions of predicted creep in clean logs, if
-    there are any.
+    before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
+    held-out logs. inclusion: probability of every name to be among the missing effects. creep: proportions of predicted
+    creep in clean logs, if there are any.
     """
 
     robot: V
@@ -152,7 +152,7 @@ def _diagnosed(
             curve = None
             break
         base = robot.with_effects(curve.effect)
-    held, order, confirmed = None, None, [None] * len(events)
+    held, lacking, order, confirmed = None, None, None, [None] * len(events)
     if held_out:
         among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
         after, free = linearise(found, held_out, creep=creep, among=among), Released()
@@ -162,6 +162,7 @@ def _diagnosed(
             free = recurring.released(found, held_out, after)
             after = linearise(found, held_out, creep=creep, among=among, released=free)
         held = linearise(base, held_out, creep=creep, among=among, released=free), after
+        lacking = held[0] if curve is None else linearise(robot, held_out, creep=creep, among=(), released=free)
         order = order_of(after, good)
     late = jitter_answer(robot, logs, held_out, clean, names)
     beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
@@ -172,7 +173,7 @@ def _diagnosed(
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
     answers = judged(answers, named, held, order, material)
-    held = None if held is None else (held[0].without_designs(), held[1].without_designs())
+    held = None if held is None or lacking is None else (lacking.without_designs(), held[1].without_designs())
     return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_designs(), held, creep)
 
 

@@ -23,7 +23,7 @@ from discrepancy.report.parts import (
     section,
     text,
 )
-from discrepancy.report.pictures import Picture, probabilities
+from discrepancy.report.pictures import Picture, learned_curve, probabilities
 
 GAP = (("m", "position", "mm"), ("rad", "heading", "mrad"))
 """Of a gap: key, what people read, unit of a thousandth."""
@@ -36,7 +36,7 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
     cards = "".join(_card(data, answer) for answer in sentences.material(data))
     sections = [
         section("Wiring and units", _preflight(data)),
-        section("What is missing", cards + figures(shown, "probabilities")),
+        section("What is missing", cards + figures(shown, "curve", "probabilities")),
         section("Too small to matter", _trifles(trifles)),
         section("The gap", _gap(data) + figures(shown, "drift")),
         section("The same in full simulation", _replay(mapping(data.get("replay"))) + figures(shown, "replay")),
@@ -47,8 +47,14 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
     return page_of(data, sentences.sentence(data), _checks(data) + logs_line(data), sections)
 
 
-def likely(data: Data) -> list[Picture]:
-    """Return the picture of how likely names are; none where there are not two to compare."""
+def drawn(data: Data) -> list[Picture]:
+    """Return the pictures that are drawn from the data alone: how likely names are, where there are two to compare; and
+    the learned curve, if there is one."""
+    learned = [answer for answer in mappings(data.get("answers")) if answer.get("curve")]
+    return [*_likely(data), *(learned_curve(str(answer["what"]), answer["curve"]) for answer in learned[:1])]
+
+
+def _likely(data: Data) -> list[Picture]:
     names = mapping(data.get("names"))
     shown = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
     named = [str(answer["what"]) for answer in data["answers"] if answer["verdict"] == "named"]
@@ -69,14 +75,15 @@ def _preflight(data: Data) -> str:
 
 def _card(data: Data, answer: Data) -> str:
     rivals = sentences.others_of(data, answer)
-    reason = sentences.reason_of(data, answer) if answer.get("verdict") != "named" else None
+    reason = sentences.reason_of(data, answer) if answer.get("verdict") != "named" else ""
     rows = {
         "probability": sentences.percent(answer.get("probability")),
         "the same here": sentences.same_of(data, answer),
         "or else": sentences.listed(rivals),
-        "size (95 %)": sentences.size_of(answer),
+        "reads too much by" if answer.get("curve") else "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
-        "not named, because": reason,
+        "not named, because": reason.partition("; nearest")[0],
+        "nearest in the catalogue": sentences.nearest_of(answer),
         "a drive that would distinguish them": sentences.drive_of(answer),
         "to check": answer.get("check"),
     }

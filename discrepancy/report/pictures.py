@@ -25,6 +25,8 @@ from discrepancy.validation.replay import Replay
 
 Shown = TypeVar("Shown", Traces, Replay)
 
+_ANGLES = {"own angle": "angle of the encoder's shaft", "castor angle": "angle of the castor"}
+
 WIDTH = 5.6
 """Inches; text of 9 points can then be read on a phone."""
 
@@ -190,6 +192,44 @@ def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] 
         f"Bars of the probability of every name: {told}.",
         "How likely it is that each of these is among what is missing."
         + (" Blue: what is named." if any(name in named for name, _, _ in best) else ""),
+    )
+
+
+def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
+    """Return by how much an encoder reads too much, against the quantity that this depends on, with its 95 % band.
+
+    curve: as in a diagnosis' data: of, unit ("rad" or "rad/s"), knots, and values, low and high at these. Between knots
+    it is straight; by angle it goes on after a turn as it began.
+    """
+    at, *heights = (np.array(curve[key]) for key in ("knots", "values", "low", "high"))
+    by_speed = curve["unit"] == "rad/s"
+    label = "speed of the encoder's shaft, rad/s" if by_speed else f"{_ANGLES[curve['of']]}, degrees"
+    if not by_speed:
+        at = np.degrees(np.append(at, at[0] + 2 * np.pi))
+        heights = [np.append(height, height[0]) for height in heights]
+    value, low, high = (100 * height for height in heights)
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = _figure(2.6, 1)
+        axes.axhline(0, color=BEFORE, linewidth=0.8)
+        axes.fill_between(at, low, high, color=AFTER, alpha=0.2, linewidth=0, label="95 % band")
+        axes.plot(at, value, "o-", color=AFTER, markersize=3.5, label="learned from the logs")
+        if not by_speed:
+            axes.set_xticks(at[0] + np.arange(0, 361, 60))
+        axes.margins(x=0.02)
+        axes.set_xlabel(label)
+        axes.set_ylabel("reads too much by, %")
+        _legend_above(axes)
+        svg = _svg(figure, "curve")
+    top, bottom = int(np.argmax(value)), int(np.argmin(value))
+    unit = "rad/s" if by_speed else "degrees"
+    return Picture(
+        "curve",
+        svg,
+        f"A curve against {label}: {what} reads too much by {value[bottom]:+.2f} % at {at[bottom]:.3g} {unit} up to "
+        f"{value[top]:+.2f} % at {at[top]:.3g} {unit}.",
+        f"By how much the encoder reads too much, against the {label.partition(',')[0]}, as learned from the logs: "
+        "points at the knots that are in the robot file, and the band that holds it with 95 %. Where the band is wide, "
+        "the logs hardly show it.",
     )
 
 

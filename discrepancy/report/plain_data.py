@@ -10,7 +10,7 @@ from castor_envs.effects.catalogue import catalogue
 from castor_envs.vehicles.effect import Effect
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
-from discrepancy.posterior.answers import SHOWN, Answer, Seen
+from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
@@ -68,6 +68,7 @@ def answer_data(answer: Answer) -> Data:
         "unit": effect.unit if effect is not None and sized else None,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
         "cost": np.abs(answer.size * answer.cost).tolist(),
+        "curve": None if answer.curve is None else _curve(answer.curve),
         "check": "" if effect is None else effect.check,
         "separating_drive": None,
     }
@@ -79,6 +80,22 @@ def drive_data(drive: SeparatingDrive) -> Data:
         "drive": drive.what,
         "expected_log_bayes_factor": drive.expected,
         "duration_s": drive.trajectory.duration,
+    }
+
+
+def _curve(learned: Learned) -> Data:
+    """Return a learned curve with the 95 % interval of its values."""
+    term = learned.effect
+    values, error = (term.value * np.array(of) for of in (term.values, learned.errors))
+    nearest = None if learned.nearest is None else dict(zip(("what", "cosine"), learned.nearest, strict=True))
+    return {
+        "of": term.of,
+        "unit": "rad/s" if term.of == "speed" else "rad",
+        "knots": list(term.knots),
+        "values": values.tolist(),
+        "low": (values - COVERAGE * error).tolist(),
+        "high": (values + COVERAGE * error).tolist(),
+        "nearest": nearest,
     }
 
 

@@ -111,7 +111,10 @@ def material(data: Data) -> list[Data]:
 
 
 def size_of(answer: Data) -> str:
-    """Return how large an effect is, with its 95 % interval; nothing of one without a size or a name."""
+    """Return how large an effect is, with its 95 % interval, or what values a learned curve has; nothing of one without
+    a size or a name."""
+    if values := mapping(answer.get("curve")).get("values"):
+        return f"{number(min(values), 100, 2, signed=True)} to {number(max(values), 100, 2, signed=True)} %"
     size, unit, interval = answer.get("size"), answer.get("unit"), answer.get("interval")
     if size is None or unit is None or not interval:
         return ""
@@ -119,6 +122,13 @@ def size_of(answer: Data) -> str:
     digits = digits_by((interval[1] - interval[0]) / (2 * COVERAGE), scale)
     shown, low, high = (number(value, scale, digits, signed=True) for value in (size, *interval))
     return f"{shown} {name} ({low} to {high})"
+
+
+def nearest_of(answer: Data) -> str:
+    """Return the effect of the catalogue that does most nearly what a learned curve does, and how nearly."""
+    nearest = mapping(mapping(answer.get("curve")).get("nearest"))
+    cosine = number(nearest.get("cosine"), 1, 2)
+    return f"{nearest.get('what')}, by what it does to these logs (cosine {cosine}; 1: the same)" if nearest else ""
 
 
 def cost_of(answer: Data) -> str:

@@ -11,7 +11,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import check_logs
-from discrepancy.report.answers import html_of, likely
+from discrepancy.report.answers import drawn, html_of
 from discrepancy.report.plain_data import FORMAT, Data, answer_data, gaps
 from discrepancy.trains.linearise import Linearised, equations_of, linearise
 from discrepancy.trains.posterior import diagnose_train
@@ -28,7 +28,7 @@ class Examined:
 
     def page(self) -> str:
         """Return the report as one HTML page."""
-        return html_of(self.data, likely(self.data))
+        return html_of(self.data, drawn(self.data))
 
 
 def examine_train(

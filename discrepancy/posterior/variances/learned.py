@@ -5,7 +5,7 @@ The curve is a Gaussian process: smooth, of mean 0 and unknown size. Its knots a
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Channels, candidates_of, described
-from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.answers import Answer, Learned
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS
@@ -37,25 +37,13 @@ Look = Callable[[RobotDescription, Sequence[Candidate]], Linearised]
 """Returns the logs linearised with a robot and these candidates."""
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """A curve in the robot file. errors: standard deviations of its values. log_odds: log odds of the curve against
-    none, natural logarithm. nearest: the effect of the catalogue with the most similar signature, in words, and the
-    cosine between both signatures; None where no effect overlaps."""
-
-    effect: LearnedTerm
-    errors: tuple[float, ...]
-    log_odds: float
-    nearest: tuple[str, float] | None
-
-
 def encoders_of(answers: Sequence[Answer]) -> list[str]:
     """Return the names of encoders on which the answers have an unnamed alternative."""
     unnamed = (answer.candidate.what for answer in answers if answer.unnamed and not answer.candidate.kinds)
     return [description.split()[0] for description in unnamed if description.startswith(("wheel_", "pivot_"))]
 
 
-def helps(robot: RobotDescription, curve: "Learned", held_out: Sequence[Log], creep: Array | None) -> bool:
+def helps(robot: RobotDescription, curve: Learned, held_out: Sequence[Log], creep: Array | None) -> bool:
     """Whether the likelihood ratio of held-out logs with a curve exceeds 19, and their gap shrinks."""
     without, beside = (
         linearise(vehicle, held_out, creep=creep, among=()) for vehicle in (robot, robot.with_effects(curve.effect))
@@ -64,12 +52,13 @@ def helps(robot: RobotDescription, curve: "Learned", held_out: Sequence[Log], cr
     return shrinks and beside.log_evidence - without.log_evidence > LOG_ODDS
 
 
-def answer_of(robot: RobotDescription, curve: "Learned", logs: Sequence[Log]) -> Answer:
+def answer_of(robot: RobotDescription, curve: Learned, logs: Sequence[Log]) -> Answer:
     """Return the answer for a curve: an unnamed alternative."""
     candidate = Candidate(described(curve.effect), (curve.effect,))
-    reason = f"no effect of the catalogue explains it; {candidate.what} was learned, and is in the robot file"
+    reason = "no effect of the catalogue explains it; a curve was learned from these logs and is in the robot file"
     if curve.nearest is not None:
-        reason += f"; nearest in the catalogue, with a cosine of {curve.nearest[1]:.2f}, is {curve.nearest[0]}"
+        what, cosine = curve.nearest
+        reason += f"; nearest in the catalogue, by what it does to these logs, is: {what} (cosine {cosine:.2f})"
     probability = float(expit(curve.log_odds))
     return Answer(
         probabilities={candidate.what: probability, "nothing": 1 - probability},
@@ -80,6 +69,7 @@ def answer_of(robot: RobotDescription, curve: "Learned", logs: Sequence[Log]) ->
         covariance=np.array([[1 / (2 * curve.log_odds)]]),
         hidden=0.0,
         explained=2 * curve.log_odds,
+        curve=curve,
         cost=np.array([cost_of(robot, curve.effect, logs) or 0.0, 0.0]),
         reason=reason,
     )
@@ -186,16 +176,16 @@ def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[
     signatures."""
     unit = replace(effect, value=effect.step)
     curve = Candidate(described(unit), (unit,))
-    linearised = look(robot, [curve, *(candidate for candidate in candidates_of(robot) if candidate.columns == 1)])
+    linearised = look(robot, [curve, *candidates_of(robot)])
     information, k = (
         summed(linearised.logs).information,
         int(linearised.columns[linearised.candidates.index(curve)][0]),
     )
     best = None
     for candidate, columns in zip(linearised.candidates, linearised.columns, strict=True):
-        j = int(columns[0])
-        strength = float(information[k, k] * information[j, j])
-        if candidate != curve and strength > 0:
-            cosine = float(abs(information[k, j]) / np.sqrt(strength))
+        within, across = information[np.ix_(columns, columns)], information[columns, k]
+        if candidate != curve and np.all(np.diag(within) > 0):
+            likest = np.linalg.lstsq(within, across)[0]  # in size, and in phase where it has one
+            cosine = float(np.sqrt(across @ likest / information[k, k]))
             best = (candidate.what, cosine) if best is None or cosine > best[1] else best
     return best

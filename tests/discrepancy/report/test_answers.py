@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from discrepancy.report import sentences
-from discrepancy.report.answers import html_of
+from discrepancy.report.answers import drawn, html_of
 from discrepancy.report.parts import names_apart
 from discrepancy.report.pictures import Picture, probabilities
 
@@ -68,6 +68,16 @@ UNEXPLAINED = ANSWER | {
 }
 AMBIGUOUS = ANSWER | {"verdict": "ambiguous", "probability": 0.6, "credible_set": ["wheel_radius 2 1", LATE]}
 AMBIGUOUS["probabilities"] = {"wheel_radius 2 1": 0.6, "encoder_latency 3 None": 0.4}
+CURVE = {
+    "of": "castor angle",
+    "unit": "rad",
+    "knots": [0.0, 1.5, 3.0, 4.5],
+    "values": [0.0, 0.0102, 0.0, -0.0095],
+    "low": [-0.001, 0.0052, -0.001, -0.0115],
+    "high": [0.001, 0.0152, 0.001, -0.0075],
+    "nearest": {"what": "slope of the floor", "cosine": 0.187},
+}
+LEARNED = UNEXPLAINED | {"what": "a term learned from logs", "size": 1.0, "unit": "1", "curve": CURVE}
 TRIFLE = ANSWER | {"verdict": "negligible", "cost": [1e-4, 0.0]}
 
 
@@ -195,6 +205,22 @@ def test_an_ambiguous_answer_tells_the_drive_that_would_separate_it():
     assert "a drive that would distinguish them" not in said(answered(AMBIGUOUS))
     assert "no drive" in sentences.why_no_drive(answered(AMBIGUOUS))
     assert sentences.why_no_drive(answered(ANSWER)) == "nothing is ambiguous"
+
+
+def test_a_learned_curve_is_drawn_and_compared_with_the_catalogue():
+    data = answered(LEARNED)
+    (picture,) = (picture for picture in drawn(data) if picture.name == "curve")
+    assert "-0.95 % at 258 degrees up to +1.02 % at 85.9 degrees" in picture.alt
+    text = said(data, [picture])
+    for part in (
+        "reads too much by \N{MINUS SIGN}0.95 to +1.02 %",
+        "nearest in the catalogue slope of the floor, by what it does to these logs (cosine 0.19; 1: the same)",
+        "against the angle of the castor",
+    ):
+        assert part in text
+    assert "+100" not in text
+    assert "looks like a term learned from logs (\N{MINUS SIGN}0.95 to +1.02 %, 97 % sure)" in sentences.sentence(data)
+    assert not [picture for picture in drawn(DATA) if picture.name == "curve"]
 
 
 def test_of_many_answers_the_sentence_tells_the_costliest():

@@ -79,11 +79,34 @@ def traces(robot, log):
     return traces_of(robot, log, LogLikelihood(geometry, log).start(geometry))
 
 
+def curve(of, unit, knots):
+    values = np.sin(np.arange(len(knots))) / 100
+    heights = {"values": values.tolist(), "low": (values - 0.002).tolist(), "high": (values + 0.002).tolist()}
+    return pictures.learned_curve("an encoder", {"of": of, "unit": unit, "knots": knots} | heights)
+
+
+@pytest.mark.parametrize(
+    ("of", "unit", "knots", "label"),
+    [
+        ("speed", "rad/s", [-4.0, 0.0, 2.0], "speed of the encoder's shaft"),
+        ("own angle", "rad", [0.0, 2.0, 4.0], "angle of the encoder's shaft"),
+        ("castor angle", "rad", [1.0, 2.0, 4.0], "angle of the castor"),
+    ],
+)
+def test_a_learned_curve_is_drawn_against_what_it_depends_on(of, unit, knots, label):
+    picture = curve(of, unit, knots)
+    assert label in picture.alt
+    assert label in picture.caption
+    assert "degrees" in picture.alt or of == "speed"
+    read(html_of(DATA, [picture]))
+
+
 def draw(log):
     before, after = traces(ASOC, log), traces(REAL, log)
     likely = [("wheel radius, castor 2, wheel 1", 0.9, "90 %"), ("<$x$ & y>", 0.1, "10 %")]
     shown = [
         pictures.probabilities(likely, ["wheel radius, castor 2, wheel 1"]),
+        curve("own angle", "rad", [0.0, 2.0, 4.0]),
         pictures.drift({"these logs": ([before], [after]), "held-out logs": ([before], [])}),
         pictures.slip(before, after),
         pictures.floor(before),

@@ -9,6 +9,7 @@ import pytest
 
 from castor_envs import command_line
 from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.encoders import LearnedTerm
 from castor_envs.effects.wiring import EncoderReversed
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.motion.trajectories import wander
@@ -16,7 +17,10 @@ from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy import cli
 from discrepancy.diagnose import posterior_of
+from discrepancy.posterior.answers import Learned
+from discrepancy.posterior.variances.learned import answer_of
 from discrepancy.report import sentences
+from discrepancy.report.plain_data import answer_data
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("differential")
@@ -33,6 +37,16 @@ def write(path, robot, seed=1):
     motion = wander(np.random.default_rng([seed, 1]), duration=20.0, holonomic=False)
     write_log(path, drive(robot, motion, seed, duration=20.0), ROBOT)
     return path
+
+
+def test_a_learned_curve_has_its_band_and_its_nearest_effect():
+    term = LearnedTerm(castor=1, wheel=1, value=2.0, of="speed", knots=(-1.0, 1.0), values=(-0.1, 0.2))
+    curve = answer_data(answer_of(ROBOT, Learned(term, (0.01, 0.02), 9.0, ("slope of the floor", 0.2)), []))["curve"]
+    assert curve["values"] == pytest.approx([-0.2, 0.4])
+    assert curve["high"] == pytest.approx([-0.2 + 1.96 * 0.02, 0.4 + 1.96 * 0.04], abs=1e-3)
+    assert (np.array(curve["high"]) + curve["low"]).tolist() == pytest.approx([-0.4, 0.8])
+    assert (curve["of"], curve["unit"], curve["knots"]) == ("speed", "rad/s", [-1.0, 1.0])
+    assert curve["nearest"] == {"what": "slope of the floor", "cosine": 0.2}
 
 
 def numbers(data):

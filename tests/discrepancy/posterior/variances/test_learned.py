@@ -8,10 +8,11 @@ import pytest
 from pydantic import ValidationError
 
 from castor_envs.effects.catalogue import readings
-from castor_envs.effects.encoders import LearnedTerm
+from castor_envs.effects.encoders import LearnedTerm, WheelEccentricity
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import described
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.variances.learned import helps, learned
@@ -72,7 +73,23 @@ def test_it_is_unexplained_and_the_held_out_gap_shrinks_to_a_third_all_the_same(
     after = linearise(told.found, [driven(4, True)], among=()).gap
     assert plain is not None
     assert after is not None
+    assert told.held_out is not None
+    assert told.held_out[0].gap == pytest.approx(plain, rel=0.05)
     assert after[0] < plain[0] / 3
+
+
+@pytest.mark.slow
+def test_a_curve_that_the_catalogue_has_is_nearest_to_its_effect():
+    """An eccentric encoder disc of any phase reads too much by the cosine of its angle."""
+    wave = dataclasses.replace(TRUE, of="own angle", values=tuple((0.05 * np.cos(np.array(KNOTS) - 1.0)).tolist()))
+    log = drive(ROBOT.with_effects(wave), wander(np.random.default_rng([3, 1]), duration=25.0), 3, duration=25.0)
+    seen = linearise(ROBOT, [log], among=())
+    curve = learned(ROBOT, [log], seen, ["wheel_2l"], lambda robot, among: linearise(robot, [log], among=among))
+    assert curve is not None
+    assert curve.nearest is not None
+    what, cosine = curve.nearest
+    assert what == described(WheelEccentricity(castor=2, wheel=1, value=0.05))
+    assert 0.9 < cosine < 1.0001
 
 
 def turning(speed):
