@@ -30,7 +30,7 @@ from discrepancy.preflight import Mistake, Preflight, check_logs, preflight
 from discrepancy.report import answers, pictures, plain_data, sentences
 from discrepancy.report.parts import names_apart
 from discrepancy.report.plain_data import Data
-from discrepancy.report.traces import Traces, traces_of
+from discrepancy.report.traces import Errors, Traces, along_the_way, traces_of
 from discrepancy.validation.replay import Replay, joined, replay
 from estimators.calibration.maximum_likelihood import State, straightened
 from estimators.likelihood.log_likelihood import Noise
@@ -70,27 +70,20 @@ class Examined:
         shown: list[pictures.Picture | None] = [*answers.drawn(data)]
         if self.replays is not None:
             shown.append(pictures.replays(*self.replays))
-        try:
-            traces = {of: self._traces(*left) for of, left in self.seen.items()}
-        except InputError:  # where a castor without an encoder points, and so the path, is not measured
-            return answers.html_of(data, [picture for picture in shown if picture is not None])
-        shown.append(pictures.drift(traces))
-        if data["where"] is not None:
-            plain, mended = next(iter(traces.values()))
-            k = data["logs"].index(data["where"]["log"])
-            left = mended[k] if mended else plain[k]
-            maps = [pictures.slip(plain[k], mended[k] if mended else None)]
-            maps += [pictures.floor(left)] if len(left.times) else []
-            log = f"{names_apart(data['logs'])[data['where']['log']]}: " if len(plain) > 1 else ""
-            shown += [dataclasses.replace(picture, caption=f"{log}{picture.caption}") for picture in maps]
+        shown.append(pictures.drift({of: _errors(*left) for of, left in self.seen.items()}))
+        shown += [] if data["where"] is None else self._maps(data["where"]["log"])
         return answers.html_of(data, [picture for picture in shown if picture is not None])
 
-    def _traces(self, logs: Logs, before: Linearised, after: Linearised | None) -> tuple[list[Traces], list[Traces]]:
-        plain, mended = (
-            [] if left is None else [_traces(robot, log, left.state, k) for k, log in enumerate(logs.values())]
-            for robot, left in ((self.nominal, before), (self.explained, after))
-        )
-        return plain, mended
+    def _maps(self, name: str) -> list[pictures.Picture]:
+        """Return maps of slip in the log with this name: over time and, if there is a reference, on the floor."""
+        logs, before, after = self.seen["these logs"]
+        k = list(logs).index(name)
+        plain = _traces(self.nominal, logs[name], before.state, k)
+        mended = None if after is None else _traces(self.explained, logs[name], after.state, k)
+        left = mended or plain
+        maps = [pictures.slip(plain, mended), *([pictures.floor(left)] if len(left.times) else [])]
+        called = f"{names_apart(logs)[name]}: " if len(logs) > 1 else ""
+        return [dataclasses.replace(picture, caption=f"{called}{picture.caption}") for picture in maps]
 
 
 @threadpool_limits.wrap(limits=1)
@@ -248,6 +241,18 @@ def _where(robot: RobotDescription, logs: Logs, at: State) -> Data:
 def _traces(robot: RobotDescription, log: Log, at: State, k: int = 0) -> Traces:
     """Return the traces of the log k that a state is of."""
     return traces_of(robot, log, at.states[k], at.clocks[k], at.mount)
+
+
+def _errors(logs: Logs, before: Linearised, after: Linearised | None) -> tuple[list[Errors], list[Errors]]:
+    """Return by how much odometry is off the reference in each log, without and with the named effects."""
+
+    def of(seen: Linearised | None) -> list[Errors]:
+        if seen is None:
+            return []
+        fitted = zip(logs.values(), seen.state.states, seen.state.clocks, seen.errors, strict=True)
+        return [along_the_way(*log) for log in fitted]
+
+    return of(before), of(after)
 
 
 def _replays(

@@ -4,15 +4,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from estimators.calibration.maximum_likelihood import State
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 
-def gap_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[float, float] | None:
-    """Return the rms difference between odometry and reference, m and rad; None without a reference."""
-    tracked = [log_fit for log_fit in zip(models, at.states, at.clocks, strict=True) if log_fit[0].poses]
-    if not tracked:
+def errors_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[Array, ...]:
+    """Return for each log the difference between odometry and reference at every reference pose (poses, 3), m and
+    rad."""
+    logs = zip(models, at.states, at.clocks, strict=True)
+    return tuple(
+        model.errors(geometry, state, clock, at.mount) if model.poses else np.zeros((0, 3))
+        for model, state, clock in logs
+    )
+
+
+def gap_of(errors: Sequence[Array]) -> tuple[float, float] | None:
+    """Return the rms of the differences that `errors_of` returns, m and rad; None without a reference."""
+    off = np.concatenate(errors)
+    if not len(off):
         return None
-    off = np.concatenate([model.errors(geometry, state, clock, at.mount) for model, state, clock in tracked])
     return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(off[:, 2] ** 2)))

@@ -21,7 +21,7 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.measurement.design_matrix import UNEVEN, Columns, Shared, columns_of, reestimated_noise
 from discrepancy.measurement.fit_states import fit_states
-from discrepancy.measurement.gap import gap_of
+from discrepancy.measurement.gap import errors_of, gap_of
 from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
@@ -49,9 +49,9 @@ class Linearised:
 
     usual (C,): size of unnamed alternatives in logs of a robot in good order; NaN for effects of the catalogue. cost
     (2, C): odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
-    clock. parts: factors of predicted creep.
-    log_evidence: log-likelihood of the logs with all sizes 0, nuisances integrated out (natural logarithm, up to a
-    constant of the logs). gap: rms difference between odometry, with predicted creep, and reference, m and rad; None
+    clock. parts: factors of predicted creep. log_evidence: log-likelihood of the logs with all sizes 0, nuisances
+    integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference between
+    odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms, None
     without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. designs, disagreements: of each
     log; empty after `without_designs`.
     """
@@ -65,11 +65,16 @@ class Linearised:
     noise: Noise
     parts: Array
     log_evidence: float
-    gap: tuple[float, float] | None
+    errors: tuple[Array, ...]
     designs: tuple[Columns, ...]
     shared: Shared
     disagreements: tuple[Disagreement, ...]
     slips: tuple[Array, ...]
+
+    @property
+    def gap(self) -> tuple[float, float] | None:
+        """Gap between odometry and reference, m and rad; None for logs without a reference."""
+        return gap_of(self.errors)
 
     def cost_of_slips(self, slips: Sequence[Array]) -> Array:
         """Return the odometry error (2,) that slips (K - 1, rows, draws) of each log cause, rms over draws: m after 10
@@ -175,7 +180,7 @@ def linearise(
         noise=noise,
         parts=shared.parts,
         log_evidence=log_evidence,
-        gap=gap_of(models, geometry, at),
+        errors=errors_of(models, geometry, at),
         designs=tuple(designs),
         shared=shared,
         disagreements=disagreements,

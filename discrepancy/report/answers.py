@@ -44,7 +44,8 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
         section("Robot file", _robot_file(data)),
         section("Numbers in full", full(data)),
     ]
-    return page_of(data, sentences.sentence(data), _checks(data) + logs_line(data), sections)
+    head = _gap_in_short(data) + _checks(data) + logs_line(data)
+    return page_of(data, sentences.sentence(data), head, sections)
 
 
 def drawn(data: Data) -> list[Picture]:
@@ -59,6 +60,11 @@ def _likely(data: Data) -> list[Picture]:
     shown = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
     named = [str(answer["what"]) for answer in data["answers"] if answer["verdict"] == "named"]
     return [probabilities([(*entry, sentences.percent(entry[1])) for entry in shown], named)] if len(shown) > 1 else []
+
+
+def _gap_in_short(data: Data) -> str:
+    lines = [f"{line[:1].upper()}{line[1:]}." for line in sentences.gaps_of(data)]
+    return f'<p class="check"><b>The gap.</b> {text(" ".join(lines))}</p>' if lines else ""
 
 
 def _checks(data: Data) -> str:
@@ -104,7 +110,7 @@ def _trifles(trifles: Sequence[Data]) -> str:
 def _gap(data: Data) -> str:
     pairs = [data.get(of) or (None, None) for of in ("gap", "held_out_gap")]
     four: list[Data] = [{} if gap is None else {"m": gap[0], "rad": gap[1]} for pair in pairs for gap in pair]
-    table = before_after("Dead reckoning less reference (rms)", four, GAP, 1e3)
+    table = before_after("Odometry with predicted creep less reference (rms)", four, GAP, 1e3)
     if not table:
         return "" if "gap" not in data else "<p>There are no reference poses: odometry's gap is not measured.</p>"
     noise = mapping(data.get("noise"))

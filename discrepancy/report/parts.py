@@ -5,6 +5,7 @@ Text is escaped here, unless it is marked as HTML.
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -122,8 +123,9 @@ def full(data: Data) -> str:
 
 
 def json_of(data: Any) -> str:
-    """Return data as JSON to stand in a page."""
-    return text(json.dumps(data, indent=2, ensure_ascii=False))
+    """Return data as JSON to stand in a page; lists of numbers in one line each."""
+    spread = json.dumps(data, indent=2, ensure_ascii=False)
+    return text(re.sub(r"\[[-+\d.eE,\s]+\]", lambda numbers: " ".join(numbers[0].split()), spread))
 
 
 def figures(shown: dict[str, Picture], *names: str) -> str:

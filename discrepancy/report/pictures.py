@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.palette import AXES, ESTIMATE, FADED, GRID, INK, TRUTH, WHITE, Color
-from discrepancy.report.traces import Traces
+from discrepancy.report.traces import Errors, Traces
 from discrepancy.validation.replay import Replay
 
 Shown = TypeVar("Shown", Traces, Replay)
@@ -78,12 +78,12 @@ class Picture:
     caption: str
 
 
-def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Picture | None:
-    """Return by how much dead reckoning is off the reference, along the way; None where there is no reference.
+def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Picture | None:
+    """Return by how much odometry is off the reference, along the way; None where there is no reference.
 
-    groups: a column each, by what it is of: the traces of its logs, as described and, if any, with what was found.
+    groups: a column each, by what it is of: the errors in its logs, as described and, if any, with what was found.
     """
-    seen = {title: pair for title, pair in groups.items() if any(len(traces.times) for traces in pair[0])}
+    seen = {title: pair for title, pair in groups.items() if any(len(errors.off) for errors in pair[0])}
     if not seen:
         return None
     with mpl.rc_context(STYLE):
@@ -91,11 +91,10 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
         grid = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
         for (title, pair), (position, heading) in zip(seen.items(), grid.T, strict=True):
             for several, color, label in zip(pair, (BEFORE, AFTER), ("as described", "with robot.json"), strict=True):
-                for k, traces in enumerate(several):
-                    way = np.interp(traces.times, traces.t, traces.driven)
-                    off = 1e3 * np.hypot(traces.off[:, 0], traces.off[:, 1])
-                    position.plot(way, off, color=color, label="_" if k else label)
-                    heading.plot(way, 1e3 * traces.off[:, 2], color=color)
+                for k, (way, off) in enumerate(several):
+                    away = 1e3 * np.hypot(off[:, 0], off[:, 1])
+                    position.plot(way, away, color=color, label="_" if k else label)
+                    heading.plot(way, 1e3 * off[:, 2], color=color)
             heading.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
         grid[0, 0].set_ylim(bottom=0)
         grid[0, 0].set_ylabel("position off by, mm")
@@ -104,27 +103,23 @@ def drift(groups: Mapping[str, tuple[Sequence[Traces], Sequence[Traces]]]) -> Pi
         svg = _svg(figure, "drift")
     found = any(mended for _, mended in seen.values())
     said = [
-        f"{title}, {_ends(first, second)}"
-        for title, (plain, mended) in seen.items()
-        for first, second in [(plain[0], next(iter(mended), None))]
+        f"{title}, {' and '.join(f'{_rms_mm(errors):.2f} mm' for errors in pair if errors)} rms"
+        for title, pair in seen.items()
     ]
     return Picture(
         "drift",
         svg,
-        f"How far dead reckoning is off the reference along the way, as described{' and with robot.json' * found}: "
+        f"How far odometry is off the reference along the way, as described{' and with robot.json' * found}: "
         f"{'; '.join(said)}.",
-        "How far dead reckoning from the counts is off the reference, against the distance driven; a line for each log."
-        + (
-            " Grey: the robot file as given; blue: with what is named."
-            if any(pair[1] for pair in seen.values())
-            else ""
-        ),
+        "How far odometry with predicted creep is off the reference, against the distance driven: a line for each log; "
+        "their rms is in the table. Vertical strokes are turns on the spot. Odometry begins at the likeliest pose, "
+        "which need not be the reference's first." + " Grey: the robot file as given; blue: with robot.json." * found,
     )
 
 
 def slip(before: Traces, after: Traces | None = None) -> Picture:
     """Return which channel slips when, as a map of channels and time."""
-    shown = list(_both(before, after, "as described", "with what was found"))
+    shown = list(_both(before, after, "as described", "with robot.json"))
     rows = len(before.channels)
     top = float(max(np.percentile(np.abs(before.slip), 99), 1e-6))
     with mpl.rc_context({**STYLE, "axes.grid": False}):
@@ -235,7 +230,7 @@ def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
 
 def replays(before: Replay, after: Replay | None = None) -> Picture:
     """Return by how much the simulation misses the measurement in every window: motion and encoders."""
-    shown = list(_both(before, after, "as described", "with what was found"))
+    shown = list(_both(before, after, "as described", "with robot.json"))
     posed = bool(np.isfinite(before.body).any())
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 3.4 if posed else 2.0), layout="constrained")
@@ -305,16 +300,12 @@ def _both(before: Shown, after: Shown | None, first: str, second: str) -> list[t
 
 
 def _also(after: object) -> str:
-    return " as described" if after is None else " as described and with what was found"
+    return " as described" if after is None else " as described and with robot.json"
 
 
-def _ends(before: Traces, after: Traces | None) -> str:
-    sizes = [
-        f"{1e3 * np.sqrt(np.mean(np.sum(traces.off[:, :2] ** 2, axis=1))):.1f} mm"
-        for traces in (before, after)
-        if traces is not None and len(traces.off)
-    ]
-    return (" and ".join(sizes) + " rms") if sizes else "there is no reference"
+def _rms_mm(errors: Sequence[Errors]) -> float:
+    off = np.concatenate([log.off for log in errors])
+    return 1e3 * float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))
 
 
 def _plain(text: str) -> str:

@@ -59,8 +59,8 @@ def answer_data(answer: Answer) -> Data:
         "verdict": answer.verdict,
         "reason": answer.reason,
         "what": answer.candidate.what,
-        "probability": answer.probability,
-        "probabilities": answer.probabilities,
+        "probability": min(answer.probability, 1.0),  # sums of rounded parts may exceed it
+        "probabilities": {name: min(part, 1.0) for name, part in answer.probabilities.items()},
         "credible_set": list(answer.credible),
         "same_as": list(answer.alike),
         "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),

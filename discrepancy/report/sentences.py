@@ -73,15 +73,22 @@ def as_lines(data: Data) -> list[str]:
         lines.append(sentence(data))
     elif trifles := [answer["what"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
         lines.append(f"costs too little to matter: {', '.join(trifles)}")
-    for log_set, of in (("", data["gap"]), (" on the held-out logs", data["held_out_gap"])):
-        if of is not None:
-            before, after = (None if gap is None else off(gap) for gap in of)
-            now = f"; with {file} {after}, {_part(*of)} stays" if after is not None else ""
-            lines.append(f"odometry with predicted creep is off the reference{log_set} by {before} (rms){now}")
+    lines += gaps_of(data)
     replays = mapping(data["replay"])
     if before := mapping(replays.get("before")):
         now = f"; with {file} {_errors_of(replays['after'])}" if replays.get("after") else ""
         lines.append(f"simulation is off the logs after {before['window_s']:.0f} s by {_errors_of(before)} (rms){now}")
+    return lines
+
+
+def gaps_of(data: Data) -> list[str]:
+    """Return how far odometry is off the reference, on these and on held-out logs, before and after."""
+    lines, file = [], data.get("file", "robot.json")
+    for log_set, of in (("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))):
+        if of is not None:
+            before, after = (None if gap is None else off(gap) for gap in of)
+            now = f"; with {file} {after}, {_part(*of)} stays" if after is not None else ""
+            lines.append(f"odometry with predicted creep is off the reference{log_set} by {before} (rms){now}")
     return lines
 
 

@@ -1,7 +1,7 @@
 """A log's motion, errors and slip over time and on the floor: for pictures, and to locate the discrepancy."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,20 @@ WINDOW = 1.0
 """s: over which slip is added up."""
 
 
+class Errors(NamedTuple):
+    """By how much odometry is off the reference in a log: way (k,) driven until each reference pose, m; off (k, 3), m
+    and rad."""
+
+    way: Array
+    off: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Traces:
     """One log, as a robot's description explains it.
 
     path (K, 3): dead reckoning at `t` (K,), from where the body truly was at the first reference pose, or from 0.
-    times (k,): of reference poses. off (k, 3): dead reckoning less reference then, in N, m and rad.
+    times (k,): of reference poses.
     channels: wheels' rolling and castors' side slip. middle (n,): of windows, s. place (n, 2): where the body was, m.
     slip (n, channels): by how much each misses perfect rolling in a window, m, added up with its sign.
     """
@@ -32,16 +40,10 @@ class Traces:
     t: Array
     path: Array
     times: Array
-    off: Array
     channels: tuple[str, ...]
     middle: Array
     place: Array
     slip: Array
-
-    @property
-    def driven(self) -> Array:
-        """How far the body's origin went until each of `t` (K,), m."""
-        return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.path[:, :2], axis=0).T))])
 
     def worst(self) -> dict[str, Any]:
         """Return where most slip is, plain data for JSON: its channel, time and place."""
@@ -72,18 +74,27 @@ def traces_of(
     """
     geometry, model = Geometry.of(robot.as_built()), LogLikelihood(Geometry.of(robot.as_built()), log)
     t, path = dead_reckoning(robot, log)
-    times, reference = poses_in(robot, log, clock, mount)
+    times, _ = poses_in(robot, log, clock, mount)
     if len(times):
-        at = np.stack([np.interp(times, t, column) for column in path.T], axis=-1)
+        first = np.array([np.interp(times[0], t, column) for column in path.T])
         truly = np.array([np.interp(times[0], log.t, column) for column in state[:, :3].T])
-        path, at = (compose(truly, relative_pose(at[0], poses)) for poses in (path, at))
-    else:
-        at = np.zeros((0, 3))
+        path = compose(truly, relative_pose(first, path))
     edges = _edges(log.t, WINDOW)
     middle = (log.t[edges[:-1]] + log.t[edges[1:]]) / 2
     place = np.stack([np.interp(middle, log.t, state[:, axis]) for axis in (0, 1)], axis=-1)
     slip = np.add.reduceat(model.residuals(geometry, state), edges[:-1], axis=0)
-    return Traces(t, path, times, at - reference, _names(robot, model.rows), middle, place, slip)
+    return Traces(t, path, times, _names(robot, model.rows), middle, place, slip)
+
+
+def along_the_way(log: Log, state: Array, clock: Array, off: Array) -> Errors:
+    """Return errors of odometry at a log's reference poses (k, 3), with the way driven until these.
+
+    state (K, m), clock: as in `traces_of`; the way is that of the state.
+    """
+    rows = np.zeros(0, dtype=np.intp) if log.reference is None else np.flatnonzero(np.isfinite(log.reference[:, 0]))
+    taken = log.t[rows] + clock[0] + clock[1] * (log.t[rows] - log.t[0])
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(state[:, :2], axis=0).T))])
+    return Errors(np.interp(taken, log.t, driven), off)
 
 
 def dead_reckoning(robot: RobotDescription, log: Log) -> tuple[Array, Array]:

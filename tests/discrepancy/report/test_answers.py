@@ -192,7 +192,7 @@ def test_every_verdict_is_a_sentence_and_lines_and_a_page_without_empty_parts(da
         assert data["verdict"] in words
         assert "None" not in words
         assert "nan" not in words
-    assert "after" not in text.partition("Dead reckoning less reference")[2].partition("mm")[0]
+    assert "after" not in text.partition("Odometry with predicted creep less reference")[2].partition("mm")[0]
     assert len(sentences.as_lines(data)) <= 10
 
 

@@ -17,7 +17,7 @@ from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.weight import swung_loads
 from discrepancy.report import pictures
 from discrepancy.report.answers import html_of
-from discrepancy.report.traces import dead_reckoning, traces_of
+from discrepancy.report.traces import Errors, along_the_way, dead_reckoning, traces_of
 from discrepancy.validation.replay import replay
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -101,13 +101,25 @@ def test_a_learned_curve_is_drawn_against_what_it_depends_on(of, unit, knots, la
     read(html_of(DATA, [picture]))
 
 
+def errors(robot, log):
+    geometry = Geometry.of(robot.as_built())
+    model = LogLikelihood(geometry, log)
+    state = model.start(geometry)
+    return along_the_way(log, state, np.zeros(2), model.errors(geometry, state, np.zeros(2), np.zeros(3)))
+
+
+def off_of(robot, log):
+    """How far odometry is off the reference, along each axis, m."""
+    return np.abs(errors(robot, log).off[:, :2])
+
+
 def draw(log):
-    before, after = traces(ASOC, log), traces(REAL, log)
+    before, after, wrong = traces(ASOC, log), traces(REAL, log), errors(ASOC, log)
     likely = [("wheel radius, castor 2, wheel 1", 0.9, "90 %"), ("<$x$ & y>", 0.1, "10 %")]
     shown = [
         pictures.probabilities(likely, ["wheel radius, castor 2, wheel 1"]),
         curve("own angle", "rad", [0.0, 2.0, 4.0]),
-        pictures.drift({"these logs": ([before], [after]), "held-out logs": ([before], [])}),
+        pictures.drift({"these logs": ([wrong], [errors(REAL, log)]), "held-out logs": ([wrong], [])}),
         pictures.slip(before, after),
         pictures.floor(before),
         pictures.replays(replay(ASOC, log, 3.0), replay(REAL, log, 3.0)),
@@ -149,9 +161,9 @@ def test_dead_reckoning_of_the_right_robot_follows_the_true_path(drawn):
     _, path = dead_reckoning(REAL, log)
     off = path - (rolled.pose - rolled.pose[0])
     assert np.abs(off[:, :2]).max() < 5e-3
-    right, wrong = traces(REAL, log), traces(ASOC, log)
-    assert np.abs(right.off[:, :2]).max() < 5e-3
-    assert np.abs(wrong.off[:, :2]).max() > 10e-3
+    assert off_of(REAL, log).max() < 5e-3
+    assert off_of(ASOC, log).max() > 10e-3
+    assert off_of(REAL, log).max() == pytest.approx(np.abs(off[::20, :2]).max(), abs=1e-3)
 
 
 def test_dead_reckoning_knows_that_radii_change_as_loads_shift():
@@ -167,6 +179,16 @@ def test_dead_reckoning_knows_that_radii_change_as_loads_shift():
         off.append(np.abs((path - (rolled.pose - rolled.pose[0]))[:, :2]).max())
     assert off[0] < 5e-3
     assert off[1] > 4 * off[0]
+
+
+def test_errors_are_drawn_against_the_way_that_was_driven(drawn):
+    rolled, log = drawn
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rolled.pose[:, :2], axis=0).T))])
+    assert errors(REAL, log).way == pytest.approx(driven[::20], abs=5e-3)
+    picture = pictures.drift({"these logs": ([errors(ASOC, log)], [])})
+    assert picture is not None
+    rms = 1e3 * np.sqrt(np.mean(np.sum(errors(ASOC, log).off[:, :2] ** 2, axis=1)))
+    assert f"these logs, {rms:.2f} mm rms" in picture.alt
 
 
 def test_most_slip_is_on_the_wheel_that_is_too_large(drawn):
@@ -186,5 +208,6 @@ def test_most_slip_is_on_the_wheel_that_is_too_large(drawn):
 def test_pictures_of_one_robot_and_no_reference(drawn):
     blind = Log(drawn[1].t, drawn[1].wheel, drawn[1].pivot)
     alone = traces(ASOC, blind)
-    assert pictures.drift({"these logs": ([alone], [])}) is None
+    assert pictures.drift({"these logs": ([Errors(np.zeros(0), np.zeros((0, 3)))], [])}) is None
+    assert len(along_the_way(blind, np.zeros((len(blind), 3)), np.zeros(2), np.zeros((0, 3))).way) == 0
     read(html_of(DATA, [pictures.slip(alone), pictures.floor(alone), pictures.replays(replay(ASOC, blind))]))

@@ -72,6 +72,7 @@ def test_the_folder_holds_page_data_and_the_robot_with_the_reported_gap(log, tmp
     assert all(math.isfinite(number) for number in numbers(data))
     (answer,) = (answer for answer in data["answers"] if answer["verdict"] == "named")
     assert answer["credible_set"] == ["wheel_radius 1 2"]
+    assert all(0 <= part <= 1 for part in [answer["probability"], *answer["probabilities"].values()])
     low, high = answer["interval"]
     assert low < 0.01 < high
     assert (data["robot_hash"], data["logs"], data["robot_file"]) == (ROBOT.hash(), [str(log)], str(out / "robot.json"))
@@ -92,6 +93,8 @@ def test_the_folder_holds_page_data_and_the_robot_with_the_reported_gap(log, tmp
     assert "wheel radius, castor 1, wheel 2, over 99.9 % sure: +1.0" in text
     assert sentences.sentence(data).replace("'", "&#x27;") in page
     assert page.count("<svg") >= 2
+    assert f"these logs, {1e3 * before[0]:.2f} mm and {1e3 * after[0]:.2f} mm rms" in page  # the picture is of the gap
+    assert "The gap.</b> Odometry with predicted creep is off the reference by" in page
     assert "Where slip is left" not in page
     assert command(capsys, log, "--out", out)[0] == 2
 
