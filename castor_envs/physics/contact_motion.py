@@ -93,6 +93,29 @@ def creep(
     rolling direction bristles absorb it.
     """
     geometry, w = Geometry.of(robot), len(robot.wheels)
+    carrying, speed, _ = _slipping(robot, motion, floor, creep_compliance, quick)
+    slip = np.zeros((len(speed), 2 * w))
+    slip[:, carrying] = speed * motion.period[:, None]
+    side = np.zeros_like(motion.half_way)
+    side[:, geometry.wheel_castor[geometry.standard]] = slip[:, w:][:, geometry.standard]
+    return Slip(slip[:, :w], side)
+
+
+def yields(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:
+    """Return how much contacts yield in each step (K - 1, 2w), m/s for each N, in the order of `contact_paths`: those
+    beyond the friction circle by as much as they slide; 0 where a contact carries no force."""
+    carrying, _, carried = _slipping(robot, motion, floor)
+    found = np.zeros((len(carried), 2 * len(robot.wheels)))
+    found[:, carrying] = carried
+    return found
+
+
+def _slipping(
+    robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0, quick: bool = False
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return the rows of `contact_paths` that carry forces; and how fast these slip, m/s, and how much they yield, m/s
+    for each N (K - 1, rows). Arguments as of `creep`."""
+    geometry, w = Geometry.of(robot), len(robot.wheels)
     by_body, by_castor = constraint_matrix(geometry, motion.half_way)
     of_wheel = np.tile(geometry.wheel_castor, 2)
     path = contact_paths(robot, motion)
@@ -111,17 +134,15 @@ def creep(
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
     seen = path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels)
     seen = seen if quick else smoothed(seen)
-
-    slip = np.zeros_like(path)
     limits = (contact.friction * loads)[carrying % w]
-    slip[:, carrying] = _slipping(rows, seen, needed, yields, limits, carrying % w) * motion.period[:, None]
-    side = np.zeros_like(motion.half_way)
-    side[:, geometry.wheel_castor[geometry.standard]] = slip[:, w:][:, geometry.standard]
-    return Slip(slip[:, :w], side)
+    return carrying, *_within_friction(rows, seen, needed, yields, limits, carrying % w)
 
 
-def _slipping(rows: Array, seen: Array, needed: Array, yields: Array, limits: Array, wheel: NDArray[np.intp]) -> Array:
-    """Return how fast contacts slip (k, rows), m/s: the `seen` slips, changed by deviation delta.
+def _within_friction(
+    rows: Array, seen: Array, needed: Array, yields: Array, limits: Array, wheel: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Return how fast contacts slip (k, rows), m/s: the `seen` slips, changed by deviation delta; and how much they
+    yield (k, rows).
 
     needed (k, e): forces on all that the rows (k, rows, e) move. yields (k, rows): m/s for each N while a contact
     rolls. limits (rows,): friction times load of each row's wheel, whose number is `wheel` (rows,).
@@ -137,7 +158,7 @@ def _slipping(rows: Array, seen: Array, needed: Array, yields: Array, limits: Ar
         slack[sliding] = slack_needed[moved]
         parts = (part[sliding] for part in (rows, seen, needed, yields * slack))
         slip[sliding] = _balanced(*parts)
-    return slip
+    return slip, yields * slack
 
 
 def _balanced(rows: Array, seen: Array, needed: Array, yields: Array) -> Array:

@@ -18,8 +18,8 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import contact_paths, contact_places
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Channels
 from estimators.calibration.maximum_likelihood import State
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.log_likelihood import GAP, LogLikelihood
 
 FLOOR = 1e-4

@@ -19,7 +19,8 @@ from castor_envs.logs.log import Log
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, Channels
+from discrepancy.hypotheses.candidates import Candidate
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 CREEPS, FORCED, QUICK = 4, 1, slice(2, 4)

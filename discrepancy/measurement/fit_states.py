@@ -13,10 +13,11 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, Channels, stacked
+from discrepancy.hypotheses.candidates import Candidate, stacked
 from discrepancy.measurement.creep_prediction import CREEPS, FORCED, QUICK, Slipping
 from discrepancy.measurement.design_matrix import Shared, joint, schur_complement
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 
 DOUBT = 0.5

@@ -11,7 +11,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Channels
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 WAY = 10.0

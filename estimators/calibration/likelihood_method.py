@@ -44,6 +44,16 @@ class MaximumLikelihoodMethod:
             remarks.append("all lengths rest on the pivots' places in the robot file; reference poses would check them")
         noise, (x, y, yaw) = found.noise, found.mount
         remarks.append(f"slip {1e3 * noise.along:.2g} mm along and {1e3 * noise.across:.2g} mm across after 1 m")
+        if found.controller_spread is not None:
+            remarks.append(
+                f"intervals reckon with creep of wheels that a controller drives against each other by numbers that "
+                f"are off by {100 * found.controller_spread:.2g} % (standard deviation)"
+            )
+        if found.creep_left_out:
+            remarks.append(
+                f"creep of wheels that are driven against each other is left out ({found.creep_left_out}); if they "
+                "are, numbers are off by more than their intervals"
+            )
         names = [result.name for result in results]
         data: dict[str, Any] = {
             "unseen": [
@@ -55,6 +65,8 @@ class MaximumLikelihoodMethod:
                 for change in unseen
             ],
             "slip_m": [noise.along, noise.across],
+            "controller_spread": found.controller_spread,
+            "creep_left_out": found.creep_left_out,
         }
         if found.left is not None:
             before, after = found.left

@@ -6,7 +6,8 @@ slip and of reference poses is estimated as well: the squares of each kind are b
 which the logs hold next to no information keep the robot file's numbers and are reported (`unseen`).
 
 A reference may track any point of the body, with axes turned against the body's and a clock that is early or late. All
-of this is fitted beside the robot's parameters, so that it does not bias them.
+of this is fitted beside the robot's parameters, so that it does not bias them; and so is how far contacts creep where
+wheels are driven against each other (`creep`).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,8 +25,9 @@ from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.creep import Creep, expect
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
-from estimators.likelihood.log_likelihood import Leftover, LogLikelihood, Noise, Reduced, moved_along
+from estimators.likelihood.log_likelihood import ExtraColumns, Leftover, LogLikelihood, Noise, Reduced, moved_along
 
 UNSEEN = 0.03
 """A change of the parameters is unseen if its standard error is larger: as a part of each length, or in rad. Rounding
@@ -43,8 +45,9 @@ MOUNT_SEEN = 0.5
 LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5)
 ROUNDS, PROBES = 60, 4
 CONVERGED, NOISE_CONVERGED, NOISE_CONVERGED_BY_ERROR = 0.01, 0.02, 0.1
-"""Converged when no parameter moves by more than the first part of its standard error, and no noise changes by more
-than the second part of itself or, where few residuals determine it, the third part of its standard error."""
+"""Converged when no parameter moves by more than the first part of its standard error (with creep, which is predicted
+less well, the third), and no noise changes by more than the second part of itself or, where few residuals determine it,
+the third part of its standard error."""
 
 FARTHEST = 0.2
 """Largest change of a parameter in a step, as a part of its scale."""
@@ -77,8 +80,10 @@ class Calibration:
     and how its axes are turned, rad; mount_covariance (3, 3): that of `mount_prior` where the logs do not show it, as
     when all end where they began. clocks (logs, 2): the reference at t is the pose at t + clock[0] + clock[1] (t -
     t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms distance (m) between odometry, which
-    starts at the most likely pose at a log's first reference pose, and the reference, before and after; None without a
-    reference.
+    starts at the most likely pose at a log's first reference pose, and the reference, before and, accounting for creep,
+    after; None without a reference. controller_spread: standard deviation of errors of the numbers by which the robot's
+    controller drives wheels against each other, as a part of the scales; None where it cannot, or wheels do not slip,
+    or creep is left out. creep_left_out: why; "" if it is not.
     """
 
     robot: RobotDescription
@@ -94,6 +99,8 @@ class Calibration:
     clocks: Array
     poses: int
     left: tuple[float, float] | None
+    controller_spread: float | None
+    creep_left_out: str
 
     @property
     def calibrated(self) -> RobotDescription:
@@ -117,12 +124,14 @@ class Calibration:
 
 
 class State(NamedTuple):
-    """All unknowns: parameters (P,), mount (3,), and the state and clock of each log."""
+    """All unknowns: parameters (P,), mount (3,), the state and clock of each log, and errors (P,) of the controller's
+    numbers, in scales; without creep (0,)."""
 
     found: Array
     mount: Array
     states: list[Array]
     clocks: Array
+    errors: Array = np.zeros(0)
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -131,7 +140,8 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a robot from logs of any motion, with or without reference poses.
 
-    pivots: whether the pivots of free castors are to be found too. noise: known sizes; None: they are found.
+    pivots: whether the pivots of free castors are to be found too. noise: known sizes, of all that contacts slip; None:
+    they are found, and creep of wheels that are driven against each other with them.
     Raises InputError, saying what to record instead, where the logs show nothing, contradict the robot beyond repair,
     or hold counts that jump.
     """
@@ -145,6 +155,11 @@ def calibrate(
     _check(robot, logs, parameters)
     try:
         at, sizes, solution = fitted(models, described, parameters, before, noise, placed=mount_prior(described))
+        creep, left_out = Creep(robot, parameters, logs), ""
+        if noise is None:
+            at, sizes, solution, left_out = _with_creep(
+                models, described, parameters, before, creep, at, sizes, solution
+            )
         robot_with(robot, parameters, at.found)
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
@@ -166,11 +181,45 @@ def calibrate(
         information=(solution.way * solution.strength) @ solution.way.T,
         noise=sizes,
         mount=np.append(at.mount[:2], wrap(at.mount[2] + turn)),
-        mount_covariance=solution.mount_covariance,
+        mount_covariance=solution.shared_covariance[-len(at.mount) :, -len(at.mount) :],
         clocks=at.clocks,
         poses=poses,
         left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
+        controller_spread=creep.spread if len(at.errors) else None,
+        creep_left_out=left_out,
     )
+
+
+def _with_creep(
+    models: list[LogLikelihood],
+    described: Geometry,
+    parameters: tuple[Parameter, ...],
+    before: Array,
+    creep: Creep,
+    at: State,
+    sizes: Noise,
+    solution: "_Solution",
+) -> tuple[State, Noise, "_Solution", str]:
+    """Return the most likely state, sizes of noise and last step with creep, from those without it; and why creep is
+    left out, "" if it is not, or wheels cannot creep so or leave no slip."""
+    rolling = sizes.along <= LEAST.along and sizes.across <= LEAST.across  # wheels that creep leave slip
+    if rolling or solution.moved > 1.0 or not solution.seen.any():
+        return at, sizes, solution, ""
+    try:
+        slips = creep.slips(models, *_changed(described, parameters, at.found), at.states)
+    except InputError as error:
+        return at, sizes, solution, str(error)
+    if not any(np.any(by_number) for by_number in slips):
+        return at, sizes, solution, ""
+    start = at._replace(errors=np.zeros(len(parameters))), sizes
+    found = fitted(models, described, parameters, before, None, start, placed=mount_prior(described), creep=creep)
+    left_out = "" if found[2].moved < 1.0 else "as predicted it does not fit the logs"
+    if not left_out:
+        if found[2].seen.any():
+            return *found, ""
+        left_out = "with it, these logs show none of the numbers; give reference poses"
+    expect(models, slips, np.zeros(len(parameters)))
+    return at, sizes, solution, left_out
 
 
 def straightened(described: Geometry, logs: Sequence[Log]) -> tuple[list[Log], float]:
@@ -197,11 +246,14 @@ def fitted(
     rounds: int = ROUNDS,
     placed: Array = MOUNT,
     least: Noise = LEAST,
+    creep: Creep | None = None,
 ) -> tuple[State, Noise, "_Solution"]:
     """Return the most likely state, the sizes of noise, and the last step, which is near 0 on convergence.
 
     noise: known sizes; None: they are fitted. start: state and noise of the same logs to begin with; None: state by
     counts. rounds: most steps. placed (3,): prior standard deviations of the mount. least: lower bounds of noise.
+    creep: of wheels that are driven against each other, whose spread is fitted too; None: models expect what they are
+    told to.
     """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
@@ -210,23 +262,51 @@ def fitted(
     warm_up = WARM_UP if parameters and start is None else 0
     k = 0
     while True:
-        geometry = geometry_with(described, parameters, at.found)
-        changed = geometry_with(described, parameters, at.found + CHANGE * np.diag(scale))
+        steps = _changed(described, parameters, at.found)
+        slips = creep.slips(models, *steps, at.states) if creep else []
+        if creep:
+            expect(models, slips, at.errors)
         reductions = [
-            model.reduce(geometry, changed, CHANGE * scale, state, clock, at.mount, sizes, probes)
-            for model, state, clock in zip(models, at.states, at.clocks, strict=True)
+            model.reduce(*steps, state, clock, at.mount, sizes, probes, _columns(model, slips[n : n + 1]))
+            for n, (model, state, clock) in enumerate(zip(models, at.states, at.clocks, strict=True))
         ]
-        solution = _solve(
-            reductions, scale, at.mount, placed, (at.found - before) / scale, FARTHEST if k >= warm_up else 0.0
-        )
-        at, left, part = _stepped(reductions, described, parameters, at, solution, placed)
+        deviations = np.concatenate([np.full(len(at.errors), creep.spread if creep else 0.0), placed])
+        shared = np.concatenate([at.errors, at.mount])
+        farthest, converged = FARTHEST if k >= warm_up else 0.0, NOISE_CONVERGED_BY_ERROR if creep else CONVERGED
+        solution = _solve(reductions, scale, shared, deviations, (at.found - before) / scale, farthest)
+
+        def expected(state: State, slips: list[Array] = slips) -> None:
+            if creep:
+                expect(models, slips, state.errors)
+
+        at, left, part = _stepped(reductions, described, parameters, at, solution, deviations, expected)
         last, sizes = sizes, sizes if noise else resized(sizes, left, least)
-        done = k > warm_up and part == 1 and solution.moved < CONVERGED and _same(sizes, last, left)
+        done = k > warm_up and part == 1 and solution.moved < converged and _same(sizes, last, left)
+        if creep:
+            last_spread = creep.spread
+            creep.learn(at.errors, np.diag(solution.shared_covariance)[: len(at.errors)])
+            done &= abs(creep.spread / last_spread - 1) < NOISE_CONVERGED
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
         del reductions  # they hold many times the memory of the logs
         k += 1
+
+
+def _changed(described: Geometry, parameters: tuple[Parameter, ...], values: Array) -> tuple[Geometry, Geometry, Array]:
+    """Return the geometry with parameters of these values, geometries in each of which one is larger, and by how
+    much."""
+    change = CHANGE * _scales(parameters)
+    return (
+        geometry_with(described, parameters, values),
+        geometry_with(described, parameters, values + np.diag(change)),
+        change,
+    )
+
+
+def _columns(model: LogLikelihood, slips: list[Array]) -> ExtraColumns | None:
+    """Return the columns of a log's slips (K - 1, rows, P), if there are any."""
+    return ExtraColumns(np.zeros((*model.counts.shape, 0)), tuple(slips)) if slips else None
 
 
 def _same(sizes: Noise, last: Noise, left: list[Leftover]) -> bool:
@@ -246,29 +326,33 @@ def _stepped(
     parameters: tuple[Parameter, ...],
     at: State,
     solution: "_Solution",
-    placed: Array,
+    deviations: Array,
+    expected: Callable[[State], None],
 ) -> tuple[State, list[Leftover], float]:
-    """Return the state after a step, the residuals of each log, and the part of the step that was taken.
+    """Return the state after a step, the residuals of each log, and the part of the step that was taken. deviations:
+    see `_solve`; expected: makes the models expect the slips of a state.
 
     All unknowns are moved by the whole step, or half of it, and so on, until the exact (not linearised) sum of squares
     is no larger than before, with the weights of the state before. Each time, poses are moved in the world and, if that
     fails, relative to each other (`moved_along`).
     """
-    scale = _scales(parameters)
-    moved_by = np.concatenate([scale[:, None] * solution.step, solution.mount])
+    scale, first = _scales(parameters), len(at.errors)
+    moved_by = np.concatenate([scale[:, None] * solution.step, solution.shared])
 
-    def squares(state: State) -> float:  # and the prior of the mount
+    def squares(state: State) -> float:  # and the prior of the numbers that logs share
+        expected(state)
         geometry = geometry_with(described, parameters, state.found)
         logs = zip(reductions, state.states, state.clocks, strict=True)
-        prior = np.sum((state.mount / placed) ** 2)
+        prior = np.sum((np.concatenate([state.errors, state.mount]) / deviations) ** 2)
         return sum(reduced.squares(geometry, path, clock, state.mount) for reduced, path, clock in logs) + prior
 
     def part_of(part: float, moved: Callable[[Array, Array], Array]) -> State:
         return State(
             at.found + part * scale * solution.step[:, 0],
-            at.mount + part * solution.mount[:, 0],
+            at.mount + part * solution.shared[first:, 0],
             [moved(old, part * (new - old)) for old, (new, _, _) in zip(at.states, full_step, strict=True)],
             at.clocks + part * (np.array([clock for _, clock, _ in full_step]) - at.clocks),
+            at.errors + part * solution.shared[:first, 0],
         )
 
     full_step = [reduced.finish(moved_by) for reduced in reductions]
@@ -287,18 +371,27 @@ def _scales(parameters: tuple[Parameter, ...]) -> Array:
 
 
 def information_of(
-    robot: RobotDescription, parameters: tuple[Parameter, ...], logs: Sequence[Log], noise: Noise
+    robot: RobotDescription,
+    parameters: tuple[Parameter, ...],
+    logs: Sequence[Log],
+    noise: Noise,
+    controller_spread: float | None = None,
 ) -> Array:
     """Return the information (P, P) that logs which fit a robot hold on its parameters, in parts of their scales, at
-    known noise."""
+    known noise. controller_spread: see `Calibration`."""
     geometry, scale = Geometry.of(robot), _scales(parameters)
-    changed = geometry_with(geometry, parameters, values_of(geometry, parameters) + CHANGE * np.diag(scale))
+    steps = _changed(geometry, parameters, values_of(geometry, parameters))
     models = [LogLikelihood(geometry, log) for log in logs]
+    states, slips = [model.start(geometry) for model in models], []
+    if controller_spread:
+        slips = Creep(robot, parameters, logs).slips(models, *steps, states)
     reductions = [
-        model.reduce(geometry, changed, CHANGE * scale, model.start(geometry), np.zeros(2), np.zeros(3), noise)
-        for model in models
+        model.reduce(*steps, state, np.zeros(2), np.zeros(3), noise, 0, _columns(model, slips[n : n + 1]))
+        for n, (model, state) in enumerate(zip(models, states, strict=True))
     ]
-    solution = _solve(reductions, scale, np.zeros(3), mount_prior(geometry), np.zeros(len(scale)), FARTHEST)
+    errors = np.full(len(scale), controller_spread) if controller_spread else np.zeros(0)
+    deviations = np.concatenate([errors, mount_prior(geometry)])
+    solution = _solve(reductions, scale, 0 * deviations, deviations, np.zeros(len(scale)), FARTHEST)
     return (solution.way * solution.strength) @ solution.way.T
 
 
@@ -337,15 +430,16 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
 
 
 class _Solution(NamedTuple):
-    """step (P, 1 + probes), in scales; mount (3, 1 + probes) and its covariance (3, 3); moved: in standard errors.
+    """step (P, 1 + probes), in scales; shared (n, 1 + probes) and its covariance (n, n): of errors of the controller's
+    numbers, if creep is fitted, and the mount; moved: in standard errors.
 
     strength (P,), way (P, P): eigenvalues and eigenvectors (columns) of the information, in scales; seen (P,): which
     directions the logs show.
     """
 
     step: Array
-    mount: Array
-    mount_covariance: Array
+    shared: Array
+    shared_covariance: Array
     moved: float
     strength: Array
     way: Array
@@ -353,14 +447,15 @@ class _Solution(NamedTuple):
 
 
 def _solve(
-    reductions: list[Reduced], scale: Array, mount: Array, placed: Array, away: Array, farthest: float
+    reductions: list[Reduced], scale: Array, shared: Array, deviations: Array, away: Array, farthest: float
 ) -> _Solution:
-    """Return the next step; away (P,): current deviation from the robot file, in scales."""
+    """Return the next step; shared (n,): numbers of `_Solution.shared`, with prior standard deviations about 0; away
+    (P,): current deviation from the robot file, in scales."""
     information = np.sum([reduced.information for reduced in reductions], axis=0)
     gradient = np.sum([reduced.gradient for reduced in reductions], axis=0)
     n = len(scale)
-    information[n:, n:] += np.diag(placed**-2.0)
-    gradient[n:, 0] += mount / placed**2
+    information[n:, n:] += np.diag(deviations**-2.0)
+    gradient[n:, 0] += shared / deviations**2
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
     eliminated = np.outer(scale, scale) * (information[:n, :n] - information[:n, n:] @ solved[:, :n])
     slope = scale[:, None] * (gradient[:n] - information[:n, n:] @ solved[:, n:])
@@ -402,7 +497,10 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) ->
         return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
     before, after = geometries
-    return rms(before), rms(after)
+    left = rms(after)
+    for model in models:  # by the robot file, wheels agree
+        model.expect(np.zeros((len(model.counts) - 1, len(model.rows))))
+    return rms(before), left
 
 
 def _check(robot: RobotDescription, logs: Sequence[Log], parameters: tuple[Parameter, ...]) -> None:

@@ -16,13 +16,14 @@ from castor_envs.effects.parts import channel, pivot_encoders, wheel_encoders
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, Channels, candidates_of, described
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, described
 from discrepancy.posterior.answers import Answer, Learned
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.validation.cost import cost_of
+from estimators.likelihood.channels import Channels
 
 KNOTS = 12
 """Number of knots of a curve."""

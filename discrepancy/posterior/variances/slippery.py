@@ -20,13 +20,14 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, Channels, described, without
+from discrepancy.hypotheses.candidates import Candidate, described, without
 from discrepancy.hypotheses.patches import patches_of
 from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FREEDOM, NOTHING
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.validation.replay import replay
+from estimators.likelihood.channels import Channels
 
 SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
 """Parts of friction that may be missing, all with the same prior probability."""

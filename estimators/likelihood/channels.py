@@ -1,0 +1,87 @@
+"""The encoders of a robot as a state's counts hold them: their angles, and what sensors with effects read of them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.effects.catalogue import radii_of, readings
+from castor_envs.effects.clocks import AllLatency, EncoderLatency
+from castor_envs.effects.parts import channel
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.steps import Motion
+from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.robot import RobotDescription
+
+
+class Channels:
+    """The pivot and wheel encoders of a robot, in the order of a state's counts."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.geometry = Geometry.of(robot.as_built())
+        self.sensed: NDArray[np.intp] = np.flatnonzero(~np.isnan(self.geometry.pivot_counts_per_rev))
+        self.driven: NDArray[np.intp] = np.flatnonzero(~np.isnan(self.geometry.counts_per_rev))
+        self.names = [f"pivot_{i + 1}" for i in self.sensed] + [f"wheel_{robot.wheel_names[k]}" for k in self.driven]
+        pivots = self.geometry.pivot_counts_per_rev[self.sensed]
+        self.per_rev = np.concatenate([pivots, self.geometry.counts_per_rev[self.driven]])
+
+    def angles(self, counts: Array) -> tuple[Array, Array]:
+        """Return the angles of wheels (K, w) and castors (K, n) at counts, rad; 0 of wheels without encoder."""
+        geometry, s, rows = self.geometry, len(self.sensed), len(counts)
+        angles = counts * 2 * np.pi / self.per_rev
+        wheel = np.zeros((rows, len(geometry.radius)))
+        castor = np.tile(np.where(geometry.fixed, geometry.angle, 0.0), (rows, 1))
+        castor[:, self.sensed] = angles[:, :s] - geometry.pivot_zero[self.sensed]
+        wheel[:, self.driven] = angles[:, s:]
+        return wheel, castor
+
+    def motion(self, log: Log, state: Array, consistent_wheels: bool = False) -> Motion:
+        """Return the motion of a state (K, 3 + s + d); consistent_wheels: see `Motion`."""
+        wheel, castor = self.angles(state[:, 3:])
+        return Motion(log.t, state[:, :3], wheel, castor, consistent_wheels)
+
+    def read(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
+        """Return the readings (K, s + d), not rounded, of a robot's encoders for true counts of the robot built here;
+        if its radii differ, its wheels turn by other angles."""
+        geometry = self.geometry
+        wheel, castor = self.angles(counts)
+        turns = 2 * np.pi * np.round(castor[0] / (2 * np.pi))  # a log begins within half a turn of 0
+        castor -= turns
+        wheel, castor = readings(robot, log.t, self._rolled(robot, wheel, castor), castor)
+        seen = np.column_stack(
+            [(castor + turns)[:, self.sensed] + geometry.pivot_zero[self.sensed], wheel[:, self.driven]]
+        )
+        return seen * self.per_rev / (2 * np.pi)
+
+    def unread(self, robot: RobotDescription, log: Log, seen: Array, counts: Array) -> Array:
+        """Return a better approximation of the counts (K, s + d) for which a robot's encoders read `seen`, from
+        approximate counts.
+
+        The difference between `seen` and the reading of these counts is added; for a late encoder it is shifted by the
+        latency, as otherwise the correction would be worse in quick motion.
+        """
+        excess = seen - self.read(robot, log, counts)
+        for column, latency in enumerate(self._latencies(robot)):
+            if latency:
+                excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
+        return counts + excess
+
+    def _latencies(self, robot: RobotDescription) -> Array:
+        """Return the latency of every encoder (s + d,), s."""
+        columns = [*(len(robot.wheels) + self.sensed), *self.driven]
+        total = np.zeros(len(robot.wheels) + len(robot.castors))
+        for effect in robot.effects:
+            if isinstance(effect, AllLatency):
+                total += effect.value
+            elif isinstance(effect, EncoderLatency):
+                total[channel(robot, effect.castor, effect.wheel, effect.name)] += effect.value
+        return total[columns]
+
+    def _rolled(self, robot: RobotDescription, wheel: Array, castor: Array) -> Array:
+        """Return the angles of a robot's wheels (K, w) where the wheels of the robot built here turn by `wheel` (K,
+        w)."""
+        radii, mean = radii_of(robot), Geometry.of(robot.as_built()).radius
+        if radii is None and np.array_equal(mean, self.geometry.radius):
+            return wheel
+        half_way = (castor[1:] + castor[:-1]) / 2
+        turned = np.diff(wheel, axis=0) * self.geometry.radius / (mean if radii is None else radii(half_way))
+        return np.concatenate([wheel[:1], wheel[:1] + np.cumsum(turned, axis=0)])

@@ -1,0 +1,36 @@
+"""`calibrate` and `diagnose` do not contradict each other on the same log."""
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.finder import diagnose
+from discrepancy.trials.pymunk_generator import drive
+from estimators.calibration.drives import moves_sideways
+from estimators.calibration.identifiability import COVERAGE
+from estimators.calibration.maximum_likelihood import calibrate
+
+SLOW = ("asoc-prototype", "asoc-full-scale", "4-castor", "omnimate", "differential", "tricycle", "swerve", "omni3")
+"""Presets beside "2-castor" that are compared: those of 1, 3, 5 and 6 castors are like others."""
+
+
+@pytest.mark.parametrize("name", ["2-castor", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_a_wheel_is_as_large_by_calibration_as_by_diagnosis(name):
+    robot, radius = preset(name), WheelRadius(castor=1, wheel=1, value=0.01)
+    motion = wander(np.random.default_rng([41, 1]), duration=30.0, holonomic=moves_sideways(robot))
+    log = drive(robot.with_effects(radius), motion, 41, duration=30.0)
+    found = calibrate(robot, [log])
+    at = next(k for k, p in enumerate(found.parameters) if p.kind == "radius" and p.castor == 0)
+    by_calibration = found.after[at] / found.before[at] - 1
+    (answer,) = (
+        answer
+        for answer in diagnose(robot, [log]).answers
+        if answer.verdict == "named" and isinstance(answer.effect, WheelRadius)
+    )
+    assert answer.effect is not None
+    assert answer.effect == WheelRadius(castor=1, wheel=1, value=answer.effect.value)
+    apart = abs(by_calibration - answer.effect.value)
+    errors = found.standard_errors[at] / found.before[at], np.sqrt(answer.covariance[0, 0])
+    assert apart < COVERAGE * np.hypot(*errors)
