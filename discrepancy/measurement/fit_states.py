@@ -30,9 +30,9 @@ AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
 """Prior standard deviations: of the factor of creep under forces, and of all factors where clean logs give them. And
 the factor of creep under forces below which contacts are taken for rigid ones."""
 
-WARM_UP, WARM_UP_FROM_START, FEW_STEPS = 2, 1, 3
-"""Rounds in which factors, states and noise are fitted alternately, with few steps each, before a last round to
-convergence; and the same where a start is given."""
+MOST_ROUNDS, SETTLED = 12, 0.03
+"""Most rounds in which predicted creep, its factors, states and noise follow each other by a step, before a last round to
+convergence; and the change of the prediction in a round, in standard deviations of the least slip noise, at which these end."""
 
 
 class Slips(NamedTuple):
@@ -66,7 +66,7 @@ def fit_states(
         off = _corrected(robot, models, logs, at, off)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least)
-    parts, k = np.zeros(CREEPS), WARM_UP if start is None else WARM_UP_FROM_START
+    parts, left, expected = np.zeros(CREEPS), MOST_ROUNDS, None
     while True:
         slips = []
         for model, log, state in zip(models, logs, at.states, strict=True):
@@ -75,15 +75,14 @@ def fit_states(
         _expect(models, slips, parts)
         shared = _shared(models, geometry, at, sizes, [log_slips.known for log_slips in slips], parts, usual)
         parts = shared.parts
-        _expect(models, slips, parts)
-        at, sizes, _ = fitted(
-            models, geometry, (), no_values, None, (at, sizes), FEW_STEPS if k else ROUNDS, least=least
-        )
-        if not k:
+        before, expected = expected, _expect(models, slips, parts)
+        settled = before is not None and _change(models, geometry, at, least, before, expected) < SETTLED
+        left = 0 if settled else left - 1
+        at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), 1 if left else ROUNDS, least=least)
+        if not left:
             return at, sizes, replace(shared, mount=at.mount), slips
         if robot.effects:
             off = _corrected(robot, models, logs, at, off)
-        k -= 1
 
 
 def _corrected(
@@ -103,9 +102,28 @@ def _corrected(
     return corrections
 
 
-def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> None:
-    for model, log_slips in zip(models, slips, strict=True):
-        model.expect(log_slips.certain + log_slips.known @ parts)
+def _expect(models: Sequence[LogLikelihood], slips: Sequence[Slips], parts: Array) -> list[Array]:
+    """Set the expected slips of each model, and return them."""
+    expected = [log_slips.certain + log_slips.known @ parts for log_slips in slips]
+    for model, log_expected in zip(models, expected, strict=True):
+        model.expect(log_expected)
+    return expected
+
+
+def _change(
+    models: Sequence[LogLikelihood],
+    geometry: Geometry,
+    at: State,
+    noise: Noise,
+    before: Sequence[Array],
+    expected: Sequence[Array],
+) -> float:
+    """Return the rms change of expected slips, in standard deviations of slip noise."""
+    changes = [
+        model.in_deviations(now - then, geometry, state, noise)
+        for model, then, now, state in zip(models, before, expected, at.states, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
 
 
 def _foreseen(usual: Array | None, rigid: bool) -> tuple[Array, Array]:

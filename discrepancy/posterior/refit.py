@@ -94,8 +94,10 @@ def refitted(
         sizes.get(effect.candidate, dataclasses.replace(effect, amplitudes=np.zeros_like(effect.amplitudes)))
         for effect in named
     )
-    current, seen = _nearer(vehicle, look, worse, known, tuple(named), seen)
+    best = seen.log_evidence
+    current, seen = _nearer(vehicle, look, best - worse, known, tuple(named), seen)
     for step in range(REFITS):
+        best = max(best, seen.log_evidence)
         current = tuple(effect for effect in current if np.any(effect.amplitudes))
         if not current:
             break
@@ -111,7 +113,7 @@ def refitted(
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
         proposed = tuple(effect.moved(by) for effect, by in zip(current, moves, strict=True))
         previous = current
-        current, seen = _nearer(vehicle, look, worse, current, proposed, seen)
+        current, seen = _nearer(vehicle, look, best - worse, current, proposed, seen)
         if current == previous:  # no step is any better
             break
     return current, seen
@@ -169,15 +171,15 @@ def _direction(seen: Seen, candidate: Cause) -> Array:
 
 
 def _nearer(
-    vehicle: Any, look: Look[S], worse: float, current: tuple[Sized, ...], proposed: tuple[Sized, ...], seen: S
+    vehicle: Any, look: Look[S], least: float, current: tuple[Sized, ...], proposed: tuple[Sized, ...], seen: S
 ) -> tuple[tuple[Sized, ...], S]:
-    """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, until logs are not
-    explained worse."""
+    """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, until the log
+    evidence exceeds `least`."""
     for _ in range(HALVINGS):
         if possible(vehicle, proposed):
             with suppress(np.linalg.LinAlgError, InputError):  # it does not fit at all
                 found = look(proposed, seen, [effect.candidate for effect in proposed])
-                if found.log_evidence > seen.log_evidence - worse:
+                if found.log_evidence > least:
                     return proposed, found
         pairs = zip(current, proposed, strict=True)
         proposed = tuple(effect.moved((target.amplitudes - effect.amplitudes) / 2) for effect, target in pairs)

@@ -192,6 +192,11 @@ class LogLikelihood:
         """Set the expected slips (K - 1, rows), m, of steps, instead of 0."""
         self._expected = slips
 
+    def in_deviations(self, slips: Array, geometry: Geometry, state: Array, noise: Noise) -> Array:
+        """Return slips (K - 1, rows), m, in standard deviations of slip noise."""
+        weights, rolling = self._weights(geometry, state, noise), len(self._rolling)
+        return np.hstack([slips[:, :rolling] * weights["along"], slips[:, rolling:] * weights["across"]])
+
     def release(self, steps: NDArray[np.bool_]) -> None:
         """Let contacts slip by as much as they roll in these steps (K - 1, rows)."""
         self._released = steps
