@@ -132,7 +132,11 @@ def exchanged(
     best, found = seen.log_evidence, None
     for effects, advantage in _alternatives(named, large, seen):
         refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
-        if fitted.log_evidence > best + advantage and len(refit_effects) == len(effects):
+        if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
+            continue
+        if found is None:  # states of the model itself may not have converged either
+            best = max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
+        if fitted.log_evidence > best + advantage:
             best, found = fitted.log_evidence - advantage, (refit_effects, fitted)
     return found
 
