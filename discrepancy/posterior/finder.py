@@ -116,13 +116,18 @@ def _diagnosed(
     creep = None if good is None else good.parts
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
     events, released, base, curve, looked = Events(), Released(), robot, None, False
+    plain = linearise(base, logs, creep=creep, places=places)
+    names = len({hypothesis.name for hypothesis in hypotheses_of(base, plain)[0]})
+    late = jitter_answer(robot, logs, held_out, clean, names)
+    jitter = 0.0 if late is None or late.unnamed else late.size
+    plain = plain.without_designs()
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         known = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
         extra = () if among is not None else tuple(dict.fromkeys((*places, *known, *somewhere)))
         only = None if among is None else [candidate for candidate in among if isinstance(candidate, Candidate)]
         mended = with_effects(base, named)
-        return linearise(mended, logs, start=start, creep=creep, among=only, places=extra, released=released)
+        return linearise(mended, logs, start=start, creep=creep, among=only, places=extra, released=released, jitter=jitter)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         places = [place_in_model(seen, effect.candidate) for effect in named]
@@ -133,15 +138,14 @@ def _diagnosed(
             seen.forget()
 
     def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
-        return linearise(changed, logs, start=seen, creep=creep, among=among, released=released)
+        return linearise(changed, logs, start=seen, creep=creep, among=among, released=released, jitter=jitter)
 
-    worse, plain = WORSE * sum(len(log) for log in logs), None
+    worse = WORSE * sum(len(log) for log in logs)
     while True:
-        first = linearise(base, logs, creep=creep, places=places, released=released)
+        first = linearise(base, logs, creep=creep, places=places, released=released, jitter=jitter)
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        plain = plain or first.without_designs()
         named, seen, posterior, answers = named_together(base, look, ask, worse, first)
-        found, names = with_effects(base, named), len(posterior.names)
+        found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
             events, released = extended, extended.released(found, logs, seen)
             continue
@@ -155,16 +159,15 @@ def _diagnosed(
     held, lacking, order, confirmed = None, None, None, [None] * len(events)
     if held_out:
         among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
-        after, free = linearise(found, held_out, creep=creep, among=among), Released()
+        after, free = linearise(found, held_out, creep=creep, among=among, jitter=jitter), Released()
         after.forget()
         if len(events):
             recurring, confirmed = events.in_other_logs(found, held_out, after)
             free = recurring.released(found, held_out, after)
-            after = linearise(found, held_out, creep=creep, among=among, released=free)
-        held = linearise(base, held_out, creep=creep, among=among, released=free), after
+            after = linearise(found, held_out, creep=creep, among=among, released=free, jitter=jitter)
+        held = linearise(base, held_out, creep=creep, among=among, released=free, jitter=jitter), after
         lacking = held[0] if curve is None else linearise(robot, held_out, creep=creep, among=(), released=free)
         order = order_of(after, good)
-    late = jitter_answer(robot, logs, held_out, clean, names)
     beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
     beside += [] if curve is None else [answer_of(robot, curve, logs)]
     beside += noisy_answers(seen, None if held is None else held[1], usual)

@@ -121,13 +121,14 @@ def linearise(
     among: Sequence[Candidate] | None = None,
     places: Sequence[Candidate] = (),
     released: Sequence[NDArray[np.bool_]] = (),
+    jitter: float = 0.0,
 ) -> Linearised:
     """Return information and score of candidates in logs, linearised about the most likely states.
 
     start: an earlier result for the same logs, as starting point. creep: proportions of predicted creep in clean logs
     of the robot. among: candidates to consider; None: all of the catalogue and all unnamed alternatives. places:
     further candidates, at places of the floor. released: steps of every log as `LogLikelihood.release` takes them;
-    empty: none.
+    empty: none. jitter: standard deviation of the times at which samples were read, s.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
@@ -135,6 +136,7 @@ def linearise(
     released = released or [np.zeros((len(model.counts) - 1, len(model.rows)), dtype=bool) for model in models]
     for model, steps in zip(models, released, strict=True):
         model.release(steps)
+        model.jitter(jitter)
     begin = None if start is None else (start.state, start.noise)
     at, noise, shared, slips = fit_states(robot, models, logs, begin, creep, LEAST_NOISE)
     beyond = tuple(

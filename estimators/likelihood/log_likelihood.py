@@ -192,6 +192,12 @@ class LogLikelihood:
         """Set the expected slips (K - 1, rows), m, of steps, instead of 0."""
         self._expected = slips
 
+    def jitter(self, duration: float) -> None:
+        """Let samples be read early or late at random, with a standard deviation of `duration`, s: readings are the
+        less certain the faster counts change."""
+        rate = np.abs(np.gradient(self._counts, self._t, axis=0))
+        self._readings = 1 / np.hypot(1 / self._readings, duration * rate)
+
     def in_deviations(self, slips: Array, geometry: Geometry, state: Array, noise: Noise) -> Array:
         """Return slips (K - 1, rows), m, in standard deviations of slip noise."""
         weights, rolling = self._weights(geometry, state, noise), len(self._rolling)
