@@ -127,7 +127,9 @@ def _diagnosed(
         extra = () if among is not None else tuple(dict.fromkeys((*places, *known, *somewhere)))
         only = None if among is None else [candidate for candidate in among if isinstance(candidate, Candidate)]
         mended = with_effects(base, named)
-        return linearise(mended, logs, start=start, creep=creep, among=only, places=extra, released=released, jitter=jitter)
+        return linearise(
+            mended, logs, start=start, creep=creep, among=only, places=extra, released=released, jitter=jitter
+        )
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
         places = [place_in_model(seen, effect.candidate) for effect in named]
