@@ -31,8 +31,10 @@ AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
 the factor of creep under forces below which contacts are taken for rigid ones."""
 
 MOST_ROUNDS, SETTLED = 12, 0.03
-"""Most rounds in which predicted creep, its factors, states and noise follow each other by a step, before a last round to
-convergence; and the change of the prediction in a round, in standard deviations of the least slip noise, at which these end."""
+"""Most rounds in which predicted creep, its factors, states and noise follow each other by a step, before a last round
+to convergence; and the change of the prediction in a round, in standard deviations of the least slip noise, at which
+these end. Two rounds leave the log evidence of 60 s of `asoc-prototype` in good order 180 lower, and that of `omnimate`
+with a backlash of 54 mrad in the model 6,700; sixteen raise them by 20 and 15."""
 
 
 class Slips(NamedTuple):

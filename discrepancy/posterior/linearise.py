@@ -128,7 +128,8 @@ def linearise(
     start: an earlier result for the same logs, as starting point. creep: proportions of predicted creep in clean logs
     of the robot. among: candidates to consider; None: all of the catalogue and all unnamed alternatives. places:
     further candidates, at places of the floor. released: steps of every log as `LogLikelihood.release` takes them;
-    empty: none. jitter: standard deviation of the times at which samples were read, s.
+    empty: none. jitter: standard deviation of the times at which all encoders
+    were read, s.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())

@@ -176,6 +176,7 @@ class LogLikelihood:
         self._used_poses = _apart(np.flatnonzero(self._posed), log.t)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
         self._released = np.zeros((len(log) - 1, len(self._used)), dtype=bool)
+        self._jitter = 0.0
 
         self._rests = tuple(
             bool(np.ptp(counts, axis=0).max() <= 1) for counts in (self._counts[:REST], self._counts[-REST:])
@@ -193,10 +194,9 @@ class LogLikelihood:
         self._expected = slips
 
     def jitter(self, duration: float) -> None:
-        """Let samples be read early or late at random, with a standard deviation of `duration`, s: readings are the
-        less certain the faster counts change."""
-        rate = np.abs(np.gradient(self._counts, self._t, axis=0))
-        self._readings = 1 / np.hypot(1 / self._readings, duration * rate)
+        """Let all encoders be read early or late together, at random with a standard deviation of `duration`, s: the
+        robot is not quite where the reference saw it."""
+        self._jitter = duration
 
     def in_deviations(self, slips: Array, geometry: Geometry, state: Array, noise: Noise) -> Array:
         """Return slips (K - 1, rows), m, in standard deviations of slip noise."""
@@ -428,7 +428,9 @@ class LogLikelihood:
             found[name] = 1 / np.sqrt(slip + free**2 + unsure[:, rows] ** 2)
         if not self.poses:
             return found | {"pinned": np.full((1, 3), 1 / PINNED)}
-        return found | {name: np.full((1, 1), 1 / getattr(noise, name)) for name in ("position", "heading")}
+        rate = self._jitter * np.gradient(state[:, :3], self._t, axis=0)[self._used_poses]
+        found["position"] = 1 / np.hypot(noise.position, np.linalg.norm(rate[:, :2], axis=1, keepdims=True))
+        return found | {"heading": 1 / np.hypot(noise.heading, rate[:, 2:])}
 
     def _values(
         self, in_constraints: Array, state: Array, clock: Array, mount: Array, weights: dict[str, Array]

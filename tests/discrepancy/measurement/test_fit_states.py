@@ -5,16 +5,20 @@ from functools import cache
 import numpy as np
 import pytest
 
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import SlipStiffness
 from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.measurement import fit_states
 from discrepancy.measurement.creep_prediction import FORCED, QUICK
-from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.linearise import LEAST_NOISE, linearise
+from discrepancy.trials.noise import Noise
 from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.reading import as_recorded
 from estimators.calibration.maximum_likelihood import LEAST
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -49,6 +53,27 @@ def test_steered_wheels_that_disagree_from_one_step_to_the_next_creep_to_their_s
     log = drive(robot, wander(np.random.default_rng([102, 1]), duration=15.0), 102, duration=15.0)
     _, side = fitted_parts(robot, log)[QUICK]
     assert side == pytest.approx(1.0, abs=0.25)
+
+
+def test_creep_is_as_predicted_along_and_to_the_side_from_step_to_step():
+    assert parts()[QUICK] == pytest.approx([1.0, 1.0], abs=0.1)
+
+
+def test_a_large_effect_in_the_model_leaves_no_slip():
+    """What creep is predicted depends on states, and these on creep: few rounds leave slips of 4 mm after 1 m."""
+    described = preset("omnimate")
+    robot = described.with_effects(PivotBacklash(castor=1, value=0.05))
+    log = drive(robot, wander(np.random.default_rng([11, 0]), duration=20.0), 11, duration=20.0)
+    assert linearise(robot, [log], among=[]).noise.along == LEAST_NOISE.along
+
+
+def test_jitter_is_uncertainty_of_where_the_robot_was():
+    """Readings that come early or late together contradict the reference, not each other."""
+    robot = ROBOT.with_effects(SampleJitter(value=0.005))
+    log = as_recorded(robot, driven(), 1, Noise())
+    unaware, aware = (linearise(ROBOT, [log], among=[], jitter=jitter).noise for jitter in (0.0, 0.005))
+    assert aware.position == pytest.approx(Noise().x, rel=0.1)
+    assert unaware.position > 1.2 * aware.position
 
 
 def test_softer_contacts_creep_more_under_forces_and_no_more_where_wheels_disagree(monkeypatch):
