@@ -35,14 +35,19 @@ class Faulty(NamedTuple):
     """A row of the constraints, a wheel's rolling or a castor's side slip, that contradicts the other rows
     intermittently.
 
-    hits: for each log the windows (W,) in which it does; slips: for each log the slip (W,) in them, as a part of the
-    way. log_odds: log odds (natural logarithm) of the fault.
+    active: for each log the probability (W,) that it does so in a window; slips: for each log the slip (W,) in windows
+    where this is likely, as a part of the way. log_odds: log odds (natural logarithm) of the fault.
     """
 
     row: int
-    hits: tuple[NDArray[np.bool_], ...]
+    active: tuple[Array, ...]
     slips: tuple[Array, ...]
     log_odds: float
+
+    @property
+    def hits(self) -> tuple[NDArray[np.bool_], ...]:
+        """For each log the windows (W,) in which the fault is likelier active than not."""
+        return tuple(probability > 0.5 for probability in self.active)
 
 
 def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answer], names: int) -> list[Faulty]:
@@ -64,11 +69,12 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
         row = int(np.argmax(log_odds))
         if expit(log_odds[row]) < CREDIBLE:
             break
-        hits = tuple(_hit(off[:, row]) for off in disagreements)
-        told_by = zip(seen.designs, seen.disagreements, disagreements, hits, strict=True)
+        active = tuple(_active(off[:, row]) for off in disagreements)
+        fault = Faulty(row, active, (), float(log_odds[row]))
+        told_by = zip(seen.designs, seen.disagreements, disagreements, fault.hits, strict=True)
         slips = tuple(_slips(design, disagreement, off, row, hit) for design, disagreement, off, hit in told_by)
-        found.append(Faulty(row, hits, slips, float(log_odds[row])))
-        disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, hits, strict=True)]
+        found.append(fault._replace(slips=slips))
+        disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, fault.hits, strict=True)]
     return found
 
 
@@ -88,10 +94,10 @@ def recurring(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty],
     fault in them."""
     disagreements, found, confirmed = _beside(seen, ()), [], []
     for fault in faulty:
-        hits = tuple(_hit(off[:, fault.row]) for off in disagreements)
+        active = tuple(_active(off[:, fault.row]) for off in disagreements)
         confirmed.append(float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row]))
-        found.append(fault._replace(hits=hits, slips=tuple(np.zeros(len(hit)) for hit in hits)))
-        disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, hits, strict=True)]
+        found.append(fault._replace(active=active, slips=tuple(np.zeros(len(of_log)) for of_log in active)))
+        disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, found[-1].hits, strict=True)]
     return found, confirmed
 
 
@@ -121,16 +127,14 @@ def answer_of(
         cost=cost / largest[k],
         confirmed=confirmed,
     )
-    bursts = bursts_of(robot, logs, seen, fault.row, fault.hits)
-    return _losing(answer, bursts, cost, sum(int(hit.sum()) for hit in fault.hits))
+    return _losing(answer, bursts_of(robot, logs, seen, fault.row, fault.active), cost)
 
 
-def _losing(answer: Answer, bursts: Bursts | None, cost: Array, hits: int) -> Answer:
-    """Return the answer that counts are lost in bursts, if the windows allow it. Lost counts have the same sign in all
-    windows that are hit; another cause has either sign with probability 1/2 in each."""
+def _losing(answer: Answer, bursts: Bursts | None, cost: Array) -> Answer:
+    """Return the answer that counts are lost in bursts, if this is likelier than another cause."""
     if bursts is None:
         return answer
-    lost, contradiction = float(expit(hits * np.log(2))), answer.credible[0]
+    lost, contradiction = float(expit(bursts.log_odds)), answer.credible[0]
     candidate = Candidate(described(bursts.effect), (bursts.effect,))
     credible = (candidate.family,) if lost >= CREDIBLE else (candidate.family, contradiction)
     parts = {candidate.family: lost * answer.probability, contradiction: (1 - lost) * answer.probability}
@@ -194,10 +198,10 @@ def _by_part(off: Array) -> Array:
     )
 
 
-def _hit(off: Array) -> NDArray[np.bool_]:
-    """Return the windows (W,) of a row in which the fault is likelier active than not."""
+def _active(off: Array) -> Array:
+    """Return the probability (W,) that the fault of a row is active in each window."""
     good, fault = _log_densities(off)
-    return np.asarray(fault - good + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])]) > 0)
+    return np.asarray(expit(fault - good + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))
 
 
 def _row(robot: RobotDescription, row: int) -> str:

@@ -1,8 +1,8 @@
 """A wheel's encoder that loses counts in bursts: intermittently, independently of speed.
 
 A wheel may contradict the other wheels intermittently (`at_times`) for many reasons. If it turns further than its
-encoder shows in every such window, counts were lost: any other cause would have either sign with the same probability
-in each window.
+encoder shows wherever it does, counts were lost: any other cause would have either sign with the same probability in
+each window. A window in which the fault is likelier active than not counts by the probability that it is.
 """
 
 from collections.abc import Sequence
@@ -25,33 +25,38 @@ it."""
 
 
 class Bursts(NamedTuple):
-    """Counts lost in bursts, and the standard error of the part lost."""
+    """Counts lost in bursts, the standard error of the part lost, and the log odds (natural logarithm) of lost counts
+    against another cause."""
 
     effect: TickLossBursts
     error: float
+    log_odds: float
 
 
 def bursts_of(
-    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, row: int, hits: Sequence[NDArray[np.bool_]]
+    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, row: int, active: Sequence[Array]
 ) -> Bursts | None:
-    """Return the bursts in which the wheel of a row loses counts; None for a castor's row, or for a wheel that turns
-    less than its encoder shows in any window that is hit. hits: for each log the windows (W,) of the fault."""
+    """Return the bursts in which the wheel of a row loses counts; None for a castor's row, or if another cause is
+    likelier. active: for each log the probability (W,) that the fault is active in a window."""
     k = int(seen.designs[0].model.rows[row])
     if k >= len(robot.wheels):
         return None
-    shares, parts, fast_steps, windows = [], [], [], []
-    for design, disagreement, hit in zip(seen.designs, seen.disagreements, hits, strict=True):
-        windows.append(np.repeat(np.arange(len(hit)), disagreement.steps))
+    shares, parts, fast_steps, windows, hits, log_odds = [], [], [], [], [], 0.0
+    for design, disagreement, probability in zip(seen.designs, seen.disagreements, active, strict=True):
+        windows.append(np.repeat(np.arange(len(probability)), disagreement.steps))
         lost, way = _lost(design, row)
         lost, way = lost * np.sign(way), np.abs(way)
-        by_window, farthest = (np.bincount(windows[-1], part, len(hit)) for part in (lost, way))
-        if np.any(by_window[hit] <= 0) or np.any(by_window[hit] > farthest[hit]):
-            return None
+        by_window, farthest = (np.bincount(windows[-1], part, len(probability)) for part in (lost, way))
+        fewer = (by_window > 0) & (by_window <= farthest)
+        likely = probability > 0.5
+        log_odds += _log_odds(probability[likely], fewer[likely])
+        hit = fewer & likely
+        hits.append(hit)
         fast_steps.append(way > np.median(way) / 4)  # in slower steps the part lost is uncertain
         shares.append(lost / np.maximum(way, 1e-12))
         parts.append(shares[-1][fast_steps[-1] & hit[windows[-1]]])
     inside = np.concatenate(parts)
-    if not len(inside):
+    if log_odds <= 0 or not len(inside):
         return None
     largest = np.sort(inside)[-sum(int(hit.sum()) for hit in hits) :]  # a step of each window, or more
     inside = inside[inside > np.median(largest) / 2]
@@ -74,7 +79,18 @@ def bursts_of(
         start=0.0 if beat is None else beat[0],
         seed=0 if beat is None else None,
     )
-    return Bursts(effect, float(np.std(inside) / np.sqrt(len(inside))))
+    return Bursts(effect, float(np.std(inside) / np.sqrt(len(inside))), log_odds)
+
+
+def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
+    """Return the log odds (natural logarithm) of lost counts against another cause, given the windows (W,) in which
+    the encoder shows less than the wheel turns.
+
+    Where the fault is active, lost counts always show less and another cause does with probability 1/2; where it is
+    not, either sign says nothing.
+    """
+    least = np.finfo(float).tiny  # of a window that certainly contradicts
+    return float(np.sum(np.log(np.maximum(1 + np.where(fewer, active, -active), least))))
 
 
 def _lost(design: Columns, row: int) -> tuple[Array, Array]:

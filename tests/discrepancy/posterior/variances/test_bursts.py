@@ -56,7 +56,7 @@ def losing(log):
     """The rows that contradict the others at times, and what the first of them loses."""
     seen = linearise(ROBOT, [log], among=())
     faulty = at_times(seen, None, [], 100)
-    return faulty, bursts_of(ROBOT, [log], seen, faulty[0].row, faulty[0].hits) if faulty else None
+    return faulty, bursts_of(ROBOT, [log], seen, faulty[0].row, faulty[0].active) if faulty else None
 
 
 @pytest.mark.parametrize(("wheel", "part"), [(0, 0.2), (3, 0.2), (4, 1.0)])
