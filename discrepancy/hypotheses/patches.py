@@ -36,6 +36,10 @@ PATCHES = 3
 """Rectangles of the scan that are proposed."""
 
 
+Box = tuple[float, float, float, float, float]
+"""Centre x, y, length and width, m, and angle, rad."""
+
+
 def patches_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> list[FrictionPatch]:
     """Return the rectangles in which wheels slip most compared with elsewhere, the best first, with the value of their
     step, as slips do not determine the friction that is left.
@@ -47,13 +51,15 @@ def patches_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequen
         return []
     steps = _shared(steps, len(robot.wheels))
     found = sorted((_fitted(steps, box) for box in _boxes(steps)[: 8 * PATCHES : 8]), key=lambda fit: -fit[1])
-    patches = []
-    for (x, y, length, width, angle), gain in found:
-        angle = (angle + math.pi / 2) % math.pi - math.pi / 2
-        x, y, length, width, angle = (round(number, 3) for number in (x, y, length, width, angle))
-        if gain > 0:
-            patches.append(FrictionPatch(x=x, y=y, length=length, width=width, angle=angle, value=FrictionPatch.step))
-    return list(dict.fromkeys(patches))
+    return list(dict.fromkeys(patch_at(box) for box, gain in found if gain > 0))
+
+
+def patch_at(box: Box) -> FrictionPatch:
+    """Return the patch of a rectangle, to the millimetre."""
+    x, y, length, width, angle = box
+    angle = (angle + math.pi / 2) % math.pi - math.pi / 2
+    x, y, length, width, angle = (round(number, 3) for number in (x, y, length, width, angle))
+    return FrictionPatch(x=x, y=y, length=length, width=width, angle=angle, value=FrictionPatch.step)
 
 
 def _shared(steps: Steps, w: int) -> Steps:
@@ -75,10 +81,6 @@ def _ratio(n: Array, total: Array, count: float, overall: float) -> Array:
     inside, outside = total / n, (overall - total) / (count - n)
     log_factor = count * math.log(overall / count) - n * np.log(inside) - (count - n) * np.log(outside)
     return np.where((within > 0) & (inside > outside), log_factor, 0.0)
-
-
-Box = tuple[float, float, float, float, float]
-"""Centre x, y, length and width, m, and angle, rad."""
 
 
 def _boxes(steps: Steps) -> list[Box]:
@@ -115,7 +117,7 @@ def _fitted(steps: Steps, box: Box) -> tuple[Box, float]:
     """Return the rectangle near another whose variance differs most without its hottest pass, and the deviance."""
     gain, step = _lasting(steps, box), 4 * FINEST
     while step >= FINEST:
-        tried = [(moved, _lasting(steps, moved)) for moved in _near(box, step)]
+        tried = [(moved, _lasting(steps, moved)) for moved in near(box, step)]
         best = max(tried, key=lambda entry: entry[1])
         if best[1] > gain:
             box, gain = best
@@ -124,7 +126,7 @@ def _fitted(steps: Steps, box: Box) -> tuple[Box, float]:
     return box, gain
 
 
-def _near(box: Box, step: float) -> Iterator[Box]:
+def near(box: Box, step: float) -> Iterator[Box]:
     """Yield rectangles with one side moved, or turned."""
     x, y, length, width, angle = box
     c, s = math.cos(angle), math.sin(angle)

@@ -5,7 +5,7 @@ problem. A scan for two variances proposes rectangles (`hypotheses.patches`), an
 the likelihood of each. Errors of replays have Student's t distribution, with their median over windows as scale.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described, without
-from discrepancy.hypotheses.patches import patches_of
+from discrepancy.hypotheses.patches import near, patch_at, patches_of
 from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FREEDOM, NOTHING
@@ -35,11 +35,18 @@ SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
 TRIED = SLIPPERY[3]
 """Part of friction with which rectangles are compared; the likeliest is evaluated with all parts."""
 
+MOVED = 0.1
+"""m: step in which the sides of a patch are found by replays."""
+
 WINDOW = 2.0
 """s: length of a replayed window."""
 
 PLACE = 2e-3
 """m: least error that a replay is assumed to have against a tracker's poses."""
+
+
+Gain = Callable[[FrictionPatch, float], float]
+"""The log-likelihood ratio (natural logarithm) of replays with a patch of a value."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +76,43 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     def gain(patch: FrictionPatch, value: float) -> float:
         return _likelier(_replay_errors(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
 
-    tried = [(gain(patch, TRIED), patch) for patch in patches_of(robot, motions, slips)]
-    most, patch = max(tried, key=lambda found: found[0], default=(0.0, None))
+    tried = [(patch, gain(patch, TRIED)) for patch in patches_of(robot, motions, slips)]
+    patch, most = max(tried, key=lambda found: found[1], default=(None, 0.0))
     if patch is None or most <= 0:
         return None
-    log_factors = np.array([most if value == TRIED else gain(patch, value) for value in SLIPPERY])
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
-    elsewhere = max(np.log(np.prod(np.ptp(way, axis=0)) / (patch.length * patch.width)), 0.0)
-    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - np.log(names) - logit(NOTHING)
-    if expit(log_odds) < CREDIBLE:
+    area, beside = float(np.prod(np.ptp(way, axis=0))), float(np.log(names) + logit(NOTHING))
+    if expit(_judged(gain, patch, area, beside).log_odds) < CREDIBLE:
         return None
+    patch, _ = max((_refined(gain, *proposed) for proposed in tried), key=lambda found: found[1])
+    return _judged(gain, patch, area, beside)
+
+
+def _judged(gain: Gain, patch: FrictionPatch, area: float, beside: float) -> Slippery:
+    """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; beside: prior log odds
+    (natural logarithm) against a patch anywhere on it."""
+    log_factors = np.array([gain(patch, value) for value in SLIPPERY])
+    elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
+    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - beside
     weight = np.exp(log_factors - log_factors.max())
     value = float(np.average(SLIPPERY, weights=weight))
     error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
     error = float(np.hypot(error, (1 - value) / 2))  # the rectangle is not known any better
     return Slippery(replace(patch, value=round(value, 3)), error, float(log_odds))
+
+
+def _refined(gain: Gain, patch: FrictionPatch, most: float) -> tuple[FrictionPatch, float]:
+    """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `MOVED`, and
+    the log-likelihood ratio. most: that of the rectangle itself."""
+    better = True
+    while better:
+        better = False
+        for box in near((patch.x, patch.y, patch.length, patch.width, patch.angle), MOVED):
+            moved = patch_at(box)
+            if (likelier := gain(moved, TRIED)) > most:
+                patch, most, better = moved, likelier, True
+                break
+    return patch, most
 
 
 def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs.effects.clocks import EncoderLatency
@@ -83,8 +84,18 @@ def test_a_wheel_of_any_robot_is_named_not_a_latency_that_looks_like_it(robot):
     diagnosis = diagnose(preset(robot), [driven(robot, 1, RADIUS, duration=10.0)])
     (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
     assert (answer.verdict, answer.credible) == ("named", ("wheel_radius 1 1",))
-    assert abs(answer.size - RADIUS.value) < 2 * answer.error
+    assert abs(answer.size - RADIUS.value) < 3 * answer.error
     assert answer.error < 0.1 * RADIUS.value
+
+
+def test_stated_errors_are_the_errors_made():
+    """Errors in units of those stated, of independent logs: their squares sum to a chi-square variable."""
+    squares = 0.0
+    for seed in range(1, 9):
+        (answer,) = diagnose(preset("tricycle"), [driven("tricycle", seed, RADIUS, duration=10.0)]).answers
+        assert isinstance(answer.effect, WheelRadius)
+        squares += ((answer.size - RADIUS.value) / answer.error) ** 2
+    assert chi2.ppf(0.005, 8) < squares < chi2.ppf(0.995, 8)
 
 
 def test_an_eccentric_encoder_is_found_at_any_phase():
