@@ -12,7 +12,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.linearise import COUNTS, SLIP
-from discrepancy.trains.rows import ROUGH, TrainLog
+from estimators.likelihood.trains.rows import ROUGH, TrainLog
+from estimators.likelihood.trains.states import Term
 
 OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)
 OF_AXLES = (Track, WheelRadius, AllWheelRadius)
@@ -100,19 +101,13 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
-    """An unnamed alternative.
-
-    what: in words. family: the same at any time of the log. log: number from 0. kind: of the equations that it changes;
-    change: their change per unit. usual: its size in a train in good order.
-    """
+class Rival(Term):
+    """An unnamed alternative. what: in words. family: the same at any time of the log. usual: its size in a train in
+    good order."""
 
     what: str
     family: str
     unit: str
-    log: int
-    kind: str
-    change: Array
     usual: float
 
 
@@ -205,7 +200,7 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
         usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
-        found.append(Rival(f"{family} {time}", family, unit, number, kind, change, usual))
+        found.append(Rival(number, kind, change, f"{family} {time}", family, unit, usual))
 
     for b in range(BLOCKS):
         inside = ((t >= edges[b]) & (t < edges[b + 1] + (b == BLOCKS - 1))).astype(float)

@@ -13,8 +13,9 @@ from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import check_logs
 from discrepancy.report.answers import drawn, html_of
 from discrepancy.report.plain_data import FORMAT, Data, answer_data, gaps
-from discrepancy.trains.linearise import Linearised, equations_of, linearise
+from discrepancy.trains.linearise import Linearised, linearise
 from discrepancy.trains.posterior import diagnose_train
+from estimators.likelihood.trains.states import equations_of
 
 Logs = Mapping[str, Log]
 

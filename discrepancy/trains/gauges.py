@@ -15,8 +15,7 @@ from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
 from discrepancy.trains.candidates import Candidate, Placed
-from discrepancy.trains.evidence import cost_of_noise
-from discrepancy.trains.linearise import Linearised
+from discrepancy.trains.linearise import Linearised, cost_of_noise
 
 DIFFERENCES = 2 / 3
 """Information on noise in a difference of successive readings, relative to that of an independent reading."""
@@ -90,7 +89,7 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
             continue
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
         candidate = _candidate(Placed(kind), seen.train)
-        cost = cost_of_noise(seen.train, seen.train_logs, seen.fit, f)
+        cost = cost_of_noise(seen, f)
         answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
     return answers
 
