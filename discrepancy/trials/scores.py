@@ -12,17 +12,13 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from castor_envs.errors import InputError
-from castor_envs.files import read_json
-from discrepancy.trials.finders import FINDER, NORMAL, QUIET
-from discrepancy.trials.run import Plan, plan_of
-
-__all__ = ["NORMAL", "Rate", "lines", "report", "wilson"]
+from discrepancy.trials.finders import FINDER, QUIET
+from discrepancy.trials.folder import asked_of, judged
+from discrepancy.trials.run import Plan
 
 FORMAT = "castor-trial/3"
 
@@ -173,6 +169,7 @@ class Rate:
         return self.count / self.total if self.total else math.nan
 
 
+T = TypeVar("T")
 Which = Callable[[Trial], bool]
 
 
@@ -241,32 +238,27 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
-    """Return all judged cases of a trial; raises InputError if there are none."""
-    folder = Path(folder)
-    paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
-    if not paths:
-        raise InputError(f"{folder}: finder {finder} has no answers yet; judge the cases first")
-    return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
+def rates_of(
+    trials: Sequence[Any], table: Sequence[tuple[str, Callable[..., bool], Callable[..., bool]]]
+) -> list[Rate]:
+    """Return the rates of a table like `RATES` over these cases."""
+    return [Rate.of(statement, (hit(trial) for trial in trials if counts(trial))) for statement, counts, hit in table]
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
     """Return all rates over these cases."""
-    found = [Rate.of(statement, (so(trial) for trial in trials if among(trial))) for statement, among, so in RATES]
-    return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
+    return [*rates_of(trials, RATES), Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
 def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     """Return for each non-empty bin of probability the number of names, their mean probability, and how many are
     right."""
     bins = []
-    probability = np.array([part for part, _ in reported])
-    place = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
-    for k in range(len(EDGES) - 1):
-        inside = np.flatnonzero(place == k).tolist()
-        if inside:
-            rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (reported[n][1] for n in inside))
-            bins.append(as_plain(rate) | {"probability": float(probability[inside].mean())})
+    place = np.clip(np.searchsorted(EDGES, [part for part, _ in reported], side="right") - 1, 0, len(EDGES) - 2)
+    for k in np.unique(place).tolist():
+        inside = [entry for entry, where in zip(reported, place, strict=True) if where == k]
+        rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (right for _, right in inside))
+        bins.append(as_plain(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
     return bins
 
 
@@ -308,9 +300,9 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
 
 
-def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, Any]:
-    """Return all scores of a finder in a trial as plain data."""
-    plan, trials = plan_of(folder), trials_of(folder, finder)
+def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return all scores of a trial as plain data."""
+    plan, trials = Plan(**asked_of(folder)), [Trial(*case) for case in judged(folder, FINDER)]
     parts: dict[str, Which] = {
         "clean logs given": lambda trial: trial.label["clean"],
         "no clean logs given": lambda trial: not trial.label["clean"],
@@ -322,7 +314,7 @@ def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, An
     return {
         "format": FORMAT,
         "plan": dataclasses.asdict(plan),
-        "finder": finder,
+        "finder": FINDER,
         "judged": len(trials),
         "all": _scores(trials),
         "groups": {name: _scores(group) for name, group in groups.items() if group},
@@ -337,17 +329,12 @@ def lines(scores: dict[str, Any]) -> list[str]:
     text = [f"{done}, finder {scores['finder']}, {len(plan.robots)} robots"]
     for name, group in {"all": scores["all"], **scores["groups"]}.items():
         seconds = group["seconds"]
-        text += [
-            "",
-            f"{name}: {group['cases']} cases, "
-            f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each",
-        ]
-        text += [f"{_counted(rate)}  {rate['what']}" for rate in group["rates"] if rate["total"] or name == "all"]
+        each = f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each"
+        text += ["", f"{name}: {group['cases']} cases, {each}"]
+        text += [counted(rate) for rate in group["rates"] if rate["total"] or name == "all"]
         if group["reliability"]:
             text.append("reported probability against the part that is right, of names:")
-        text += [
-            f"{_counted(entry)}  {entry['what']}, mean {entry['probability']:.3f}" for entry in group["reliability"]
-        ]
+        text += [f"{counted(entry)}, mean {entry['probability']:.3f}" for entry in group["reliability"]]
         if group["calibration_error"] is not None:
             text.append(f"expected calibration error {group['calibration_error']:.3f}")
     text += ["", "Hidden -> answered:"]
@@ -375,6 +362,8 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     }
 
 
-def _counted(rate: dict[str, Any]) -> str:
+def counted(rate: dict[str, Any], digits: int = 1) -> str:
+    """Return a rate of `as_plain` as text. digits: of the interval, after the point."""
     share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
-    return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {100 * rate['low']:.1f} to {100 * rate['high']:.1f})"
+    ends = f"{100 * rate['low']:.{digits}f} to {100 * rate['high']:.{digits}f}"
+    return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {ends})  {rate['what']}"

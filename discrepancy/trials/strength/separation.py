@@ -33,6 +33,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.hidden import class_of
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import angles_of, counts_of
 from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
@@ -209,18 +210,6 @@ def basis(columns: Array) -> Array:
         return columns
     left, strength, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, strength > 1e-6 * strength[0]]
-
-
-def class_of(effect: Effect) -> str:
-    """Return the class of an effect, the same for all effects that no log can distinguish: the name to report, and the
-    place on the robot.
-
-    Further numbers (phase, threshold, a place on the floor) are not part of it.
-    """
-    name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
-    fields = [field.name for field in dataclasses.fields(effect) if field.name not in ("name", "value", "seed")]
-    place = [value for field in fields if not isinstance(value := getattr(effect, field), float)]
-    return " ".join([name, *map(str, place)])
 
 
 def is_physical(robot: RobotDescription, effect: Effect) -> bool:

@@ -12,10 +12,11 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
-from discrepancy.trials.cases import Case, Hidden
+from discrepancy.trials.cases import Case
 from discrepancy.trials.generators import Generator
-from discrepancy.trials.noise import EXACT
+from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.outside import Outside
+from discrepancy.trials.reading import EXACT
 from discrepancy.trials.strength.separation import JITTER, StrengthMetric, apart, is_physical
 from discrepancy.validation import cost
 

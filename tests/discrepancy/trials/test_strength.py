@@ -18,8 +18,8 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.trials.generators import generator
-from discrepancy.trials.noise import EXACT
 from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.reading import EXACT
 from discrepancy.trials.strength.residuals import Layout, redundancy, rolling
 from discrepancy.trials.strength.separation import (
     StrengthMetric,

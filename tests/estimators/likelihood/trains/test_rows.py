@@ -7,7 +7,7 @@ import pytest
 
 from castor_envs.effects.train import AxleSlip
 from castor_envs.vehicles.presets import cfmmr
-from discrepancy.trains.trial.simulate import log_at_random
+from discrepancy.trials.trains.simulate import log_at_random
 from estimators.likelihood.trains import bending
 from estimators.likelihood.trains.bending import newtons
 from estimators.likelihood.trains.rows import TrainLog
