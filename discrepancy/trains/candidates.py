@@ -2,7 +2,9 @@
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -32,58 +34,47 @@ class Placed:
     effect: Effect
     axle: int | None = None
 
-    @property
-    def value(self) -> float:
-        """The amplitude; 1 for binary effects."""
-        return self.effect.value
-
     def sized(self, value: float) -> "Placed":
         """Return the effect with this amplitude; raises ValueError if it cannot have it."""
         if self.effect.binary:
             return self
         return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
 
-    def same_but_amplitude(self, second: "Placed") -> bool:
-        """Whether two effects differ at most in their amplitudes."""
-        return self.axle == second.axle and self.place() == second.place()
-
-    def place(self) -> tuple[object, ...]:
-        """Return all fields of the effect but its amplitude."""
-        fields = [field.name for field in dataclasses.fields(self.effect)]
-        return tuple((name, getattr(self.effect, name)) for name in sorted(fields) if name != "value")
-
     def added(self, train: TrainDescription) -> TrainDescription:
         """Return the train with this effect added."""
-        if self.axle is None:
-            return train.with_effects(self.effect)  # type: ignore[arg-type]
-        modules = list(train.modules)
-        modules[self.axle - 1] = modules[self.axle - 1].with_effects(self.effect)  # type: ignore[arg-type]
-        return dataclasses.replace(train, modules=tuple(modules))
+        return self._with(train, (*self._effects(train), self.effect))
 
-    def enlarged(self, train: TrainDescription) -> tuple["TrainDescription", float]:
+    def enlarged(self, train: TrainDescription) -> tuple[TrainDescription, float]:
         """Return the train with a little more of this effect, and the change of its amplitude.
 
         In a train that has the effect its amplitude grows by a step, or shrinks where it cannot grow; a binary effect
         is removed. Other trains get the effect in the size of its step.
         """
-        step = self.effect.step
-        effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
+        step, effects = self.effect.step, self._effects(train)
         for k, effect in enumerate(effects):
-            placed = Placed(effect, self.axle)
-            if effect.name == self.effect.name and placed.same_but_amplitude(self):
+            if self._place(effect) == self._place(self.effect):
+                if effect.binary:
+                    return self._with(train, (*effects[:k], *effects[k + 1 :])), -step
                 for change in (step, -step):
-                    try:
-                        changed = () if effect.binary else (placed.sized(placed.value + change).effect,)
-                    except ValueError:
-                        continue
-                    change = -step if effect.binary else change
-                    changed_effects = (*effects[:k], *changed, *effects[k + 1 :])
-                    if self.axle is None:
-                        return dataclasses.replace(train, effects=changed_effects), change
-                    modules = list(train.modules)
-                    modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=changed_effects)
-                    return dataclasses.replace(train, modules=tuple(modules)), change
+                    with suppress(ValueError):
+                        larger = dataclasses.replace(effect, value=effect.value + change)
+                        return self._with(train, (*effects[:k], larger, *effects[k + 1 :])), change
         return self.sized(step).added(train), step
+
+    def _effects(self, train: TrainDescription) -> tuple[Effect, ...]:
+        return train.effects if self.axle is None else train.modules[self.axle - 1].effects
+
+    def _with(self, train: TrainDescription, effects: tuple[Effect, ...]) -> TrainDescription:
+        """Return the train, or the train with this effect's module, with other effects."""
+        if self.axle is None:
+            return dataclasses.replace(train, effects=effects)
+        modules = list(train.modules)
+        modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=effects)
+        return dataclasses.replace(train, modules=tuple(modules))
+
+    def _place(self, effect: Effect) -> dict[str, Any]:
+        """Return all fields of an effect but its amplitude."""
+        return {name: value for name, value in dataclasses.asdict(effect).items() if name != "value"}
 
     def what(self, train: TrainDescription) -> str:
         """Return the effect and its place in words."""
@@ -162,14 +153,12 @@ def named_candidates(train: TrainDescription) -> list[Candidate]:
     placed = [Placed(effect) for kind in OF_TRAINS for effect in kind.variants(train)]
     for i, module in enumerate(train.modules, start=1):
         placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
-    dead = train.as_built()
-    gone = {(f, gauge) for f, frame in enumerate(dead.frames, start=1) for gauge in frame.dead_gauges}
-    live = [
-        located
+    gone = {(f, gauge) for f, frame in enumerate(train.as_built().frames, start=1) for gauge in frame.dead_gauges}
+    return [
+        Candidate(located.what(train), located.effect.unit, located)
         for located in placed
         if (getattr(located.effect, "frame", 0), getattr(located.effect, "gauge", None)) not in gone
     ]
-    return [Candidate(located.what(train), located.effect.unit, located) for located in live]
 
 
 def dead_gauges(train: TrainDescription) -> list[Candidate]:

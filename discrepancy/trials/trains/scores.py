@@ -4,29 +4,24 @@ Counts of cases with 95 % Wilson intervals, for wheels that yield to each other 
 sizes count, however small; a name is wrong if no hidden effect is among those that the finder calls possible.
 """
 
-import dataclasses
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, get_args
 
 import numpy as np
 
 from discrepancy.trials.finders import NORMAL, QUIET
 from discrepancy.trials.folder import asked_of, judged
-from discrepancy.trials.scores import Rate, as_plain, counted, rates_of
+from discrepancy.trials.scores import Judged, Rate, Table, as_plain, counted, rates_of
 from discrepancy.trials.trains.cases import THIRDS, Drive
 from discrepancy.trials.trains.run import TrainPlan
 
 FORMAT = "castor-train-trial/3"
 
 
-@dataclasses.dataclass(frozen=True)
-class Trial:
-    """A judged case: its label (the hidden effects) and its outcome (the finder's answer)."""
-
-    label: dict[str, Any]
-    outcome: dict[str, Any]
+class Trial(Judged):
+    """A judged case of a train."""
 
     @property
     def truth(self) -> set[str]:
@@ -53,40 +48,39 @@ class Trial:
         """Whether the finder names an effect that was not hidden."""
         return bool(set(self.outcome["named"]) - self.truth)
 
+    @property
+    def alarm(self) -> bool:
+        """Whether the finder reports any discrepancy."""
+        return self.outcome["verdict"] not in QUIET
 
-def _stratum(kind: str) -> Callable[[Trial], bool]:
-    return lambda trial: trial.label["stratum"] == kind
+    @property
+    def flagged(self) -> bool:
+        """Whether the finder reports an unexplained or an ambiguous discrepancy."""
+        return self.outcome["verdict"] in ("unexplained", "ambiguous")
 
 
-def _third(third: str) -> Callable[[Trial], bool]:
-    return lambda trial: trial.label["stratum"] == "one" and trial.label["hidden"][0]["third"] == third
-
-
-CLEAN, ONE, TWO, OUTSIDE = map(_stratum, ("clean", "one", "two", "outside"))
-RATES: tuple[tuple[str, Callable[[Trial], bool], Callable[[Trial], bool]], ...] = (
-    ("clean: an effect named (false positive)", CLEAN, lambda trial: trial.wrong),
-    ("clean: any alarm", CLEAN, lambda trial: trial.outcome["verdict"] not in QUIET),
-    ("one effect: named exactly", ONE, lambda trial: trial.exact),
-    *((f"  of {third} size", _third(third), lambda trial: trial.exact) for third in THIRDS),
-    ("one effect: the truth among the names", ONE, lambda trial: trial.in_the_set),
-    ("one effect: sure of something that is not there", ONE, lambda trial: trial.extra),
-    ("one effect: a wrong name, the truth not among them", ONE, lambda trial: trial.wrong),
-    ("two effects: both named exactly", TWO, lambda trial: trial.exact),
-    ("two effects: sure of something that is not there", TWO, lambda trial: trial.extra),
-    (
-        "outside the catalogue: flagged",
-        OUTSIDE,
-        lambda trial: trial.outcome["verdict"] in ("unexplained", "ambiguous"),
-    ),
-    ("outside the catalogue: a sure name", OUTSIDE, lambda trial: trial.extra),
-    ("the finder broke down", lambda trial: True, lambda trial: trial.outcome["verdict"] == "broken"),
+RATES: Table = (
+    ("clean: an effect named (false positive)", "clean", None, "wrong"),
+    ("clean: any alarm", "clean", None, "alarm"),
+    ("one effect: named exactly", "one", None, "exact"),
+    ("one effect: the truth among the names", "one", None, "in_the_set"),
+    ("one effect: sure of something that is not there", "one", None, "extra"),
+    ("one effect: a wrong name, the truth not among them", "one", None, "wrong"),
+    ("two effects: both named exactly", "two", None, "exact"),
+    ("two effects: sure of something that is not there", "two", None, "extra"),
+    ("outside the catalogue: flagged", "outside", None, "flagged"),
+    ("outside the catalogue: a sure name", "outside", None, "extra"),
+    ("the finder broke down", None, None, "broken"),
 )
-"""The rates that are reported: statement, condition on cases, and what counts as a hit."""
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
-    """Return the rates over these cases, the last that at which the true size of a rightly named effect lies in the
-    95 % interval."""
+    """Return the rates over these cases: those of `RATES`, by thirds of sizes too, and that at which the true size of a
+    rightly named effect lies in the 95 % interval."""
+    found, alone = rates_of(trials, RATES), [trial for trial in trials if trial.label["stratum"] == "one"]
+    for place, third in enumerate(THIRDS, start=1 + [row[-1] for row in RATES].index("exact")):
+        of_size = [trial.exact for trial in alone if trial.label["hidden"][0]["third"] == third]
+        found.insert(place, Rate.of(f"  of {third} size", of_size))
     inside = [
         abs(found["value"] - hidden["value"]) <= NORMAL * found["error"]
         for trial in trials
@@ -94,14 +88,15 @@ def rates(trials: Sequence[Trial]) -> list[Rate]:
         for found in trial.outcome["found"]
         if found["what"] == hidden["what"] and found.get("value") is not None and found["error"]
     ]
-    return [*rates_of(trials, RATES), Rate.of("true size within the 95 % interval", inside)]
+    return [*found, Rate.of("true size within the 95 % interval", inside)]
 
 
 def by_effect(trials: Sequence[Trial]) -> list[Rate]:
     """Return for each kind of effect the rate at which it was named exactly where it was hidden alone."""
     found: dict[str, list[bool]] = {}
-    for trial in filter(ONE, trials):
-        found.setdefault(trial.label["hidden"][0]["name"], []).append(trial.exact)
+    for trial in trials:
+        if trial.label["stratum"] == "one":
+            found.setdefault(trial.label["hidden"][0]["name"], []).append(trial.exact)
     return [Rate.of(name, exact) for name, exact in sorted(found.items())]
 
 

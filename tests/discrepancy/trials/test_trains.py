@@ -37,9 +37,9 @@ def test_cases_follow_from_number_and_seed():
                 assert (one.effect.name, third) == ("dead_gauge", "none")
                 continue
             low, high = BOUNDS[one.effect.name]
-            assert low <= abs(one.value) <= high
-            assert one.value > 0 or one.effect.name not in ONE_WAY
-            part = (abs(one.value) / low) ** 3 / (high / low)
+            assert low <= abs(one.effect.value) <= high
+            assert one.effect.value > 0 or one.effect.name not in ONE_WAY
+            part = (abs(one.effect.value) / low) ** 3 / (high / low)
             assert (third == "small") == (part < 1)
 
 
