@@ -191,39 +191,38 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
         usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
         found.append(Rival(number, kind, change, f"{family} {time}", family, unit, usual))
 
+    def count(w: int, how: str, when: str, course: Array, unit: str = "counts") -> None:
+        name = f"wheel {train.wheel_names[w]} counts otherwise{how}"
+        add(name, when, unit, "counts", 2 * log.n, w, course, COUNTS)
+
+    def read(f: int, j: int, how: str, when: str, course: Array, per: str = "") -> None:
+        (part, unit), usual = PARTS[j], ROUGH[j]
+        name = f"{part} of frame {train.frame_names[f]}'s sensor {how}"
+        add(name, when, unit + per, f"gauges{f}", 3, j, course, usual)
+
+    wheels, sensors = range(2 * log.n), [(f, j) for f in range(log.f) for j in range(len(PARTS))]
     for b in range(BLOCKS):
         inside = ((t >= edges[b]) & (t < edges[b + 1] + (b == BLOCKS - 1))).astype(float)
         since = (t >= edges[b]).astype(float)
         ramp = np.clip((t - edges[b]) / (edges[b + 1] - edges[b]), 0.0, 1.0)
         span, at = f"from {edges[b]:.1f} to {edges[b + 1]:.1f} s of {name}", f"at {edges[b]:.1f} s of {name}"
-        for w, wheel in enumerate(train.wheel_names):
-            add(f"wheel {wheel} counts otherwise", span, "counts", "counts", 2 * log.n, w, ramp, COUNTS)
+        for w in wheels:
+            count(w, "", span, ramp)
         for i in range(log.n):
             add(f"axle {i + 1} slips to its side", span, "m", "side", log.n, i, np.diff(ramp), SLIP * way)
-        for f, letter in enumerate(train.frame_names):
-            for j, (part, unit) in enumerate(PARTS):
-                sensor = f"{part} of frame {letter}'s sensor"
-                add(f"{sensor} is off", span, unit, f"gauges{f}", 3, j, inside, ROUGH[j])
-                if b:
-                    add(f"{sensor} jumps", at, unit, f"gauges{f}", 3, j, since, ROUGH[j])
-    for f, letter in enumerate(train.frame_names):
-        for j, (part, unit) in enumerate(PARTS):
-            family = f"{part} of frame {letter}'s sensor drifts"
-            add(family, f"in {name}", f"{unit}/s", f"gauges{f}", 3, j, t - t.mean(), ROUGH[j])
-    speed = np.abs(np.gradient(_middle(log.signed_travel), t, axis=0))
-    for w, wheel in enumerate(train.wheel_names):
+        for sensor in sensors:
+            read(*sensor, "is off", span, inside)
+            if b:
+                read(*sensor, "jumps", at, since)
+    for sensor in sensors:
+        read(*sensor, "drifts", f"in {name}", t - t.mean(), "/s")
+    ways = np.concatenate([np.zeros((1, log.n)), np.cumsum(log.signed_travel, axis=0)])
+    speed = np.abs(np.gradient(ways, t, axis=0))
+    for w in wheels:
         travel = log.signed_travel[:, w // 2]
         usual_speed = speed[1:, w // 2] @ travel**2 / max(float(np.sum(travel**2)), 1e-12)
         course = np.cumsum(np.append(0.0, (speed[1:, w // 2] - usual_speed) * travel))
-        family = f"wheel {wheel} counts otherwise with speed"
-        add(family, f"in {name}", "counts s/m2", "counts", 2 * log.n, w, course, COUNTS)
-        turned = log.turned[:, w]
-        for part, course in (("sine", np.sin(turned)), ("cosine", np.cos(turned))):
-            family = f"wheel {wheel} counts otherwise with its angle"
-            add(family, f"({part}) in {name}", "counts", "counts", 2 * log.n, w, course, COUNTS)
+        count(w, " with speed", f"in {name}", course, "counts s/m2")
+        count(w, " with its angle", f"(sine) in {name}", np.sin(log.turned[:, w]))
+        count(w, " with its angle", f"(cosine) in {name}", np.cos(log.turned[:, w]))
     return found
-
-
-def _middle(steps: Array) -> Array:
-    """Return the way of each axle up to every sample, from its steps (K - 1, N)."""
-    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])

@@ -47,10 +47,8 @@ def examine_train(
 
     seen, held = (diagnosis.before, None), None if diagnosis.held_out is None else (diagnosis.held_out[0], None)
     if found is not None:
-        seen, held = (
-            _without_and_with(train, found, logs),
-            _without_and_with(train, found, held_out) if held_out else None,
-        )
+        seen = _without_and_with(train, found, logs)
+        held = _without_and_with(train, found, held_out) if held_out else None
     data = _as_data(diagnosis, seen, held) | {
         "robot_hash": train.hash(),
         "logs": list(logs),

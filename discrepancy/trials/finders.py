@@ -31,7 +31,7 @@ QUIET = ("negligible", "no discrepancy")
 
 @dataclass(frozen=True)
 class Said:
-    """A finder's answer, in classes (`strength.separation.class_of`).
+    """A finder's answer, in classes (`hidden.class_of`).
 
     verdict: of the whole. named: the classes with verdict "named", each with its probability. credible: the 95 %
     credible sets, without unnamed alternatives. unnamed: whether a set contains an unnamed alternative. probabilities:

@@ -299,9 +299,9 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
 
 
-def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return all scores of a trial as plain data."""
-    plan, trials = Plan(**asked_of(folder)), [Trial(*case) for case in judged(folder, FINDER)]
+def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, Any]:
+    """Return all scores of a finder in a trial as plain data."""
+    plan, trials = Plan(**asked_of(folder)), [Trial(*case) for case in judged(folder, finder)]
     groups = {name: [trial for trial in trials if trial.label["robot"] == name] for name in plan.robots}
     for key, given, missing in (
         ("clean", "clean logs given", "no clean logs given"),
@@ -312,7 +312,7 @@ def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "plan": dataclasses.asdict(plan),
-        "finder": FINDER,
+        "finder": finder,
         "judged": len(trials),
         "all": _scores(trials),
         "groups": {name: _scores(group) for name, group in groups.items() if group},

@@ -76,7 +76,7 @@ class Parts:
 
     links: parents before their children; each wheel's hinge is called "roll_0", ..., each pivot "pivot_0", .... load
     (w,): static, of wheels, N; sinking: how far their contacts give under it, m. skids (s, 2): in B, m; skid_load: N.
-    height: of B's origin over the floor, m. gravity (3,): in N, m/s2. step: s.
+    height: of B's origin over the floor, m. step: s.
     """
 
     robot: RobotDescription
@@ -87,7 +87,6 @@ class Parts:
     skids: Array
     skid_load: float
     height: float
-    gravity: tuple[float, float, float]
     step: float
 
     def link(self, name: str) -> Link:
@@ -136,7 +135,6 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
         skids=skids,
         skid_load=float(loads[-1]),
         height=height,
-        gravity=(*floor.downhill_gravity, -floor.normal_gravity),
         step=step,
     )
 

@@ -51,7 +51,8 @@ class World:
         if outside is not None:
             outside.build(parts)
         build, bullet = parts.build, bullet_module()
-        self.build, self._bullet, self._step, self._gravity = build, bullet, step, parts.gravity
+        self.build, self._bullet, self._step = build, bullet, step
+        self._gravity = (*floor.downhill_gravity, -floor.normal_gravity)
         self._at = at = {"physicsClientId": bullet.connect(bullet.DIRECT)}
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=step,
@@ -86,7 +87,7 @@ class World:
         bullet.setJointMotorControlArray(
             self._body, self._hinges, bullet.VELOCITY_CONTROL, forces=[0.0] * len(hinged), **at
         )
-        bullet.setGravity(*parts.gravity, **at)
+        bullet.setGravity(*self._gravity, **at)
 
         self.radius, self._turned = build.radius.copy(), np.zeros(len(build.radius))
         self._outside = outside if outside is not None and outside.acts else None

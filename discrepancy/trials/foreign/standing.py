@@ -18,7 +18,6 @@ LIGHTEST = 0.2
 ACROSS = 0.55
 """Inertia of a wheel about its diameter over that about its axle: a disc's, and a little for its width."""
 
-
 TILTING = 0.6
 """Inertia of chassis and forks about level axes over that about the vertical: they are flat."""
 
