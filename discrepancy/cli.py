@@ -27,10 +27,11 @@ from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
 from discrepancy.report.files import write_diagnosis
 from discrepancy.trains.examine import examine_train
-from discrepancy.trains.trial import run as train_run
-from discrepancy.trains.trial import scores as train_scores
-from discrepancy.trials import run, scores
-from discrepancy.trials.run import DURATION
+from discrepancy.trials import folder as trials
+from discrepancy.trials import scores
+from discrepancy.trials.run import DURATION, Plan
+from discrepancy.trials.trains import scores as train_scores
+from discrepancy.trials.trains.run import plan_for
 
 
 class _FindUnlessTold(TyperGroup):
@@ -212,12 +213,13 @@ def trial(
 
     def run_in(folder: Path) -> None:
         if robot is not None and isinstance(any_preset(robot), TrainDescription):
-            _trial_of_train(cases, generator, seed, robot, duration, folder, jobs, as_json)
-            return
-        run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
-        run.judge(folder, jobs=jobs)
-        scored = scores.report(folder)
-        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
+            plan, scoring = plan_for(cases, generator, seed, robot, duration), train_scores
+        else:
+            plan, scoring = Plan.of(cases, seed, generator, robot, duration), scores
+        trials.make(plan, folder, jobs=jobs)
+        trials.judge(plan, folder, jobs=jobs)
+        scored = scoring.report(folder)
+        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scoring.lines(scored)))
 
     if out is not None:
         with command_line.keeping(f"what is done is kept in {out}: the same command continues"):
@@ -226,24 +228,6 @@ def trial(
     scratch = Path(tempfile.mkdtemp())
     with command_line.ending_with(lambda: shutil.rmtree(scratch, ignore_errors=True)):
         run_in(scratch / "trial")
-
-
-def _trial_of_train(
-    cases: int,
-    generator: str,
-    seed: int,
-    train: str,
-    duration: float,
-    folder: Path,
-    jobs: int | None,
-    as_json: bool,
-) -> None:
-    if generator != "pymunk":
-        raise InputError(f"--generator {generator}: trains have pymunk alone")
-    train_run.make(cases, seed, train, folder, duration=duration, jobs=jobs)
-    train_run.judge(folder, jobs=jobs)
-    scored = train_scores.report(folder)
-    print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(train_scores.lines(scored)))
 
 
 def _robot(spec: str) -> RobotDescription:
