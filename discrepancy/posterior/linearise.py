@@ -34,7 +34,7 @@ CREEP = 7e-5
 """Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.
 Real contacts are not as rigid as ideal rolling."""
 
-LEAST_NOISE = Noise(along=1e-4, across=1e-4, position=1e-4, heading=1e-4)
+LEAST_NOISE = Noise(along=3e-5, across=3e-5, position=1e-4, heading=1e-4)
 """Lower bounds of the noise of contacts and trackers: 0.1 mm after 1 m, 0.1 mm and 0.1 mrad."""
 
 COUNTS, SLIP = 0.2, 3e-5

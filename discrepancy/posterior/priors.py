@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -23,8 +24,8 @@ from estimators.calibration.maximum_likelihood import mount_prior
 PARTS = np.arange(7) / 4
 """Parts of an effect that wheel creep may mask, all with the same prior probability."""
 
-PATTERN = np.array([[1.0, PARTS.mean()], [PARTS.mean(), np.mean(PARTS**2)]])
-"""Covariance of an amplitude and its masked amount, where the variance of the amplitude is 1."""
+SHOWN_AND_MASKED = np.sqrt([np.mean((1 - PARTS) ** 2), np.mean(PARTS**2)])
+"""Standard deviations of the shown and of the masked amount of an effect whose amplitude is 1."""
 
 PARTS_OF = np.geomspace(1.0, 1 / FAULT, 5)
 """Factors on tolerances: robots in good order are as good as stated, or up to `FAULT` times better."""
@@ -76,46 +77,57 @@ def tolerances(seen: Seen) -> Array:
 def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     """Return the sizes of all candidates that a vehicle in good order shows, from clean logs where there are any.
 
-    Clean logs give a common factor on all tolerances first, then the background and scatter of each effect.
+    Clean logs give common factors on all tolerances first, then the background and scatter of each effect.
     """
     if clean is None:
-        return good_order(tolerances(seen), _pattern(seen))
-    stated, learned = good_order(_tolerance_factor(clean) * tolerances(seen), _pattern(seen)), _order_of_clean(clean)
+        return good_order(_usual(seen)).of_sizes(_basis(seen))
+    factors, learned = _order_of_clean(clean)
+    stated = good_order(np.repeat(factors, len(seen.usual)) * _usual(seen))
     of_seen, of_clean = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
             of_seen += columns.tolist()
             of_clean += clean.columns[clean.candidates.index(candidate)].tolist()
     at, of = (
-        np.array(
-            [k + part * len(source.usual) for part in range(len(_pattern(source))) for k in columns], dtype=np.intp
-        )
+        np.array([k + part * len(source.usual) for part in range(len(factors)) for k in columns], dtype=np.intp)
         for source, columns in ((seen, of_seen), (clean, of_clean))
     )
     background, doubt, scatter = stated.background.copy(), stated.doubt.copy(), stated.scatter.copy()
     background[at] = learned.background[of]
     doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = learned.doubt[np.ix_(of, of)], learned.scatter[np.ix_(of, of)]
-    return GoodOrder(background, doubt, scatter)
+    return GoodOrder(background, doubt, scatter).of_sizes(_basis(seen))
 
 
 @lru_cache(maxsize=4)
-def _tolerance_factor(clean: Seen) -> float:
-    """Return the rms factor on tolerances that clean logs show; all of `PARTS_OF` have the same prior probability."""
-    log_likelihood = log_likelihood_of(PARTS_OF, clean.logs, tolerances(clean), _pattern(clean))
-    weight = np.exp(log_likelihood - log_likelihood.max())
-    return float(np.sqrt(np.average(PARTS_OF**2, weights=weight)))
+def _order_of_clean(clean: Seen) -> tuple[Array, GoodOrder]:
+    """Return the rms factors on tolerances that clean logs show, of shown and of masked amounts, and the distribution
+    of these amounts; all pairs of `PARTS_OF` have the same prior probability.
+
+    What wheels mask is seen by the reference alone and depends on how they slip; it may scatter otherwise than what
+    the encoders of robots in good order show.
+    """
+    logs, usual = [log.of_combinations(_basis(clean)) for log in clean.logs], _usual(clean)
+    pairs = np.array(list(product(PARTS_OF, repeat=len(usual) // len(clean.usual))))
+    log_likelihood = np.array([log_likelihood_of(logs, np.repeat(pair, len(clean.usual)) * usual) for pair in pairs])
+    factors = np.sqrt(np.average(pairs**2, axis=0, weights=np.exp(log_likelihood - log_likelihood.max())))
+    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs)
 
 
-@lru_cache(maxsize=4)
-def _order_of_clean(clean: Seen) -> GoodOrder:
-    return good_order(_tolerance_factor(clean) * tolerances(clean), _pattern(clean), clean.logs)
+def _kinds(seen: Seen) -> int:
+    """Return the number of sizes that each effect has in the statistics of logs; trains have only the amplitude."""
+    return len(seen.logs[0].score) // max(len(seen.usual), 1)
 
 
-def _pattern(seen: Seen) -> Array:
-    """Return the covariance of the sizes that each effect has in the statistics of logs; trains have only the
-    amplitude."""
-    sizes = len(seen.logs[0].score) // max(len(seen.usual), 1)
-    return PATTERN[:sizes, :sizes]
+def _usual(seen: Seen) -> Array:
+    """Return the standard deviations in good order of the shown amounts, then of the masked amounts, of C effects."""
+    kinds = _kinds(seen)
+    return np.kron(SHOWN_AND_MASKED if kinds > 1 else np.ones(1), tolerances(seen))
+
+
+def _basis(seen: Seen) -> Array:
+    """Return the matrix from shown and masked amounts to sizes: an amplitude is their sum."""
+    kinds = _kinds(seen)
+    return np.kron(np.triu(np.ones((kinds, kinds))), np.eye(len(seen.usual)))
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:

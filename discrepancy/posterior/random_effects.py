@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
@@ -29,6 +28,10 @@ class Statistics(NamedTuple):
     def at(self, size: Array) -> "Statistics":
         """Return the statistics of the difference between sizes and `size` (m,)."""
         return Statistics(self.information, self.score - self.information @ size)
+
+    def of_combinations(self, basis: Array) -> "Statistics":
+        """Return the statistics of the combinations a of sizes, where the sizes are basis (m, m) times a."""
+        return Statistics(basis.T @ self.information @ basis, basis.T @ self.score)
 
     def scattered(self, scatter: Array) -> "Statistics":
         """Return the statistics of the mean of sizes that scatter about it by a covariance (m, m)."""
@@ -55,6 +58,11 @@ class GoodOrder:
     doubt: Array
     scatter: Array
 
+    def of_sizes(self, basis: Array) -> "GoodOrder":
+        """Return the distribution of the sizes that are basis (m, m) times those that this one is about."""
+        doubt, scatter = (basis @ covariance @ basis.T for covariance in (self.doubt, self.scatter))
+        return GoodOrder(basis @ self.background, doubt, scatter)
+
     def beyond(self, logs: Sequence[Statistics]) -> Statistics:
         """Return the joint statistics of logs for sizes beyond good order."""
         scattered = [log.at(self.background).scattered(self.scatter) for log in logs]
@@ -67,33 +75,32 @@ def summed(logs: Sequence[Statistics]) -> Statistics:
     return Statistics(np.asarray(information), np.asarray(score))
 
 
-def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:
+def good_order(tolerance: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:
     """Return the distribution of sizes in robots in good order, updated by clean logs if there are any.
 
-    tolerance (C,): standard deviations of each of C effects' sizes. pattern (p, p): covariance of the p sizes that each
-    effect has in b, which are the first C of m = p C, then the second ones, and so on, where the effect's is 1.
+    tolerance (m,): standard deviations of the sizes, which are independent.
 
-    By expectation and maximisation: the background of each effect is normal about 0 and its scatter normal about the
+    By expectation and maximisation: the background of each size is normal about 0 and its scatter normal about the
     background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
     """
-    usual, first = tolerance**2, np.arange(len(tolerance))
+    usual = tolerance**2
     begin = FAULT**2 if clean else 1.0  # from above: a variance that begins too small would stay so
     scatter, between = begin * usual / 2, begin * usual / 2
-    background, doubt = np.zeros(len(pattern) * len(usual)), _spread(pattern, between)
+    background, doubt = np.zeros(len(usual)), np.diag(between)
     for _ in range(ROUNDS if clean else 0):
-        by_log = [_Scattered.of(log, pattern, scatter) for log in clean]
-        about_zero = _Scattered.of(summed([log.of_mean for log in by_log]), pattern, between)
+        by_log = [_Scattered.of(log, scatter) for log in clean]
+        about_zero = _Scattered.of(summed([log.of_mean for log in by_log]), between)
         background, doubt = about_zero.mean, about_zero.covariance
         squares = np.zeros(len(usual))
         for log in by_log:
-            away, follows = log.mean - log.follows @ background, log.follows[first]
-            squares += away[first] ** 2 + log.covariance[first, first] + np.sum(follows @ doubt * follows, axis=1)
+            away = log.mean - log.follows @ background
+            squares += away**2 + np.diag(log.covariance) + np.sum(log.follows @ doubt * log.follows, axis=1)
         last = np.concatenate([scatter, between])
         scatter = (FREEDOM * usual / 2 + squares) / (FREEDOM + len(clean))
-        between = (FREEDOM * usual / 2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
+        between = (FREEDOM * usual / 2 + background**2 + np.diag(doubt)) / (FREEDOM + 1)
         if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < CONVERGED):
             break
-    return GoodOrder(background, doubt, _spread(pattern, scatter))
+    return GoodOrder(background, doubt, np.diag(scatter))
 
 
 class _Scattered(NamedTuple):
@@ -109,47 +116,39 @@ class _Scattered(NamedTuple):
     follows: Array
 
     @classmethod
-    def of(cls, log: Statistics, pattern: Array, variance: Array) -> "_Scattered":
-        """Return this for the variances (C,) of sizes.
+    def of(cls, log: Statistics, variance: Array) -> "_Scattered":
+        """Return this for the variances (m,) of the sizes.
 
         With R, the root of their covariance, and I, the information, all follows from the inverse of 1 + R' I R.
         """
-        from scipy.linalg import lapack  # slow to import
+        from scipy.linalg.lapack import dpotri  # slow to import
 
-        root, inverse_root = (
-            np.kron(mixing, np.diag(scale))
-            for mixing, scale in (
-                (np.linalg.cholesky(pattern), np.sqrt(variance)),
-                (np.linalg.inv(np.linalg.cholesky(pattern)), 1 / np.sqrt(variance)),
-            )
-        )
-        root, inverse_root = csr_array(root), csr_array(inverse_root)
-        factor, _ = lapack.dpotrf(np.eye(len(log.score)) + (root.T @ (root.T @ log.information).T), lower=True)
-        kept = np.tril(lapack.dpotri(factor, lower=True)[0])
+        root = np.sqrt(variance)
+        kept = np.tril(dpotri(_root_of_grown(log, variance), lower=True)[0])
         kept = kept + np.tril(kept, -1).T
         lost = np.eye(len(kept)) - kept
-        of_mean = Statistics(inverse_root.T @ (inverse_root.T @ lost).T, inverse_root.T @ (kept @ (root.T @ log.score)))
-        covariance = root @ (root @ kept).T
-        return cls(of_mean, covariance @ log.score, covariance, root @ (inverse_root.T @ lost).T)
+        of_mean = Statistics(lost / np.outer(root, root), (kept @ (root * log.score)) / root)
+        covariance = kept * np.outer(root, root)
+        return cls(of_mean, covariance @ log.score, covariance, lost * root[:, None] / root)
 
 
-def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array, pattern: Array) -> Array:
-    """Return the log-likelihood (k,) (natural logarithm, up to a constant) of clean logs where all tolerances are
-    multiplied by each of the factors `parts` (k,).
+def log_likelihood_of(logs: Sequence[Statistics], tolerance: Array) -> float:
+    """Return the log-likelihood (natural logarithm, up to a constant) of clean logs whose sizes are independent, each
+    normal about 0 with these standard deviations (m,) in each log.
 
-    The model is that of `good_order`, but with one factor for all effects: few of them are visible, and also the
-    effects that are not visible are evidence of how small the tolerances are.
+    Few of the sizes are visible, and also those that are not are evidence of how small the tolerances are.
     """
-    root = np.kron(np.linalg.cholesky(pattern + 1e-12 * np.eye(len(pattern))), np.diag(tolerance))
-    log_likelihood = np.zeros(len(parts))
+    from scipy.linalg import solve_triangular  # slow to import
+
+    log_likelihood = 0.0
     for log in logs:
-        strength, way = np.linalg.eigh(root.T @ log.information @ root)
-        strength, squared_score = np.maximum(strength, 0.0), (way.T @ (root.T @ log.score)) ** 2
-        grown = 1 + parts[:, None] ** 2 * strength
-        log_likelihood += np.sum(parts[:, None] ** 2 * squared_score / grown - np.log(grown), axis=1) / 2
+        factor = _root_of_grown(log, tolerance**2)
+        seen = solve_triangular(factor, tolerance * log.score, lower=True)
+        log_likelihood += float(seen @ seen / 2 - np.sum(np.log(np.diag(factor))))
     return log_likelihood
 
 
-def _spread(pattern: Array, variance: Array) -> Array:
-    """Return the covariance (m, m) of the sizes of effects with these variances (C,)."""
-    return np.kron(pattern, np.diag(variance)).astype(np.float64)
+def _root_of_grown(log: Statistics, variance: Array) -> Array:
+    """Return the lower Cholesky factor of 1 + R' I R, of the information I and the root R of variances (m,)."""
+    root = np.sqrt(variance)
+    return np.linalg.cholesky(np.eye(len(root)) + root[:, None] * log.information * root)

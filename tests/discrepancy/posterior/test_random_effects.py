@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from discrepancy.posterior.calibrated import REFITTED, SIGNATURE
-from discrepancy.posterior.random_effects import Statistics, good_order, summed
+from discrepancy.posterior.random_effects import Statistics, good_order, log_likelihood_of, summed
 
 
 def drawn(random, design, sizes):
@@ -41,7 +42,7 @@ def test_doubt_in_signatures_leaves_no_more_than_a_part_of_what_is_explained():
 
 
 def test_without_clean_logs_the_tolerances_stand():
-    told = good_order(np.array([0.1, 0.2]), np.eye(1))
+    told = good_order(np.array([0.1, 0.2]))
     assert told.scatter == pytest.approx(np.diag([0.005, 0.02]))
     assert told.doubt == pytest.approx(np.diag([0.005, 0.02]))
     assert not told.background.any()
@@ -53,17 +54,37 @@ def test_clean_logs_tell_background_and_scatter():
     clean = [
         drawn(random, 30 * random.normal(size=(100, 3)), truth + spread * random.normal(size=3)) for _ in range(60)
     ]
-    told = good_order(np.full(3, 0.05), np.eye(1), clean)
+    told = good_order(np.full(3, 0.05), clean)
     assert told.background == pytest.approx(truth, abs=0.25)
     assert np.sqrt(np.diag(told.scatter)) == pytest.approx(spread, rel=0.35)
 
 
-def test_two_sizes_of_an_effect_scatter_as_their_pattern_says():
-    pattern = np.array([[1.0, 0.75], [0.75, 0.8]])
-    told = good_order(np.array([0.1, 2.0]), pattern)
-    assert told.scatter[np.ix_([1, 3], [1, 3])] == pytest.approx(2 * pattern)
-    assert told.scatter[np.ix_([0, 2], [0, 2])] == pytest.approx(0.005 * pattern)
-    assert told.scatter[0, 3] == told.scatter[0, 1] == 0
+def test_statistics_and_order_of_combinations_are_those_of_the_sizes():
+    random, basis = np.random.default_rng(5), np.array([[1.0, 1.0], [0.0, 1.0]])
+    design, amounts = random.normal(size=(40, 2)), np.array([0.3, -0.2])
+    log = drawn(np.random.default_rng(6), design, basis @ amounts)
+    of_amounts = drawn(np.random.default_rng(6), design @ basis, amounts)
+    combined = log.of_combinations(basis)
+    assert combined.information == pytest.approx(of_amounts.information)
+    assert combined.score == pytest.approx(of_amounts.score)
+    order = good_order(np.array([0.1, 0.2]))
+    of_sizes = order.of_sizes(basis)
+    assert of_sizes.scatter == pytest.approx(basis @ order.scatter @ basis.T)
+    beyond = of_sizes.beyond([log]).of_combinations(basis)
+    assert beyond.information == pytest.approx(order.beyond([of_amounts]).information)
+    assert beyond.score == pytest.approx(order.beyond([of_amounts]).score)
+
+
+def test_the_likelihood_of_tolerances_is_that_of_the_values_drawn():
+    random = np.random.default_rng(7)
+    design, values, tolerance = random.normal(size=(20, 3)), random.normal(size=20), np.array([0.2, 1.0, 3.0])
+    log = Statistics(design.T @ design, design.T @ values)
+    of_values = [
+        multivariate_normal(np.zeros(20), np.eye(20) + design @ np.diag(sizes**2) @ design.T).logpdf(values)
+        for sizes in (tolerance, 2 * tolerance)
+    ]
+    found = [log_likelihood_of([log], sizes) for sizes in (tolerance, 2 * tolerance)]
+    assert found[1] - found[0] == pytest.approx(of_values[1] - of_values[0])
 
 
 @pytest.mark.parametrize("logs", [1, 4])
@@ -77,7 +98,7 @@ def test_a_robot_in_good_order_is_beyond_nothing_as_often_as_chance_says(logs):
         every = [
             drawn(random, design, background + tolerance * random.normal(size=3) / np.sqrt(2)) for design in designs
         ]
-        beyond = good_order(tolerance, np.eye(1)).beyond(every)
+        beyond = good_order(tolerance).beyond(every)
         squares.append(beyond.score @ np.linalg.solve(beyond.information, beyond.score))
     assert np.mean(squares) == pytest.approx(3.0, abs=4 * np.sqrt(6 / 300))
 
