@@ -22,7 +22,7 @@ from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, a
 from discrepancy.posterior.calibrated import SIGNATURE
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
-from discrepancy.posterior.random_effects import GoodOrder
+from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
@@ -275,7 +275,8 @@ def _posterior(
     in_model: sizes in the model already. far, fitted: sizes that determine the error of signatures
     (`Statistics.doubted`).
     """
-    logs = [log.at(-in_model).doubted(far, fitted) for log in seen.logs]
+    logs = agreeing([log.at(-in_model) for log in seen.logs], seen.lasting)
+    logs = [log.doubted(far, fitted) for log in logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

@@ -9,7 +9,7 @@ import numpy as np
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.priors import place_in_model, sizes_of
-from discrepancy.posterior.random_effects import GoodOrder
+from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.refit import Sized
 from estimators.calibration.identifiability import COVERAGE
 
@@ -112,5 +112,5 @@ def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: Goo
         (effect.amplitudes for effect in named if effect.candidate == answer.candidate), answer.amplitudes
     )
     size = sizes_of([place_in_model(held_out, answer.candidate)], [amplitudes], held_out)
-    statistics = order.beyond([log.at(-size) for log in held_out.logs])
+    statistics = order.beyond(agreeing([log.at(-size) for log in held_out.logs], held_out.lasting))
     return float(statistics.score @ size - size @ statistics.information @ size / 2)

@@ -66,6 +66,11 @@ class Linearised:
         return self.evidence.cost
 
     @property
+    def lasting(self) -> NDArray[np.intp]:
+        """None: of trains only single logs were compared."""
+        return np.zeros(0, dtype=np.intp)
+
+    @property
     def log_evidence(self) -> float:
         """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
         return -self.fit.deviance / 2

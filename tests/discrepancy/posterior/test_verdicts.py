@@ -38,7 +38,8 @@ def seen(log_evidence, gap) -> Any:
     """Held-out logs that say 10 ± 0.1 mm, by the formula."""
     said = Statistics(np.array([[1e8]]), np.array([0.0]))
     return SimpleNamespace(
-        candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]), cost=np.ones((2, 1)),
+        candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]),
+        lasting=np.zeros(0, dtype=np.intp), cost=np.ones((2, 1)),
         log_evidence=log_evidence, gap=gap,
     )  # fmt: skip
 
