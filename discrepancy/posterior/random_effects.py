@@ -71,8 +71,8 @@ def agreeing(logs: Sequence[Statistics], lasting: NDArray[np.intp]) -> list[Stat
     from one reference pose to the next. If it is not white, as where a tracker errs by place, it adds up otherwise:
     measured logs agree on radii several times better than white noise lets them. A factor on the information along the
     signatures of these effects has a gamma prior about 1, of `FREEDOM` degrees of freedom, which deviations of single
-    logs from their joint sizes update. One log alone stays as it is, and so do logs that agree worse: what is missing in
-    some of them is for other hypotheses to say.
+    logs from their joint sizes update. One log alone stays as it is, and so do logs that agree worse: what is missing
+    in some of them is for other hypotheses to say.
     """
     if len(logs) < 2 or not len(lasting):
         return list(logs)

@@ -38,7 +38,7 @@ def judged(
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them.
     """
-    grows = held_out is not None and _grows(answers, *held_out)
+    grows = held_out is not None and _grows(*held_out, material)
     verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
     return tuple(
         dataclasses.replace(answer, verdict=verdict, reason=reason)
@@ -95,12 +95,12 @@ def _better(without: Seen, with_named: Seen, material: Material) -> bool:
     )
 
 
-def _grows(answers: Sequence[Answer], without: Seen, with_named: Seen) -> bool:
-    """Whether effects make the held-out gap larger by more than the cost of the errors of their sizes."""
+def _grows(without: Seen, with_named: Seen, material: Material) -> bool:
+    """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what makes
+    odometry worse is not the cause, or not all of it."""
     if without.gap is None or with_named.gap is None:
         return False
-    error = np.linalg.norm([COVERAGE * answer.error * answer.cost[0] for answer in answers])
-    return bool(with_named.gap[0] - without.gap[0] > error)
+    return with_named.gap[0] - without.gap[0] > material.position
 
 
 def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> float:

@@ -1,5 +1,6 @@
 """Verdicts follow from probabilities, held-out logs and cost: on statistics that are written down by hand."""
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,9 +45,9 @@ def seen(log_evidence, gap) -> Any:
     )  # fmt: skip
 
 
-def verdict(without, with_named, material=MATERIAL):
+def verdict(without, with_named, material=MATERIAL, answer=ANSWER):
     named = [Sized(CAUSE, ANSWER.amplitudes)]
-    return verdict_of(judged([ANSWER], named, (without, with_named), ORDER, material))
+    return verdict_of(judged([answer], named, (without, with_named), ORDER, material))
 
 
 @pytest.mark.parametrize(
@@ -70,3 +71,9 @@ def test_names_explain_held_out_logs_better_or_are_not_confirmed(likelier, gap, 
 
 def test_an_effect_that_costs_less_than_matters_is_negligible_whatever_held_out_logs_say():
     assert verdict(seen(0.0, None), seen(-500.0, None), Material(1.0, 1.0)) == "negligible"
+
+
+def test_an_uncertain_size_is_no_excuse_for_a_larger_gap():
+    unsure = dataclasses.replace(ANSWER, covariance=np.array([[1e-4]]))
+    without, with_named = seen(0.0, (64e-3, 5e-3)), seen(500.0, (99e-3, 5e-3))
+    assert verdict(without, with_named, answer=unsure) == "unconfirmed"
