@@ -38,7 +38,7 @@ def judged(
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them.
     """
-    grows = held_out is not None and _grows(*held_out, material)
+    grows = held_out is not None and _grows(held_out[0], held_out[1], material)
     verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
     return tuple(
         dataclasses.replace(answer, verdict=verdict, reason=reason)
