@@ -15,7 +15,6 @@ nothing is stored. --add: keep the stored sessions that are not named.
 """
 
 import argparse
-import dataclasses
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -170,8 +169,8 @@ def halves(session: Session) -> tuple[dict[str, Log], dict[str, Log]]:
 
 
 def _cut(log: Log, rows: slice) -> Log:
-    parts = {field.name: getattr(log, field.name) for field in dataclasses.fields(log)}
-    return Log(**{name: part[rows] if isinstance(part, np.ndarray) else part for name, part in parts.items()})
+    reference = None if log.reference is None else log.reference[rows]
+    return Log(t=log.t[rows], wheel=log.wheel[rows], pivot=log.pivot[rows], reference=reference)
 
 
 def studied(session: Session, finder: bool = True) -> dict[str, Any]:
@@ -237,7 +236,7 @@ def with_table(page: str, figures: Mapping[str, Any]) -> str:
 
 def main() -> None:
     """Study the sessions of a folder."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description="How much of the gap of measured robots the finder leaves.")
     parser.add_argument("data", type=Path, help="folder that holds `optiodom`")
     parser.add_argument("--only", nargs="*", default=None, help="names of sessions; all, if left out")
     parser.add_argument("--add", action="store_true", help="keep the stored sessions that are not named")
