@@ -67,6 +67,14 @@ def test_the_table_of_trials_is_that_of_the_stored_ones():
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
 
 
+def test_the_table_of_measured_robots_is_that_of_the_stored_sessions():
+    script = script_called("study_measured_robots")
+    page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
+    assert script.with_table(page, figures) == page, "run python scripts/study_measured_robots.py DATA"
+    assert figures["format"] == script.FORMAT
+    assert len({row["session"] for row in figures["sessions"]}) == len(figures["sessions"])
+
+
 def test_stored_results_are_of_the_official_tasks():
     for task in official_tasks():
         if task.missing is None or task.name in BOARDS:

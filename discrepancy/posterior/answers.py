@@ -70,6 +70,12 @@ class Seen(Protocol):
         ...
 
     @property
+    def lasting(self) -> NDArray[np.intp]:
+        """Columns of effects that add up over a whole log, by which logs may agree better than their noise lets them;
+        empty: none is known to."""
+        ...
+
+    @property
     def usual(self) -> Array:
         """Size (C,) that unnamed alternatives have in logs of a vehicle in good order; NaN for effects of the
         catalogue."""

@@ -22,7 +22,7 @@ from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, a
 from discrepancy.posterior.calibrated import SIGNATURE
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
-from discrepancy.posterior.random_effects import GoodOrder
+from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
@@ -36,7 +36,8 @@ LOOKS = 6
 """Most rounds in which the posterior of all candidates is computed beside the effects named before."""
 
 BESIDE = 2
-"""Number of likeliest effects that are fitted while the noise is estimated."""
+"""Number of likeliest effects, beside those in the model, that are fitted while the noise is estimated: until it is in
+the model, an effect counts as noise, and may hide itself."""
 
 SECOND = 0.2
 """Least part of the deviance explained by the largest new effect that another new effect must explain to enter the
@@ -242,7 +243,7 @@ def asked(
     """
     fitted = in_model if fitted is None else fitted
     single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
-    reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places))
+    reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places, in_model))
     if reestimated is not seen:
         seen = reestimated
         single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
@@ -251,11 +252,14 @@ def asked(
     return posterior, answers_of(seen, single, posterior, score, places, in_model)
 
 
-def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place]) -> list[Cause]:
-    """Return the likeliest candidate of the catalogue in each of the most certain components."""
+def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_model: Array) -> list[Cause]:
+    """Return the likeliest candidate of the catalogue in each component that is of one in the model, and in the most
+    certain of the others."""
     named = np.array([bool(seen.candidates[place.candidate].kinds) for place in places])
-    best = (int(np.argmax(component.probability * named)) for component in posterior.components[:BESIDE])
-    return list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
+    best = (int(np.argmax(component.probability * named)) for component in posterior.components)
+    causes = list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
+    fitted = {cause for cause, columns in zip(seen.candidates, seen.columns, strict=True) if np.any(in_model[columns])}
+    return [cause for cause in causes if cause in fitted] + [cause for cause in causes if cause not in fitted][:BESIDE]
 
 
 def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> tuple[Sized, ...]:
@@ -279,7 +283,8 @@ def _posterior(
     in_model: sizes in the model already. far, fitted: sizes that determine the error of signatures
     (`Statistics.doubted`).
     """
-    logs = [log.at(-in_model).doubted(far, fitted) for log in seen.logs]
+    logs = agreeing([log.at(-in_model) for log in seen.logs], seen.lasting)
+    logs = [log.doubted(far, fitted) for log in logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

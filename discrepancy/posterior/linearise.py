@@ -6,7 +6,7 @@ so mask a part of an effect: each candidate has two columns, its unmasked signat
 creep masks.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -52,7 +52,8 @@ class Linearised:
     clock. parts: factors of predicted creep. log_evidence: log-likelihood of the logs with all sizes 0, nuisances
     integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference between
     odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms, None
-    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. designs, disagreements: of each
+    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting:
+    columns of effects on the robot's dimensions, which add up over a log. designs, disagreements: of each
     log; empty after `without_designs`.
     """
 
@@ -70,6 +71,7 @@ class Linearised:
     shared: Shared
     disagreements: tuple[Disagreement, ...]
     slips: tuple[Array, ...]
+    lasting: NDArray[np.intp]
 
     @property
     def gap(self) -> tuple[float, float] | None:
@@ -188,7 +190,14 @@ def linearise(
         shared=shared,
         disagreements=disagreements,
         slips=beyond,
+        lasting=_lasting(designs, place),
     )
+
+
+def _lasting(designs: Sequence[Columns], place: Mapping[Candidate, NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Return the columns of effects on the robot's dimensions, the first of every log."""
+    built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
+    return np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp))
 
 
 def _statistics_of(

@@ -134,10 +134,13 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     """Return all hypotheses, and the candidate and masked part of each.
 
     All families have the same prior probability. Candidates whose place or time was chosen to suit the logs share that
-    of their family with all places or times that were searched.
+    of their family with all places or times that were searched; the unnamed alternatives of one encoder, wheel or
+    castor share that of one family, as more logs are no reason to expect more of them.
     """
     stands, unseen = same_effects(robot.as_described())
     names = [stands.get(candidate.family, candidate.family) for candidate in seen.candidates]
+    family_of = {candidate: name for candidate, name in zip(seen.candidates, names, strict=True) if candidate.kinds}
+    families = [family_of.get(candidate, candidate.family.partition(" ")[0]) for candidate in seen.candidates]
     count, width = len(seen.usual), 2 * float(mount_prior(Geometry.of(robot))[0])
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
@@ -147,7 +150,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
             continue
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = PARTS.tolist() if hides else [0.0]
-        share = 1 / names.count(names[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
+        share = 1 / families.count(families[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
         hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, width) for part in parts]
         places += [Place(k, part) for part in parts]
     return hypotheses, places

@@ -11,12 +11,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
 
 ROUNDS, CONVERGED = 60, 0.01
 """Most steps of expectation and maximisation, and the relative change of variances at which they end."""
+
+SEEN = 1e-6
+"""Least strength, as a part of the largest, of a combination of sizes that logs determine."""
 
 
 class Statistics(NamedTuple):
@@ -67,6 +71,38 @@ class GoodOrder:
         """Return the joint statistics of logs for sizes beyond good order."""
         scattered = [log.at(self.background).scattered(self.scatter) for log in logs]
         return summed(scattered).scattered(self.doubt)
+
+
+def agreeing(logs: Sequence[Statistics], lasting: NDArray[np.intp]) -> list[Statistics]:
+    """Return the statistics of logs with the noise of lasting effects by how well the logs agree on them.
+
+    lasting: numbers of the sizes of effects that add up over a whole log, as a wheel's radius does. Noise is estimated
+    from one reference pose to the next. If it is not white, as where a tracker errs by place, it adds up otherwise:
+    measured logs agree on radii several times better than white noise lets them. A factor on the information along the
+    signatures of these effects has a gamma prior about 1, of `FREEDOM` degrees of freedom, which deviations of single
+    logs from their joint sizes update. One log alone stays as it is, and so do logs that agree worse: what is missing
+    in some of them is for other hypotheses to say.
+    """
+    if len(logs) < 2 or not len(lasting):
+        return list(logs)
+    blocks = [log.information[np.ix_(lasting, lasting)] for log in logs]
+    scale = 1 / np.sqrt(np.maximum(np.diag(np.sum(blocks, axis=0)), 1e-300))
+    strength, way = np.linalg.eigh(np.sum(blocks, axis=0) * np.outer(scale, scale))
+    seen = scale[:, None] * way[:, strength > SEEN * strength.max()]  # combinations of sizes that the logs determine
+    along = [(seen.T @ block @ seen, seen.T @ log.score[lasting]) for block, log in zip(blocks, logs, strict=True)]
+    inverse = [np.linalg.pinv(information, rcond=SEEN, hermitian=True) for information, _ in along]
+    joint = np.linalg.solve(np.sum([information for information, _ in along], axis=0), np.sum([s for _, s in along], 0))
+    left = [score - information @ joint for information, score in along]
+    squares = sum(float(part @ by @ part) for part, by in zip(left, inverse, strict=True))
+    freedom = sum(np.linalg.matrix_rank(information, SEEN, hermitian=True) for information, _ in along) - seen.shape[1]
+    more = max((FREEDOM + freedom) / (FREEDOM + squares) - 1, 0.0)
+    agreed = []
+    for log, by in zip(logs, inverse, strict=True):
+        onto = log.information[:, lasting] @ seen @ by
+        information = log.information + more * onto @ (seen.T @ log.information[lasting])
+        score = log.score + more * onto @ (seen.T @ log.score[lasting])
+        agreed.append(Statistics((information + information.T) / 2, score))
+    return agreed
 
 
 def summed(logs: Sequence[Statistics]) -> Statistics:

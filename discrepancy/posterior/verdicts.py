@@ -9,7 +9,7 @@ import numpy as np
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.priors import place_in_model, sizes_of
-from discrepancy.posterior.random_effects import GoodOrder
+from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.refit import Sized
 from estimators.calibration.identifiability import COVERAGE
 
@@ -38,7 +38,7 @@ def judged(
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them.
     """
-    grows = held_out is not None and _grows(answers, *held_out)
+    grows = held_out is not None and _grows(held_out[0], held_out[1], material)
     verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
     return tuple(
         dataclasses.replace(answer, verdict=verdict, reason=reason)
@@ -95,12 +95,12 @@ def _better(without: Seen, with_named: Seen, material: Material) -> bool:
     )
 
 
-def _grows(answers: Sequence[Answer], without: Seen, with_named: Seen) -> bool:
-    """Whether effects make the held-out gap larger by more than the cost of the errors of their sizes."""
+def _grows(without: Seen, with_named: Seen, material: Material) -> bool:
+    """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what makes
+    odometry worse is not the cause, or not all of it."""
     if without.gap is None or with_named.gap is None:
         return False
-    error = np.linalg.norm([COVERAGE * answer.error * answer.cost[0] for answer in answers])
-    return bool(with_named.gap[0] - without.gap[0] > error)
+    return with_named.gap[0] - without.gap[0] > material.position
 
 
 def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> float:
@@ -112,5 +112,5 @@ def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: Goo
         (effect.amplitudes for effect in named if effect.candidate == answer.candidate), answer.amplitudes
     )
     size = sizes_of([place_in_model(held_out, answer.candidate)], [amplitudes], held_out)
-    statistics = order.beyond([log.at(-size) for log in held_out.logs])
+    statistics = order.beyond(agreeing([log.at(-size) for log in held_out.logs], held_out.lasting))
     return float(statistics.score @ size - size @ statistics.information @ size / 2)

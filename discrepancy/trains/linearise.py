@@ -52,6 +52,11 @@ class Linearised:
         return np.array([np.nan if candidate.rival is None else candidate.rival.usual for candidate in self.candidates])
 
     @property
+    def lasting(self) -> NDArray[np.intp]:
+        """None: of trains only single logs were compared."""
+        return np.zeros(0, dtype=np.intp)
+
+    @property
     def log_evidence(self) -> float:
         """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
         return -self.fit.deviance / 2

@@ -12,6 +12,7 @@ of the tricycle; wheels 1 to 3 of the omni-wheel robot.
 - Omni wheels stand at the distance Li from the centre: 1 right front (bearing -60 deg), 2 left front (60 deg), 3 at the
   rear. Each rolls around the centre, and increments above 0 turn the robot clockwise. This is what the authors' matrix
   says, and no other order or sense of rotation reproduces the measured path.
+- The last steering angle of the tricycle's circles has two decimals (-0.24 for -0.23561945 rad).
 - The first row is the start: its increments were rolled before it and are dropped, as the authors' programs do.
 - In a session of squares the first half of the runs goes clockwise; `direction` reads that from the heading.
 - The authors' error is truth minus odometry at the last row, both starting at the first true pose, in its frame.
@@ -246,7 +247,8 @@ def _read_run(path: Path, kind: str) -> Log:
     pivot = np.empty((len(rows), 0))
     if columns.steering is not None:
         pivot = odometry[:, [columns.steering]] * (STEERING_COUNTS / (2 * math.pi))
-        for k in np.flatnonzero(np.abs(pivot - np.round(pivot)) > 0.01)[:1]:
+        doubt = 0.01 + np.array([[_rounding(line.cells[names.index("steering angle")])] for line in lines])
+        for k in np.flatnonzero(np.abs(pivot - np.round(pivot)) > doubt)[:1]:
             angle = odometry[k, columns.steering]
             message = f"{angle} rad is not a multiple of 2 pi / {STEERING_COUNTS}; give the angle in radians"
             raise complaint(path, lines[k].number, columns.names[columns.steering], message)
@@ -256,6 +258,12 @@ def _read_run(path: Path, kind: str) -> Log:
         pivot=np.round(pivot),
         reference=np.column_stack([truth[:, 1:3], np.unwrap(truth[:, 3])]),
     )
+
+
+def _rounding(angle: str) -> float:
+    """Return by how many counts an angle, as it is written, may have been rounded: half of its last decimal."""
+    decimals = len(angle.partition(".")[2])
+    return 10.0**-decimals / 2 * STEERING_COUNTS / (2 * math.pi) if decimals else 0.0
 
 
 IMPORTER = Importer(

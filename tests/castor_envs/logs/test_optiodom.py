@@ -97,6 +97,12 @@ def test_a_tricycle_has_a_virtual_steering_encoder(tmp_path):
     assert session.directions == ("cw",)
 
 
+def test_a_steering_angle_is_read_to_the_decimals_that_it_has(tmp_path):
+    rows = ["0,0,0,0,0,-0.23561945", "0.05,0,0,0,1,-0.24"]
+    (run,) = read_session(write_session(tmp_path, metadata=TRICYCLE, runs=(rows,))).runs
+    np.testing.assert_array_equal(run.pivot[:, 0], [-30, -30 - 1])
+
+
 def test_an_omni_session_is_rolled_as_the_authors_matrix_says(tmp_path):
     rows = ["0,0,0,3.1,9,9,9", "0.04,0,0,3.0,1,2,-3", "0.08,0,0,3,-4,0,5"]
     session = read_session(write_session(tmp_path, metadata=OMNI, runs=(rows,)))

@@ -1,5 +1,6 @@
 """What truly happened, how contacts crept, and the noise beside it, against physics that is integrated by itself."""
 
+import dataclasses
 from functools import cache
 
 import numpy as np
@@ -7,12 +8,12 @@ import pytest
 
 from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import SlipStiffness
-from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.dimensions import Track, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.hypotheses.candidates import candidates_of, stacked
 from discrepancy.measurement import fit_states
 from discrepancy.measurement.creep_prediction import FORCED, QUICK
 from discrepancy.posterior.linearise import LEAST_NOISE, linearise
@@ -99,3 +100,17 @@ def test_noise_beside_an_effect_is_what_it_leaves():
     assert with_it.noise.along > 4 * without.noise.along
     left, least = (seen.reestimate_noise([candidate]).noise.along for seen in (with_it, without))
     assert left - least < 0.1 * (with_it.noise.along - without.noise.along)
+
+
+@pytest.mark.parametrize("effect", [Track(castor=1, value=0.05), WheelRadius(castor=1, wheel=1, value=-0.03)])
+def test_encoders_that_cannot_contradict_each_other_say_nothing_of_dimensions(effect):
+    robot = preset("differential")
+    motion = wander(np.random.default_rng(3), duration=20.0, holonomic=False)
+    log = dataclasses.replace(drive(robot, motion, 3, duration=20.0), reference=None)
+    logs_evidence = []
+    for built in (robot, robot.with_effects(effect)):
+        geometry = Geometry.of(built.as_built())
+        model, unchanged = LogLikelihood(geometry, log), stacked(geometry, [])
+        at = geometry, unchanged, np.zeros(0), model.start(geometry), np.zeros(2), np.zeros(3), LEAST_NOISE
+        logs_evidence.append(model.reduce(*at).log_evidence)
+    assert logs_evidence[1] == pytest.approx(logs_evidence[0], abs=0.5)

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from discrepancy.posterior.calibrated import REFITTED, SIGNATURE
-from discrepancy.posterior.random_effects import Statistics, good_order, log_likelihood_of, summed
+from discrepancy.posterior.random_effects import Statistics, agreeing, good_order, log_likelihood_of, summed
 
 
 def drawn(random, design, sizes):
@@ -108,3 +108,25 @@ def test_logs_together_are_their_sum():
     both = summed([one, other])
     assert both.information == pytest.approx(3 * np.eye(2))
     assert both.score == pytest.approx(np.full(2, 4.0))
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0])
+def test_logs_that_agree_on_lasting_sizes_have_the_noise_that_their_agreement_shows(noise):
+    random, lasting = np.random.default_rng(5), np.array([0, 2])
+    designs = [random.normal(size=(60, 3)) for _ in range(200)]
+    logs, expected = [], []
+    for design in designs:
+        onto = design[:, lasting] @ np.linalg.pinv(design[:, lasting])  # along their signatures there is less noise
+        values = design @ [1.0, 0.0, 0.5] + (np.eye(60) - (1 - noise) * onto) @ random.normal(size=60)
+        logs.append(Statistics(design.T @ design, design.T @ values))
+        inverse = np.eye(60) + (noise**-2 - 1) * onto
+        expected.append(Statistics(design.T @ inverse @ design, design.T @ inverse @ values))
+    agreed, truly = summed(agreeing(logs, lasting)), summed(expected)
+    assert agreed.information == pytest.approx(truly.information, rel=0.15, abs=0.02 * truly.information[0, 0])
+    assert agreed.score == pytest.approx(truly.score, rel=0.15, abs=0.02 * abs(truly.score[0]))
+
+
+def test_one_log_alone_and_logs_of_nothing_that_lasts_stay_as_they_are():
+    log = drawn(np.random.default_rng(6), np.random.default_rng(7).normal(size=(20, 3)), np.ones(3))
+    assert agreeing([log], np.array([0]))[0] is log
+    assert agreeing([log, log], np.zeros(0, dtype=np.intp))[1] is log

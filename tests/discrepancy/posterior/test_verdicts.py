@@ -1,5 +1,6 @@
 """Verdicts follow from probabilities, held-out logs and cost: on statistics that are written down by hand."""
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,14 +39,15 @@ def seen(log_evidence, gap) -> Any:
     """Held-out logs that say 10 ± 0.1 mm, by the formula."""
     said = Statistics(np.array([[1e8]]), np.array([0.0]))
     return SimpleNamespace(
-        candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]), cost=np.ones((2, 1)),
+        candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]),
+        lasting=np.zeros(0, dtype=np.intp), cost=np.ones((2, 1)),
         log_evidence=log_evidence, gap=gap,
     )  # fmt: skip
 
 
-def verdict(without, with_named, material=MATERIAL):
+def verdict(without, with_named, material=MATERIAL, answer=ANSWER):
     named = [Sized(CAUSE, ANSWER.amplitudes)]
-    return verdict_of(judged([ANSWER], named, (without, with_named), ORDER, material))
+    return verdict_of(judged([answer], named, (without, with_named), ORDER, material))
 
 
 @pytest.mark.parametrize(
@@ -69,3 +71,9 @@ def test_names_explain_held_out_logs_better_or_are_not_confirmed(likelier, gap, 
 
 def test_an_effect_that_costs_less_than_matters_is_negligible_whatever_held_out_logs_say():
     assert verdict(seen(0.0, None), seen(-500.0, None), Material(1.0, 1.0)) == "negligible"
+
+
+def test_an_uncertain_size_is_no_excuse_for_a_larger_gap():
+    unsure = dataclasses.replace(ANSWER, covariance=np.array([[1e-4]]))
+    without, with_named = seen(0.0, (64e-3, 5e-3)), seen(500.0, (99e-3, 5e-3))
+    assert verdict(without, with_named, answer=unsure) == "unconfirmed"
