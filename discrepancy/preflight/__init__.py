@@ -11,7 +11,7 @@ import numpy as np
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight.checks import check_logs, dead_channels, mistakes_in, not_finite, remarks
+from discrepancy.preflight.checks import MOST_PLACES, check_logs, dead_channels, mistakes_in, not_finite, remarks
 from discrepancy.preflight.findings import Mistake, Preflight
 from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading
@@ -19,9 +19,8 @@ from discrepancy.preflight.search import MUCH, YAW, Candidate, Found, search
 
 __all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
 
-OUTLIER, OUTLIER_PART, OUTLIERS = 8.0, 0.2, 3
-"""A pose is off if the error of odometry there exceeds this multiple of the median, and this part of the way; most of
-them that are named."""
+OUTLIER, OUTLIER_PART = 8.0, 0.2
+"""A pose is off if the error of odometry there exceeds this multiple of the median, and this part of the way."""
 
 CONTRADICTED, AGREED = 0.05, 0.1
 """Least unexplained part (rms) of a motion that is reported; the part up to which encoders and reference agree well
@@ -103,8 +102,8 @@ def _poses_off(named: Sequence[tuple[str, Log]], misfits: Misfits, reading: Read
             for k in off[log_of[off] == number]
         ]
         if places:
-            remainder = f"; and {len(places) - OUTLIERS} more" if len(places) > OUTLIERS else ""
-            yield f"{name}: the reference jumps, or wheels slide: {'; '.join(places[:OUTLIERS])}{remainder}"
+            remainder = f"; and {len(places) - MOST_PLACES} more" if len(places) > MOST_PLACES else ""
+            yield f"{name}: the reference jumps, or wheels slide: {'; '.join(places[:MOST_PLACES])}{remainder}"
 
 
 def _named(candidate: Candidate) -> str:

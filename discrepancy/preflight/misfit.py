@@ -20,7 +20,7 @@ from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.stretches import WINDOW, Stretches, stretches_of
-from discrepancy.validation.parity import rows_in_use
+from discrepancy.validation.parity import WINDOWS, rows_in_use
 
 KEPT = 0.9
 """The part of the windows that is used."""
@@ -28,12 +28,9 @@ KEPT = 0.9
 SEEN = 5e-4
 """Least share of squares that contradicts the robot file: 2 % of a motion."""
 
-STRAIGHT = 2.0
-"""A reference is taken as not turned if the misfit without a turn is at most this multiple of the misfit with it: on
+ALIKE = 2.0
+"""Shares within this factor are similar. A reference is taken as not turned if the misfit without a turn is similar: on
 circles, a tracked point elsewhere on the robot looks the same as a turn."""
-
-FEWEST = 5
-"""Least number of windows with motion."""
 
 
 Pivots = tuple[tuple[int, ...], tuple[float, ...], tuple[float, ...]]
@@ -90,12 +87,12 @@ class Misfits:
         """Whether there is enough motion and redundancy, or poses, for any comparison."""
         if self.stretches is None or not len(self._place):
             return False
-        return (self.redundancy > 0 and len(self.stretches.counted) // WINDOW >= FEWEST) or self.sees_poses
+        return (self.redundancy > 0 and len(self.stretches.counted) // WINDOW >= WINDOWS) or self.sees_poses
 
     @property
     def sees_poses(self) -> bool:
         """Whether there are enough reference poses to compare."""
-        return self.stretches is not None and len(self.stretches.first) >= FEWEST
+        return self.stretches is not None and len(self.stretches.first) >= WINDOWS
 
     def of(self, reading: Reading) -> Misfit:
         """Return the misfit under a reading."""
@@ -132,7 +129,7 @@ class Misfits:
             total, straight = (np.abs(free[0] - by * free[1]) ** 2 + off_heading for by in (turn, 1.0))
             kept, yaw = _kept(total), float(np.angle(turn))
         way = (np.abs(odometry) ** 2 + np.abs(moved) ** 2 + self.length**2 * (turned**2 + angle**2)) / 2
-        if _share(straight, way) <= STRAIGHT * max(_share(total, way), SEEN):
+        if _share(straight, way) <= ALIKE * max(_share(total, way), SEEN):
             return straight, way, 0.0
         return total, way, yaw
 

@@ -9,19 +9,16 @@ from scipy.optimize import minimize_scalar
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, pivots_to_scale, places_to_scale, scale, wiring
-from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
+from discrepancy.preflight.misfit import ALIKE, SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading
 
 MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
 """A mistake must explain nearly the whole misfit: at most a tenth may remain, or a quarter where it exceeded `MUCH`, as
-the motion of a robot that was steered by wrong readings is rough."""
+the motion of a robot that was steered by wrong readings is rough. There half suffices, if every other mistake leaves
+more than twice as much (`ALIKE`): wheels then slide at every turn."""
 
-ALONE = 2.0
-"""There a reduction of the misfit by this factor suffices, if every other mistake leaves a misfit larger by this
-factor: wheels then slide at every turn."""
-
-FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.2
-"""Shares below the first number count as equal; so do shares within the factors, as similar or as the same."""
+FLOOR, SAME = 2e-5, 1.2
+"""Shares below the first number count as equal; so do shares within the factor."""
 
 GROSS = 1.5
 """Smaller factors of counts per turn are no gross mistake."""
@@ -142,7 +139,7 @@ def _simplest(near: list[Candidate]) -> Candidate:
 def _alone(candidate: Candidate, candidates: list[Candidate]) -> bool:
     """Whether a candidate stands out where much contradicts the robot: all other candidates, and no mistake, leave far
     more."""
-    return all(rival.left > max(MUCH, ALONE * candidate.left) for rival in candidates if rival is not candidate)
+    return all(rival.left > max(MUCH, ALIKE * candidate.left) for rival in candidates if rival is not candidate)
 
 
 def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:

@@ -34,6 +34,7 @@ from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.likelihood.log_likelihood import GAP
 
 Drive = Literal["commands", "counts"]
 
@@ -48,9 +49,6 @@ REMEMBERED = 10.0
 
 LONGEST = 2.0
 """Longest duration, in windows, to which a window is extended to end at a reference pose."""
-
-GAP = 3.5
-"""Steps longer than this many median steps are gaps: no window spans a gap."""
 
 HANDED_ON = ("speed", "integral", "stretch_long", "stretch_lat")
 """State variables of wheels that are carried over from window to window."""
@@ -98,7 +96,7 @@ class Replay:
             "window_s": float(np.mean(self.end - self.start)),
             "windows": len(self.start),
             "windows_with_reference": int(np.isfinite(self.body[:, 0]).sum()),
-            "driven_m": _finite(np.sum(self.driven)),
+            "driven_m": float(np.sum(self.driven)),
             "position_rms_mm": _root(np.sum(self.body[:, :2] ** 2, axis=1)),
             "along_rms_mm": _root(self.body[:, 0] ** 2),
             "across_rms_mm": _root(self.body[:, 1] ** 2),
@@ -106,7 +104,7 @@ class Replay:
             "wheels_rms_mm": _root(self.wheels**2),
             "pivots_rms_mrad": _root(self.pivots**2),
             "channels": [
-                {"name": name, "unit": unit, "rms": _root(gap**2), "mean": _mean(gap)}
+                {"name": name, "unit": unit, "rms": _root(gap**2), "mean": 1e3 * float(np.mean(gap))}
                 for name, unit, gap in zip(names, units, gaps.T, strict=True)
             ],
         }
@@ -127,7 +125,7 @@ class Replay:
 class Measured(NamedTuple):
     """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as estimated from the encoders, rad,
     unwrapped. read_wheel, read_castor: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering
-    (K, driven castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap of the log."""
+    (K, driven castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
 
     t: Array
     wheel: Array
@@ -157,7 +155,6 @@ def replay(
     *,
     clock: ArrayLike = (0.0, 0.0),
     mount: ArrayLike = (0.0, 0.0, 0.0),
-    floor: Floor | None = None,
 ) -> Replay:
     """Return the gap between the simulation of a robot, with the effects in its file, and a log.
 
@@ -173,7 +170,7 @@ def replay(
     measured = measured_in(robot, log)
     chosen, notes = _drive(robot, measured, drive)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
-    runs = list(_runs(robot, floor or Floor(), measured, chosen, windows))
+    runs = list(_runs(robot, measured, chosen, windows))
     if not runs:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
     motion, wheels, pivots = (np.array(part) for part in zip(*runs, strict=True))
@@ -239,12 +236,11 @@ def measured_in(robot: RobotDescription, log: Log) -> Measured:
 
     # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated at
     # the smoothed angles.
-    w = wheel.shape[1]
-    plain = true = _undone(robot, described, geometry, t, np.column_stack([wheel, castor]))
+    w, sensing = wheel.shape[1], _Sensing(robot)
+    plain = true = sensing.undone(t, np.column_stack([wheel, castor]))
     for _ in range(2):
         about = _smooth(true)
-        read = _read(robot, described, geometry, t, about)
-        true = plain - (_undone(robot, described, geometry, t, read) - about)
+        true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
     before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
     rates = np.gradient(_smooth(true), t, axis=0)
     return Measured(
@@ -271,25 +267,29 @@ def _smooth(angle: Array) -> Array:
     return np.asarray(savgol_filter(angle, SMOOTHED, 2, axis=0), float) if len(angle) >= SMOOTHED else angle
 
 
-def _read(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
-    """Return angles (K, w + n) of wheels and castors as the robot's encoders read them and its description converts
-    them."""
-    w = len(robot.wheels)
-    wheel, castor = readings(robot, t, angle[:, :w], angle[:, w:])
-    gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
-    return np.column_stack([wheel * gain, castor + built.pivot_zero - described.pivot_zero])
+class _Sensing:
+    """Encoders of a robot with its effects: angles (K, w + n) of wheels and castors, rad, as its description converts
+    their counts."""
 
+    def __init__(self, robot: RobotDescription) -> None:
+        described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+        self._robot, self._w = robot, len(robot.wheels)
+        self._gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
+        self._zero = built.pivot_zero - described.pivot_zero
 
-def _undone(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
-    """Return angles (K, w + n) as encoders read them with wrong counts per turn, zeros and wiring put right."""
-    w = len(robot.wheels)
-    gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
-    wheel, castor = angle[:, :w] / gain, angle[:, w:] - (built.pivot_zero - described.pivot_zero)
-    plain = robot.as_described()
-    for effect in reversed(robot.effects):
-        if effect.wiring:  # done twice, it is undone
-            wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
-    return np.column_stack([wheel, castor])
+    def read(self, t: Array, angle: Array) -> Array:
+        """Return true angles as the encoders read them."""
+        wheel, castor = readings(self._robot, t, angle[:, : self._w], angle[:, self._w :])
+        return np.column_stack([wheel * self._gain, castor + self._zero])
+
+    def undone(self, t: Array, angle: Array) -> Array:
+        """Return angles as encoders read them with wrong counts per turn, zeros and wiring put right."""
+        wheel, castor = angle[:, : self._w] / self._gain, angle[:, self._w :] - self._zero
+        plain = self._robot.as_described()
+        for effect in reversed(self._robot.effects):
+            if effect.wiring:  # done twice, it is undone
+                wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
+        return np.column_stack([wheel, castor])
 
 
 def _windows(
@@ -301,21 +301,22 @@ def _windows(
     times, poses = poses_in(robot, log, clock, mount)
     if len(times) < 2:
         notes.append("no reference poses: only what the encoders count is compared")
-    slack = 0.5 * (t[1] - t[0])
+    slack, needed = 0.5 * (t[1] - t[0]), [part for part in (measured.command, measured.steering) if part is not None]
     windows, begin = [], float(times[0]) if len(times) else float(t[0])
     while begin + window <= t[-1] + slack:
-        nearest = int(np.argmin(np.abs(times - begin))) if len(times) else 0
-        posed = len(times) > 0 and abs(times[nearest] - begin) < 1e-9
+        posed = np.flatnonzero(np.abs(times - begin) < 1e-9)
         later = np.flatnonzero((times >= begin + window - slack) & (times <= begin + LONGEST * window))
-        if posed and len(later):
-            stretch = _Window(begin, float(times[later[0]]), poses[nearest], poses[later[0]])
+        if len(posed) and len(later):
+            stretch = _Window(begin, float(times[later[0]]), poses[posed[0]], poses[later[0]])
         else:
-            stretch = _Window(begin, float(min(begin + window, t[-1])), unknown, unknown)
-            ahead = times[(times > begin + slack) & (times <= stretch.end)]
-            if len(ahead) and not posed:  # go on where a pose is known, with a shorter window before it
-                stretch = stretch._replace(end=float(ahead[0]))
+            end = float(min(begin + window, t[-1]))
+            ahead = times[(times > begin + slack) & (times <= end)]
+            if len(ahead) and not len(posed):  # go on where a pose is known, with a shorter window before it
+                end = float(ahead[0])
+            stretch = _Window(begin, end, unknown, unknown)
         first, last = _samples(t, stretch)
-        if last > first and measured.unbroken[first:last].all() and _commanded(measured, first, last):
+        commanded = all(np.isfinite(part[first:last]).all() for part in needed)
+        if last > first and measured.unbroken[first:last].all() and commanded:
             windows.append(stretch)
         begin = stretch.end
     return windows
@@ -331,25 +332,14 @@ def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLi
     for effect in robot.effects:
         times = effect.reference_time(times)
     inside = (times >= log.t[0] - 1e-9) & (times <= log.t[-1] + 1e-9)
-    body = _body_of(robot, compose(log.reference[rows[inside]], inverse(mount)))
-    return np.clip(times[inside], log.t[0], log.t[-1]), body
-
-
-def _body_of(robot: RobotDescription, shown: Array) -> Array:
-    """Return the body's poses (k, 3) for which the reference, with the robot's effects on it, shows `shown` (k, 3)."""
+    shown = compose(log.reference[rows[inside]], inverse(mount))
     body = shown
     for _ in range(4 if len(shown) else 0):  # one is enough for another point, another scale takes more
         seen = body
         for effect in robot.effects:
             seen = effect.reference_pose(seen)
         body = compose(body, relative_pose(seen, shown))
-    return body
-
-
-def _commanded(measured: Measured, first: int, last: int) -> bool:
-    return all(
-        part is None or bool(np.isfinite(part[first:last]).all()) for part in (measured.command, measured.steering)
-    )
+    return np.clip(times[inside], log.t[0], log.t[-1]), body
 
 
 def _samples(t: Array, window: _Window) -> tuple[int, int]:
@@ -360,12 +350,12 @@ def _samples(t: Array, window: _Window) -> tuple[int, int]:
 
 
 def _runs(
-    robot: RobotDescription, floor: Floor, measured: Measured, drive: Drive, windows: list[_Window]
+    robot: RobotDescription, measured: Measured, drive: Drive, windows: list[_Window]
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Yield the body's motion (3,) in each window, and the excess of encoder readings: wheels (m) and pivots (rad)."""
     t = measured.t
     period = float(t[1] - t[0])
-    plant, kept = _Plant(robot, floor, period, measured, drive), {}
+    plant, kept = _Plant(robot, period, measured, drive), {}
     for window in windows:
         first, last = _samples(t, window)
         pose = np.where(np.isfinite(window.first), window.first, 0.0)
@@ -379,13 +369,12 @@ def _runs(
         world = plant.world(first, pose, twist)
         for part in HANDED_ON:
             world.wheels[part] = wheels[part]
-        states = [(world.pose.copy(), world.wheel_angles, world.castor_angles)]
-        for k in range(first, last):
-            if k == last - 1:
-                kept = {k: _moving(world)}
-            plant.advance(world, k)
+        states, kept = [], {}
+        for k in range(first, last + 1):
             states.append((world.pose.copy(), world.wheel_angles, world.castor_angles))
-        kept[last] = _moving(world)
+            kept[k] = _moving(world)
+            if k < last:
+                plant.advance(world, k)
         poses, turned, castors = (np.array(part) for part in zip(*states, strict=True))
         began, ended = (_at(poses, (time - t[first]) / period) for time in (window.start, window.end))
         yield relative_pose(began, ended), *_beyond(robot, measured, first, turned, castors)
@@ -399,11 +388,11 @@ def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
 class _Plant:
     """A robot that is driven as in a log, from any of its samples on."""
 
-    def __init__(self, robot: RobotDescription, floor: Floor, period: float, measured: Measured, drive: Drive) -> None:
+    def __init__(self, robot: RobotDescription, period: float, measured: Measured, drive: Drive) -> None:
         self._parts = PARTS if drive == "counts" else 1
         self._period = period / self._parts
         self._robot = dataclasses.replace(robot, sample_period=self._period)
-        self._floor, self._measured, self._drive = floor, measured, drive
+        self._measured, self._drive = measured, drive
         self._driven, self._steered = np.array(robot.driven_wheels), np.array(robot.driven_castors, dtype=np.intp)
         samples = np.arange(len(measured.t))
         parts = np.linspace(0, samples[-1], self._parts * samples[-1] + 1)
@@ -412,7 +401,7 @@ class _Plant:
 
     def world(self, at: int, pose: Array, twist: Array) -> RobotWorld:
         """Return the robot at a pose, its castors as at a sample, moving with a twist."""
-        world = RobotWorld(self._robot, self._floor, pose=pose, castor_angles=self._measured.castor[at], twist=twist)
+        world = RobotWorld(self._robot, Floor(), pose=pose, castor_angles=self._measured.castor[at], twist=twist)
         if self._drive == "counts":
             world.wheels["inertia"][self._driven] = HEAVY
         return world
@@ -441,31 +430,18 @@ def _beyond(
     robot: RobotDescription, measured: Measured, first: int, wheels: Array, castors: Array
 ) -> tuple[Array, Array]:
     """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad)."""
-    described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
     since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
     before = np.column_stack([measured.wheel[since:first], measured.castor[since:first]])
-    angles = np.column_stack([measured.wheel[first] + wheels, castors])
-    t = measured.t[since : first + len(angles)]
-    read = _read(robot, described, built, t, np.concatenate([before, angles]))
-    last = first + len(angles) - 1
+    angles = np.concatenate([before, np.column_stack([measured.wheel[first] + wheels, castors])])
+    read = _Sensing(robot).read(measured.t[since : since + len(angles)], angles)
     seen = np.column_stack([measured.read_wheel, measured.read_castor])
-    excess = (read[-1] - read[first - since]) - (seen[last] - seen[first])
-    w = len(robot.wheels)
+    excess = (read[-1] - read[first - since]) - (seen[since + len(angles) - 1] - seen[first])
+    w, radius = len(robot.wheels), Geometry.of(robot.as_described()).radius
     driven, sensed = np.array(robot.driven_wheels), np.array(robot.pivot_encoders, dtype=np.intp)
-    return (excess[:w] * described.radius)[driven], excess[w:][sensed]
+    return (excess[:w] * radius)[driven], excess[w:][sensed]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _mean(values: Array) -> float | None:
-    """Return 1000 times the mean of finite values; None where there are none."""
-    known = values[np.isfinite(values)]
-    return float(1e3 * np.mean(known)) if known.size else None
-
-
-def _root(squares: Array | Sequence[float]) -> float | None:
+def _root(squares: Array) -> float | None:
     """Return 1000 times the root of the mean of finite values; None where there are none."""
-    known = np.asarray(squares)[np.isfinite(squares)]
+    known = squares[np.isfinite(squares)]
     return float(1e3 * np.sqrt(np.mean(known))) if known.size else None
