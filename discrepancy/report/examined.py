@@ -3,11 +3,9 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import SeparatingDrive
@@ -67,12 +65,12 @@ class Fit:
         """Return maps of slip in the log with this name: over time and, if there is a reference, on the floor."""
         k, called = list(self.logs).index(name), f"{names_apart(self.logs)[name]}: " if len(self.logs) > 1 else ""
         plain, *mended = (
-            traces_of(robot, self.logs[name], seen.state.states[k], seen.state.clocks[k], seen.state.mount)
+            traces_of(robot, self.logs[name], seen.state.states[k])
             for robot, seen in ((self.nominal, self.before), (self.explained, self.after))
             if seen is not None
         )
         left = [plain, *mended][-1]
-        maps = [pictures.slip(plain, *mended), *([pictures.floor(left)] if len(left.times) else [])]
+        maps = [pictures.slip(plain, *mended), *([pictures.floor(left)] if left.posed else [])]
         return [dataclasses.replace(picture, caption=f"{called}{picture.caption}") for picture in maps]
 
 
@@ -112,8 +110,7 @@ class Examined:
         for answer, drive in zip(data["answers"], drives, strict=True):
             answer["separating_drive"] = None if drive is None else plain_data.drive_data(drive)
         if sentences.unexplained(data):
-            with suppress(InputError):  # where a castor without an encoder points is not measured
-                data["where"] = these.most_slip()
+            data["where"] = these.most_slip()
         return cls(_finite(data), found, seen, tuple(drive for drive in drives if drive is not None))
 
     def page(self) -> str:

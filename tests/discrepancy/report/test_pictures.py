@@ -7,18 +7,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from castor_envs.effects.dimensions import LoadRadius, WheelRadius
-from castor_envs.floor import Floor
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
-from castor_envs.vehicles.weight import swung_loads
 from discrepancy.report import pictures
 from discrepancy.report.answers import html_of
-from discrepancy.report.traces import Errors, along_the_way, dead_reckoning, traces_of
+from discrepancy.report.traces import Errors, along_the_way, traces_of
 from discrepancy.validation.replay import replay
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -151,30 +149,10 @@ def test_the_same_logs_give_the_same_bytes(drawn, svgs):
     assert draw(drawn[1]) == svgs
 
 
-def test_dead_reckoning_of_the_right_robot_follows_the_true_path(drawn):
+def test_odometry_of_the_right_robot_follows_the_true_path(drawn):
     """Independent: the path was integrated from the motion, the counts from rolling on it; half a count is left."""
-    rolled, log = drawn
-    _, path = dead_reckoning(REAL, log)
-    off = path - (rolled.pose - rolled.pose[0])
-    assert np.abs(off[:, :2]).max() < 5e-3
-    assert off_of(REAL, log).max() < 5e-3
-    assert off_of(ASOC, log).max() > 10e-3
-    assert off_of(REAL, log).max() == pytest.approx(np.abs(off[::20, :2]).max(), abs=1e-3)
-
-
-def test_dead_reckoning_knows_that_radii_change_as_loads_shift():
-    soft, rolled = 1e-4, roll(ASOC, wander(np.random.default_rng(2), duration=12.0))
-    theta = (rolled.castor_angle[1:] + rolled.castor_angle[:-1]) / 2
-    radius = 0.0381 - soft * (swung_loads(ASOC, Floor().normal_gravity, theta) - 22.5 * Floor().normal_gravity / 6)
-    turned = np.cumsum(np.diff(rolled.wheel_angle, axis=0) * 0.0381 / radius, axis=0)
-    encoders = Encoders(Geometry.of(ASOC), np.full(6, 0.5))
-    counts = encoders.wheel(np.vstack([np.zeros(6), turned])), encoders.pivot(rolled.castor_angle)
-    off = []
-    for robot in (ASOC.with_effects(LoadRadius(value=soft)), ASOC):
-        _, path = dead_reckoning(robot, Log(rolled.t, *counts))
-        off.append(np.abs((path - (rolled.pose - rolled.pose[0]))[:, :2]).max())
-    assert off[0] < 5e-3
-    assert off[1] > 4 * off[0]
+    assert off_of(REAL, drawn[1]).max() < 5e-3
+    assert off_of(ASOC, drawn[1]).max() > 10e-3
 
 
 def test_errors_are_drawn_against_the_way_that_was_driven(drawn):
