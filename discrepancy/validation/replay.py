@@ -122,16 +122,14 @@ class Replay:
         }
 
 
-class Measured(NamedTuple):
-    """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as estimated from the encoders, rad,
-    unwrapped. read_wheel, read_castor: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering
-    (K, driven castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
+class _Measured(NamedTuple):
+    """A log on an even clock. t (K,). true (K, w + n): angles of wheels and castors, as estimated from the encoders,
+    rad, unwrapped; read: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering (K, driven
+    castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
 
     t: Array
-    wheel: Array
-    castor: Array
-    read_wheel: Array
-    read_castor: Array
+    true: Array
+    read: Array
     twist: Array
     command: Array | None
     steering: Array | None
@@ -139,7 +137,7 @@ class Measured(NamedTuple):
 
 
 class _Window(NamedTuple):
-    """start, end: s. known: whether reference poses (3,), of the body, stand at both, else both are NaN."""
+    """start, end: s. first, last (3,): poses of the body at both by the reference, NaN where one is unknown."""
 
     start: float
     end: float
@@ -167,7 +165,7 @@ def replay(
     if window <= 0:
         raise ValueError(f"a window lasts more than 0 s, got {window}")
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
-    measured = measured_in(robot, log)
+    measured = _measured_in(robot, log)
     chosen, notes = _drive(robot, measured, drive)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
     runs = list(_runs(robot, measured, chosen, windows))
@@ -203,7 +201,7 @@ def joined(replays: Sequence[Replay]) -> Replay:
     )
 
 
-def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
+def _drive(robot: RobotDescription, measured: _Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
     """Return how to drive, and notes about it."""
     commanded = measured.command is not None
     if requested == "commands" and not commanded:
@@ -215,50 +213,36 @@ def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None)
     return chosen, notes
 
 
-def measured_in(robot: RobotDescription, log: Log) -> Measured:
+def _measured_in(robot: RobotDescription, log: Log) -> _Measured:
     """Return a log of a robot with its effects on an even clock; raises InputError for castors without an encoder."""
-    described, geometry = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+    described, geometry, w = Geometry.of(robot.as_described()), Geometry.of(robot.as_built()), len(robot.wheels)
     blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
     if blind.size:
         raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
     period = float(np.median(np.diff(log.t)))
     t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
-
-    def even(values: Array) -> Array:
-        return np.array([np.interp(t, log.t, column) for column in values.T]).reshape(-1, len(t)).T
-
-    driven, sensed = np.array(robot.driven_wheels, dtype=np.intp), np.array(robot.pivot_encoders, dtype=np.intp)
-    wheel = np.zeros((len(t), len(robot.wheels)))
-    wheel[:, driven] = even(log.wheel * (2 * np.pi / described.counts_per_rev[driven]))
-    castor = np.tile(described.angle, (len(t), 1))
-    castor[:, sensed] = even(np.unwrap(castor_angles(described, log.pivot), axis=0)[:, sensed])
-    castor[:, sensed] -= 2 * np.pi * np.round(castor[0, sensed] / (2 * np.pi))  # a run begins within half a turn of 0
+    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+    seen = np.column_stack([np.zeros((len(log), w)), np.unwrap(castor_angles(described, log.pivot), axis=0)])
+    seen[:, driven] = log.wheel * (2 * np.pi / described.counts_per_rev[driven])
+    read = np.column_stack([np.interp(t, log.t, column) for column in seen.T])
+    read[:, w:][:, sensed] -= 2 * np.pi * np.round(read[0, w:][sensed] / (2 * np.pi))  # within half a turn of 0
 
     # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated at
     # the smoothed angles.
-    w, sensing = wheel.shape[1], _Sensing(robot)
-    plain = true = sensing.undone(t, np.column_stack([wheel, castor]))
+    sensing = _Sensing(robot)
+    plain = true = sensing.undone(t, read)
     for _ in range(2):
         about = _smooth(true)
         true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
-    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
     rates = np.gradient(_smooth(true), t, axis=0)
-    return Measured(
-        t,
-        true[:, :w],
-        true[:, w:],
-        wheel,
-        castor,
-        forward(geometry, true[:, w:], rates[:, w:], rates[:, :w]),
-        _known(log.command, before),
-        _known(log.steering_command if len(robot.driven_castors) else None, before),
-        np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period,
+    twist = forward(geometry, true[:, w:], rates[:, w:], rates[:, :w])
+    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
+    command, steering = (
+        None if part is None or not np.isfinite(part).any() else part[before]
+        for part in (log.command, log.steering_command if len(robot.driven_castors) else None)
     )
-
-
-def _known(commands: Array | None, at: NDArray[np.intp]) -> Array | None:
-    """Return commands at these rows of the log; None where it has none."""
-    return None if commands is None or not np.isfinite(commands).any() else commands[at]
+    unbroken = np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period
+    return _Measured(t, true, read, twist, command, steering, unbroken)
 
 
 def _smooth(angle: Array) -> Array:
@@ -293,12 +277,12 @@ class _Sensing:
 
 
 def _windows(
-    robot: RobotDescription, log: Log, measured: Measured, window: float, clock: Array, mount: Array, notes: list[str]
+    robot: RobotDescription, log: Log, measured: _Measured, window: float, clock: Array, mount: Array, notes: list[str]
 ) -> list[_Window]:
     """Return windows one after another: from reference pose to reference pose where these lie close enough, else of the
     length asked for."""
     t, unknown = measured.t, np.full(3, np.nan)
-    times, poses = poses_in(robot, log, clock, mount)
+    times, poses = _poses_in(robot, log, clock, mount)
     if len(times) < 2:
         notes.append("no reference poses: only what the encoders count is compared")
     slack, needed = 0.5 * (t[1] - t[0]), [part for part in (measured.command, measured.steering) if part is not None]
@@ -322,7 +306,7 @@ def _windows(
     return windows
 
 
-def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
+def _poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
     """Return the times within a log (k,) and poses of the body (k, 3) by the reference; see `replay`."""
     if log.reference is None:
         return np.zeros(0), np.zeros((0, 3))
@@ -350,7 +334,7 @@ def _samples(t: Array, window: _Window) -> tuple[int, int]:
 
 
 def _runs(
-    robot: RobotDescription, measured: Measured, drive: Drive, windows: list[_Window]
+    robot: RobotDescription, measured: _Measured, drive: Drive, windows: list[_Window]
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Yield the body's motion (3,) in each window, and the excess of encoder readings: wheels (m) and pivots (rad)."""
     t = measured.t
@@ -371,13 +355,13 @@ def _runs(
             world.wheels[part] = wheels[part]
         states, kept = [], {}
         for k in range(first, last + 1):
-            states.append((world.pose.copy(), world.wheel_angles, world.castor_angles))
+            states.append((world.pose.copy(), np.concatenate([world.wheel_angles, world.castor_angles])))
             kept[k] = _moving(world)
             if k < last:
                 plant.advance(world, k)
-        poses, turned, castors = (np.array(part) for part in zip(*states, strict=True))
+        poses, angles = (np.array(part) for part in zip(*states, strict=True))
         began, ended = (_at(poses, (time - t[first]) / period) for time in (window.start, window.end))
-        yield relative_pose(began, ended), *_beyond(robot, measured, first, turned, castors)
+        yield relative_pose(began, ended), *_beyond(robot, measured, first, angles)
 
 
 def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
@@ -388,7 +372,7 @@ def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
 class _Plant:
     """A robot that is driven as in a log, from any of its samples on."""
 
-    def __init__(self, robot: RobotDescription, period: float, measured: Measured, drive: Drive) -> None:
+    def __init__(self, robot: RobotDescription, period: float, measured: _Measured, drive: Drive) -> None:
         self._parts = PARTS if drive == "counts" else 1
         self._period = period / self._parts
         self._robot = dataclasses.replace(robot, sample_period=self._period)
@@ -396,12 +380,14 @@ class _Plant:
         self._driven, self._steered = np.array(robot.driven_wheels), np.array(robot.driven_castors, dtype=np.intp)
         samples = np.arange(len(measured.t))
         parts = np.linspace(0, samples[-1], self._parts * samples[-1] + 1)
-        self._wheel = CubicSpline(samples, _smooth(measured.wheel))(parts)
-        self._castor = np.stack([np.interp(parts, samples, angle) for angle in measured.castor.T], axis=-1)
+        self._w = w = len(robot.wheels)
+        self._wheel = CubicSpline(samples, _smooth(measured.true[:, :w]))(parts)
+        self._castor = np.column_stack([np.interp(parts, samples, angle) for angle in measured.true[:, w:].T])
 
     def world(self, at: int, pose: Array, twist: Array) -> RobotWorld:
         """Return the robot at a pose, its castors as at a sample, moving with a twist."""
-        world = RobotWorld(self._robot, Floor(), pose=pose, castor_angles=self._measured.castor[at], twist=twist)
+        castors = self._measured.true[at, self._w :]
+        world = RobotWorld(self._robot, Floor(), pose=pose, castor_angles=castors, twist=twist)
         if self._drive == "counts":
             world.wheels["inertia"][self._driven] = HEAVY
         return world
@@ -426,19 +412,18 @@ def _at(poses: Array, sample: float) -> Array:
     return poses[k] + (sample - k) * (poses[k + 1] - poses[k])
 
 
-def _beyond(
-    robot: RobotDescription, measured: Measured, first: int, wheels: Array, castors: Array
-) -> tuple[Array, Array]:
-    """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad)."""
-    since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
-    before = np.column_stack([measured.wheel[since:first], measured.castor[since:first]])
-    angles = np.concatenate([before, np.column_stack([measured.wheel[first] + wheels, castors])])
-    read = _Sensing(robot).read(measured.t[since : since + len(angles)], angles)
-    seen = np.column_stack([measured.read_wheel, measured.read_castor])
-    excess = (read[-1] - read[first - since]) - (seen[since + len(angles) - 1] - seen[first])
+def _beyond(robot: RobotDescription, measured: _Measured, first: int, angles: Array) -> tuple[Array, Array]:
+    """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad).
+
+    angles (n, w + n): of wheels, which begin at 0, and castors, as simulated.
+    """
     w, radius = len(robot.wheels), Geometry.of(robot.as_described()).radius
-    driven, sensed = np.array(robot.driven_wheels), np.array(robot.pivot_encoders, dtype=np.intp)
-    return (excess[:w] * radius)[driven], excess[w:][sensed]
+    since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
+    turned = angles + np.pad(measured.true[first, :w], (0, len(robot.castors)))
+    simulated = np.concatenate([measured.true[since:first], turned])
+    read = _Sensing(robot).read(measured.t[since : since + len(simulated)], simulated)
+    excess = (read[-1] - read[first - since]) - (measured.read[since + len(simulated) - 1] - measured.read[first])
+    return (excess[:w] * radius)[list(robot.driven_wheels)], excess[w:][list(robot.pivot_encoders)]
 
 
 def _root(squares: Array) -> float | None:
