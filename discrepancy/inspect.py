@@ -3,12 +3,13 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.preflight.checks import wheel_steps
+from discrepancy.preflight.stretches import poses_taken
 from discrepancy.validation.parity import BLIND, Parity, parity_residual
 
 FORMAT = "castor-inspect/1"
@@ -65,12 +66,10 @@ def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
 
     `at_most` is the largest step, in counts, that the robot's speed limit allows in the time that step took.
     """
-    columns, period = LogColumns.of(robot), np.diff(log.t)
-    channels = []
-    for name, k, counts in zip(columns.wheel, robot.driven_wheels, log.wheel.T, strict=True):
-        limit = robot.max_wheel_speed * (robot.wheels[k].counts_per_rev or np.nan) / (2 * np.pi)
-        steps = np.abs(np.diff(counts))
-        channels.append(_channel(name, "counts", counts, steps, float(limit * period[np.argmax(steps)])))
+    columns, channels = LogColumns.of(robot), []
+    for name, counts, steps, limit in wheel_steps(robot, log):
+        at_most = float(limit[np.argmax(np.abs(steps))])
+        channels.append(_channel(name, "counts", counts, np.abs(steps), at_most))
     for name, i, counts in zip(columns.pivot, robot.pivot_encoders, log.pivot.T, strict=True):
         turn, steps = robot.castors[i].pivot_counts_per_rev or np.nan, np.diff(counts)
         channels.append(_channel(name, "counts", counts, np.abs(steps - turn * np.round(steps / turn))))
@@ -81,7 +80,7 @@ def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
 
 def _reference(log: Log) -> Array:
     """Return the reference poses (k, 3) that were taken."""
-    return np.zeros((0, 3)) if log.reference is None else log.reference[np.isfinite(log.reference).all(axis=1)]
+    return np.zeros((0, 3)) if log.reference is None else log.reference[poses_taken(log)]
 
 
 def _pose_channels(poses: Array) -> list[dict[str, Any]]:
@@ -91,9 +90,7 @@ def _pose_channels(poses: Array) -> list[dict[str, Any]]:
     return [_channel(name, unit, values, step) for name, unit, values, step in parts]
 
 
-def _channel(
-    name: str, unit: str, values: NDArray[np.float64], steps: NDArray[np.float64], at_most: float | None = None
-) -> dict[str, Any]:
+def _channel(name: str, unit: str, values: Array, steps: Array, at_most: float | None = None) -> dict[str, Any]:
     return {
         "name": name,
         "unit": unit,

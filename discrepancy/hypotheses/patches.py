@@ -18,10 +18,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.wheel_tracks import Steps, along_and_across, steps_of
 
 CELL, SIDES, TILTS = 0.1, (2, 3, 4, 6, 8, 12), 6
-"""Grid of the scan for rectangles: cell, m; sides in cells; directions in a quarter turn."""
-
-NARROWEST, FINEST = 0.1, 0.025
-"""m: the shortest side of a patch, and the step in which its sides are found."""
+"""Grid of the scan for rectangles: cell, m, which is also the shortest side of a patch; sides in cells; directions in a
+quarter turn. Sides are found to a quarter of a cell."""
 
 SHARPENED = 8
 """Power of the wheels' slips in proportion to which they share the total squared slip of a step, as the smoother
@@ -114,8 +112,8 @@ def _boxes(steps: Steps) -> list[Box]:
 
 def _fitted(steps: Steps, box: Box) -> tuple[Box, float]:
     """Return the rectangle near another whose variance differs most without its hottest pass, and the deviance."""
-    gain, step = _lasting(steps, box), 4 * FINEST
-    while step >= FINEST:
+    gain, step = _lasting(steps, box), CELL
+    while step >= CELL / 4:
         tried = [(moved, _lasting(steps, moved)) for moved in near(box, step)]
         best = max(tried, key=lambda entry: entry[1])
         if best[1] > gain:
@@ -130,9 +128,9 @@ def near(box: Box, step: float) -> Iterator[Box]:
     x, y, length, width, angle = box
     c, s = math.cos(angle), math.sin(angle)
     for by, way in itertools.product((step, -step), (1, -1)):
-        if length + by >= NARROWEST:
+        if length + by >= CELL:
             yield x + way * by / 2 * c, y + way * by / 2 * s, length + by, width, angle
-        if width + by >= NARROWEST:
+        if width + by >= CELL:
             yield x - way * by / 2 * s, y + way * by / 2 * c, length, width + by, angle
     for turn in (2 * step, -2 * step):
         yield x, y, length, width, angle + turn

@@ -9,6 +9,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.preflight.reading import Channels
 from discrepancy.preflight.stretches import poses_taken
 
 SHORT, FEWEST_ROWS = 10.0, 10
@@ -80,7 +81,7 @@ def dead_channels(logs: Sequence[Log]) -> frozenset[int]:
 
 def not_finite(robot: RobotDescription, log: Log) -> Iterator[str]:
     """Yield the first number of each column that is not finite."""
-    for name, values in zip(("t", *_names(robot)), np.column_stack([log.t, _counts(log)]).T, strict=True):
+    for name, values in zip(("t", *Channels(robot).names), np.column_stack([log.t, _counts(log)]).T, strict=True):
         for k in np.flatnonzero(~np.isfinite(values))[:1]:
             yield f"column {name!r}, row {k + 1}: {values[k]} is not finite; give a number"
 
@@ -100,7 +101,7 @@ def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
     elif (gap := float(np.diff(log.t)[longest])) > LONGEST_GAP:
         at = f"row {longest + 1} (t {log.t[longest]:.6g} s)"
         yield f"nothing for {gap:g} s after {at}; correct t, or split the log there"
-    for name, counts, steps, limit in _wheels(robot, log):
+    for name, counts, steps, limit in wheel_steps(robot, log):
         for bits in WORDS:
             size = 2.0**bits
             off = np.flatnonzero((np.abs(np.abs(steps) - size) <= limit) & (2 * limit < size))
@@ -114,7 +115,7 @@ def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
 
 def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
     """Yield the remarks on one log."""
-    steps, names, counts = np.diff(log.t), _names(robot), _counts(log)
+    steps, names, counts = np.diff(log.t), Channels(robot).names, _counts(log)
     period = float(np.median(steps))
     if log.t[-1] - log.t[0] < SHORT:
         yield f"only {log.t[-1] - log.t[0]:.3g} s long ({len(log)} rows): little is observable"
@@ -137,7 +138,7 @@ def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
 
 
 def _fast(robot: RobotDescription, log: Log) -> Iterator[str]:
-    for column, _, steps, limit in _wheels(robot, log):
+    for column, _, steps, limit in wheel_steps(robot, log):
         over = np.flatnonzero(np.abs(steps) > FAST * limit + 2)
         if over.size > OFTEN * len(steps):
             ratio = float(np.max(np.abs(steps) / limit))
@@ -165,7 +166,7 @@ def _reference(log: Log) -> Iterator[str]:
             yield f"no reference poses in the {part} {edge:.3g} s"
 
 
-def _wheels(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Array, Array]]:
+def wheel_steps(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Array, Array]]:
     """Yield each wheel's column, its counts (N,), their steps (N - 1,), and those that max_wheel_speed allows."""
     for name, k, counts in zip(LogColumns.of(robot).wheel, robot.driven_wheels, log.wheel.T, strict=True):
         speed = robot.max_wheel_speed * (robot.wheels[k].counts_per_rev or np.nan) / (2 * np.pi)
@@ -174,11 +175,6 @@ def _wheels(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Arr
 
 def _counts(log: Log) -> Array:
     return np.column_stack([log.wheel, log.pivot])
-
-
-def _names(robot: RobotDescription) -> tuple[str, ...]:
-    columns = LogColumns.of(robot)
-    return (*columns.wheel, *columns.pivot)
 
 
 def _places(places: list[str]) -> str:

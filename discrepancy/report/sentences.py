@@ -11,10 +11,8 @@ HALF = 0.5
 """The part of a gap from which on the part that stays is reported first."""
 
 LEAST_REPORTED, MOST = 0.01, 3
-"""Probability from which on another name is reported, and the most that are."""
-
-WHOLE = 3
-"""Most answers that one sentence names; of more, it names the costliest of each verdict."""
+"""Probability from which on another name is reported; most such names of an answer, and most answers, that a sentence
+names: of more answers, it names the costliest of each verdict."""
 
 SHOWN = 0.05
 """Probability from which on a name stands in the picture: many are as likely as they were before logs were seen."""
@@ -41,7 +39,7 @@ def sentence(data: Data) -> str:
     for verdict, says in SAYS.items():
         of = [answer for answer in answers if answer.get("verdict") == verdict]
         of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer.get("cost") or ()), default=0.0))
-        several = [_told(data, answer) for answer in (of if len(answers) <= WHOLE else of[:1])]
+        several = [_told(data, answer) for answer in (of if len(answers) <= MOST else of[:1])]
         several += [f"{len(of) - len(several)} more"] if len(several) < len(of) else []
         parts += [says.format("; and ".join(several))] if several else []
     if not answers and mistakes:

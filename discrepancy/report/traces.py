@@ -9,10 +9,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.validation.parity import WINDOW
 from estimators.likelihood.log_likelihood import LogLikelihood
-
-WINDOW = 1.0
-"""s: over which slip is added up."""
 
 
 class Errors(NamedTuple):
