@@ -27,10 +27,11 @@ from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
 from discrepancy.report.files import write_diagnosis
 from discrepancy.trains.examine import examine_train
-from discrepancy.trains.trial import run as train_run
-from discrepancy.trains.trial import scores as train_scores
-from discrepancy.trials import run, scores
-from discrepancy.trials.run import DURATION
+from discrepancy.trials import folder as trials
+from discrepancy.trials import scores
+from discrepancy.trials.run import DURATION, Plan
+from discrepancy.trials.trains import scores as train_scores
+from discrepancy.trials.trains.run import plan_for
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
 
@@ -192,16 +193,13 @@ def trial(
 
     def run_in(folder: Path) -> None:
         if robot is not None and isinstance(any_preset(robot), TrainDescription):
-            if generator != "pymunk":
-                raise InputError(f"--generator {generator}: trains have pymunk alone")
-            train_run.make(cases, seed, robot, folder, duration=duration, jobs=jobs)
-            judge, scored_by = train_run.judge, train_scores
+            plan, scoring = plan_for(cases, generator, seed, robot, duration), train_scores
         else:
-            run.make(cases, seed, generator, folder, robot=robot, duration=duration, jobs=jobs)
-            judge, scored_by = run.judge, scores
-        judge(folder, jobs=jobs)
-        scored = scored_by.report(folder)
-        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scored_by.lines(scored)))
+            plan, scoring = Plan.of(cases, seed, generator, robot, duration), scores
+        trials.make(plan, folder, jobs=jobs)
+        trials.judge(plan, folder, jobs=jobs)
+        scored = scoring.report(folder)
+        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scoring.lines(scored)))
 
     if out is not None:
         with command_line.keeping(f"what is done is kept in {out}: the same command continues"):

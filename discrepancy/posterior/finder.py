@@ -120,7 +120,6 @@ def _diagnosed(
     names = len({hypothesis.name for hypothesis in hypotheses_of(base, plain)[0]})
     late = jitter_answer(robot, logs, held_out, clean, names)
     jitter = 0.0 if late is None or late.unnamed else late.size
-    plain = plain.without_designs()
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         known = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
@@ -143,13 +142,14 @@ def _diagnosed(
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released, jitter=jitter)
 
     worse = WORSE * sum(len(log) for log in logs)
+    first = linearise(base, logs, creep=creep, places=places, jitter=jitter) if jitter else plain
     while True:
-        first = linearise(base, logs, creep=creep, places=places, released=released, jitter=jitter)
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
         named, seen, posterior, answers = named_together(base, look, ask, worse, first)
         found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
             events, released = extended, extended.released(found, logs, seen)
+            first = linearise(base, logs, creep=creep, places=places, released=released, jitter=jitter)
             continue
         if looked or not (channels := encoders_of(answers)):
             break
@@ -158,6 +158,7 @@ def _diagnosed(
             curve = None
             break
         base = robot.with_effects(curve.effect)
+        first = linearise(base, logs, creep=creep, places=places, released=released, jitter=jitter)
     held, lacking, order, confirmed = None, None, None, [None] * len(events)
     if held_out:
         among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
@@ -167,7 +168,8 @@ def _diagnosed(
             recurring, confirmed = events.in_other_logs(found, held_out, after)
             free = recurring.released(found, held_out, after)
             after = linearise(found, held_out, creep=creep, among=among, released=free, jitter=jitter)
-        held = linearise(base, held_out, creep=creep, among=among, released=free, jitter=jitter), after
+        plainly = linearise(base, held_out, creep=creep, among=among, released=free, jitter=jitter) if named else after
+        held = plainly, after
         lacking = held[0] if curve is None else linearise(robot, held_out, creep=creep, among=(), released=free)
         order = order_of(after, good)
     beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
@@ -179,7 +181,9 @@ def _diagnosed(
     answers = [*answers, *beside]
     answers = judged(answers, named, held, order, material)
     held = None if held is None or lacking is None else (lacking.without_designs(), held[1].without_designs())
-    return Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_designs(), held, creep)
+    return Diagnosis(
+        robot, verdict_of(answers), answers, inclusion, plain.without_designs(), seen.without_designs(), held, creep
+    )
 
 
 def named_together(

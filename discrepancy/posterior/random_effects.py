@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
@@ -75,26 +76,61 @@ def good_order(tolerance: Array, pattern: Array, clean: Sequence[Statistics] = (
     By expectation and maximisation: the background of each effect is normal about 0 and its scatter normal about the
     background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
     """
-    usual = tolerance**2
+    usual, first = tolerance**2, np.arange(len(tolerance))
     begin = FAULT**2 if clean else 1.0  # from above: a variance that begins too small would stay so
     scatter, between = begin * usual / 2, begin * usual / 2
-    first = np.arange(len(usual))
-    background, doubt = np.zeros(len(pattern) * len(first)), _spread(pattern, between)
+    background, doubt = np.zeros(len(pattern) * len(usual)), _spread(pattern, between)
     for _ in range(ROUNDS if clean else 0):
-        blurred = _spread(pattern, scatter)
-        background, doubt = _posterior(summed([log.scattered(blurred) for log in clean]), _spread(pattern, between))
-        squares = np.zeros(len(first))
-        for log in clean:
-            away, unsure = _posterior(log.at(background), blurred)
-            follows = unsure @ log.information
-            unsure = unsure + follows @ doubt @ follows.T
-            squares += away[first] ** 2 + unsure[first, first]
+        by_log = [_Scattered.of(log, pattern, scatter) for log in clean]
+        about_zero = _Scattered.of(summed([log.of_mean for log in by_log]), pattern, between)
+        background, doubt = about_zero.mean, about_zero.covariance
+        squares = np.zeros(len(usual))
+        for log in by_log:
+            away, follows = log.mean - log.follows @ background, log.follows[first]
+            squares += away[first] ** 2 + log.covariance[first, first] + np.sum(follows @ doubt * follows, axis=1)
         last = np.concatenate([scatter, between])
         scatter = (FREEDOM * usual / 2 + squares) / (FREEDOM + len(clean))
         between = (FREEDOM * usual / 2 + background[first] ** 2 + doubt[first, first]) / (FREEDOM + 1)
         if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < CONVERGED):
             break
     return GoodOrder(background, doubt, _spread(pattern, scatter))
+
+
+class _Scattered(NamedTuple):
+    """A log whose sizes scatter about a mean: the statistics of the mean (`Statistics.scattered`), and, where the mean
+    is 0, the posterior mean (m,) of the sizes and their covariance (m, m).
+
+    follows (m, m): by how much nearer to 0 the sizes' differences from the mean are, per unit of the mean.
+    """
+
+    of_mean: Statistics
+    mean: Array
+    covariance: Array
+    follows: Array
+
+    @classmethod
+    def of(cls, log: Statistics, pattern: Array, variance: Array) -> "_Scattered":
+        """Return this for the variances (C,) of sizes.
+
+        With R, the root of their covariance, and I, the information, all follows from the inverse of 1 + R' I R.
+        """
+        from scipy.linalg import lapack  # slow to import
+
+        root, inverse_root = (
+            np.kron(mixing, np.diag(scale))
+            for mixing, scale in (
+                (np.linalg.cholesky(pattern), np.sqrt(variance)),
+                (np.linalg.inv(np.linalg.cholesky(pattern)), 1 / np.sqrt(variance)),
+            )
+        )
+        root, inverse_root = csr_array(root), csr_array(inverse_root)
+        factor, _ = lapack.dpotrf(np.eye(len(log.score)) + (root.T @ (root.T @ log.information).T), lower=True)
+        kept = np.tril(lapack.dpotri(factor, lower=True)[0])
+        kept = kept + np.tril(kept, -1).T
+        lost = np.eye(len(kept)) - kept
+        of_mean = Statistics(inverse_root.T @ (inverse_root.T @ lost).T, inverse_root.T @ (kept @ (root.T @ log.score)))
+        covariance = root @ (root @ kept).T
+        return cls(of_mean, covariance @ log.score, covariance, root @ (inverse_root.T @ lost).T)
 
 
 def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array, pattern: Array) -> Array:
@@ -117,10 +153,3 @@ def log_likelihood_of(parts: Array, logs: Sequence[Statistics], tolerance: Array
 def _spread(pattern: Array, variance: Array) -> Array:
     """Return the covariance (m, m) of the sizes of effects with these variances (C,)."""
     return np.kron(pattern, np.diag(variance)).astype(np.float64)
-
-
-def _posterior(statistics: Statistics, prior: Array) -> tuple[Array, Array]:
-    """Return mean (m,) and covariance (m, m) of sizes with a normal prior about 0."""
-    covariance: Array = np.linalg.solve(np.eye(len(prior)) + prior @ statistics.information, prior).astype(np.float64)
-    covariance = (covariance + covariance.T) / 2
-    return covariance @ statistics.score, covariance

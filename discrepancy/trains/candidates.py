@@ -2,7 +2,9 @@
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.linearise import COUNTS, SLIP
-from discrepancy.trains.rows import ROUGH, TrainLog
+from estimators.likelihood.trains.rows import ROUGH, TrainLog
+from estimators.likelihood.trains.states import Term
 
 OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)
 OF_AXLES = (Track, WheelRadius, AllWheelRadius)
@@ -31,58 +34,47 @@ class Placed:
     effect: Effect
     axle: int | None = None
 
-    @property
-    def value(self) -> float:
-        """The amplitude; 1 for binary effects."""
-        return self.effect.value
-
     def sized(self, value: float) -> "Placed":
         """Return the effect with this amplitude; raises ValueError if it cannot have it."""
         if self.effect.binary:
             return self
         return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
 
-    def same_but_amplitude(self, second: "Placed") -> bool:
-        """Whether two effects differ at most in their amplitudes."""
-        return self.axle == second.axle and self.place() == second.place()
-
-    def place(self) -> tuple[object, ...]:
-        """Return all fields of the effect but its amplitude."""
-        fields = [field.name for field in dataclasses.fields(self.effect)]
-        return tuple((name, getattr(self.effect, name)) for name in sorted(fields) if name != "value")
-
     def added(self, train: TrainDescription) -> TrainDescription:
         """Return the train with this effect added."""
-        if self.axle is None:
-            return train.with_effects(self.effect)  # type: ignore[arg-type]
-        modules = list(train.modules)
-        modules[self.axle - 1] = modules[self.axle - 1].with_effects(self.effect)  # type: ignore[arg-type]
-        return dataclasses.replace(train, modules=tuple(modules))
+        return self._with(train, (*self._effects(train), self.effect))
 
-    def enlarged(self, train: TrainDescription) -> tuple["TrainDescription", float]:
+    def enlarged(self, train: TrainDescription) -> tuple[TrainDescription, float]:
         """Return the train with a little more of this effect, and the change of its amplitude.
 
         In a train that has the effect its amplitude grows by a step, or shrinks where it cannot grow; a binary effect
         is removed. Other trains get the effect in the size of its step.
         """
-        step = self.effect.step
-        effects = train.effects if self.axle is None else train.modules[self.axle - 1].effects
+        step, effects = self.effect.step, self._effects(train)
         for k, effect in enumerate(effects):
-            placed = Placed(effect, self.axle)
-            if effect.name == self.effect.name and placed.same_but_amplitude(self):
+            if self._place(effect) == self._place(self.effect):
+                if effect.binary:
+                    return self._with(train, (*effects[:k], *effects[k + 1 :])), -step
                 for change in (step, -step):
-                    try:
-                        changed = () if effect.binary else (placed.sized(placed.value + change).effect,)
-                    except ValueError:
-                        continue
-                    change = -step if effect.binary else change
-                    changed_effects = (*effects[:k], *changed, *effects[k + 1 :])
-                    if self.axle is None:
-                        return dataclasses.replace(train, effects=changed_effects), change
-                    modules = list(train.modules)
-                    modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=changed_effects)
-                    return dataclasses.replace(train, modules=tuple(modules)), change
+                    with suppress(ValueError):
+                        larger = dataclasses.replace(effect, value=effect.value + change)
+                        return self._with(train, (*effects[:k], larger, *effects[k + 1 :])), change
         return self.sized(step).added(train), step
+
+    def _effects(self, train: TrainDescription) -> tuple[Effect, ...]:
+        return train.effects if self.axle is None else train.modules[self.axle - 1].effects
+
+    def _with(self, train: TrainDescription, effects: tuple[Effect, ...]) -> TrainDescription:
+        """Return the train, or the train with this effect's module, with other effects."""
+        if self.axle is None:
+            return dataclasses.replace(train, effects=effects)
+        modules = list(train.modules)
+        modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=effects)
+        return dataclasses.replace(train, modules=tuple(modules))
+
+    def _place(self, effect: Effect) -> dict[str, Any]:
+        """Return all fields of an effect but its amplitude."""
+        return {name: value for name, value in dataclasses.asdict(effect).items() if name != "value"}
 
     def what(self, train: TrainDescription) -> str:
         """Return the effect and its place in words."""
@@ -100,19 +92,13 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
-    """An unnamed alternative.
-
-    what: in words. family: the same at any time of the log. log: number from 0. kind: of the equations that it changes;
-    change: their change per unit. usual: its size in a train in good order.
-    """
+class Rival(Term):
+    """An unnamed alternative. what: in words. family: the same at any time of the log. usual: its size in a train in
+    good order."""
 
     what: str
     family: str
     unit: str
-    log: int
-    kind: str
-    change: Array
     usual: float
 
 
@@ -167,14 +153,12 @@ def named_candidates(train: TrainDescription) -> list[Candidate]:
     placed = [Placed(effect) for kind in OF_TRAINS for effect in kind.variants(train)]
     for i, module in enumerate(train.modules, start=1):
         placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
-    dead = train.as_built()
-    gone = {(f, gauge) for f, frame in enumerate(dead.frames, start=1) for gauge in frame.dead_gauges}
-    live = [
-        located
+    gone = {(f, gauge) for f, frame in enumerate(train.as_built().frames, start=1) for gauge in frame.dead_gauges}
+    return [
+        Candidate(located.what(train), located.effect.unit, located)
         for located in placed
         if (getattr(located.effect, "frame", 0), getattr(located.effect, "gauge", None)) not in gone
     ]
-    return [Candidate(located.what(train), located.effect.unit, located) for located in live]
 
 
 def dead_gauges(train: TrainDescription) -> list[Candidate]:
@@ -205,41 +189,40 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
         usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
-        found.append(Rival(f"{family} {time}", family, unit, number, kind, change, usual))
+        found.append(Rival(number, kind, change, f"{family} {time}", family, unit, usual))
 
+    def count(w: int, how: str, when: str, course: Array, unit: str = "counts") -> None:
+        name = f"wheel {train.wheel_names[w]} counts otherwise{how}"
+        add(name, when, unit, "counts", 2 * log.n, w, course, COUNTS)
+
+    def read(f: int, j: int, how: str, when: str, course: Array, per: str = "") -> None:
+        (part, unit), usual = PARTS[j], ROUGH[j]
+        name = f"{part} of frame {train.frame_names[f]}'s sensor {how}"
+        add(name, when, unit + per, f"gauges{f}", 3, j, course, usual)
+
+    wheels, sensors = range(2 * log.n), [(f, j) for f in range(log.f) for j in range(len(PARTS))]
     for b in range(BLOCKS):
         inside = ((t >= edges[b]) & (t < edges[b + 1] + (b == BLOCKS - 1))).astype(float)
         since = (t >= edges[b]).astype(float)
         ramp = np.clip((t - edges[b]) / (edges[b + 1] - edges[b]), 0.0, 1.0)
         span, at = f"from {edges[b]:.1f} to {edges[b + 1]:.1f} s of {name}", f"at {edges[b]:.1f} s of {name}"
-        for w, wheel in enumerate(train.wheel_names):
-            add(f"wheel {wheel} counts otherwise", span, "counts", "counts", 2 * log.n, w, ramp, COUNTS)
+        for w in wheels:
+            count(w, "", span, ramp)
         for i in range(log.n):
             add(f"axle {i + 1} slips to its side", span, "m", "side", log.n, i, np.diff(ramp), SLIP * way)
-        for f, letter in enumerate(train.frame_names):
-            for j, (part, unit) in enumerate(PARTS):
-                sensor = f"{part} of frame {letter}'s sensor"
-                add(f"{sensor} is off", span, unit, f"gauges{f}", 3, j, inside, ROUGH[j])
-                if b:
-                    add(f"{sensor} jumps", at, unit, f"gauges{f}", 3, j, since, ROUGH[j])
-    for f, letter in enumerate(train.frame_names):
-        for j, (part, unit) in enumerate(PARTS):
-            family = f"{part} of frame {letter}'s sensor drifts"
-            add(family, f"in {name}", f"{unit}/s", f"gauges{f}", 3, j, t - t.mean(), ROUGH[j])
-    speed = np.abs(np.gradient(_middle(log.signed_travel), t, axis=0))
-    for w, wheel in enumerate(train.wheel_names):
+        for sensor in sensors:
+            read(*sensor, "is off", span, inside)
+            if b:
+                read(*sensor, "jumps", at, since)
+    for sensor in sensors:
+        read(*sensor, "drifts", f"in {name}", t - t.mean(), "/s")
+    ways = np.concatenate([np.zeros((1, log.n)), np.cumsum(log.signed_travel, axis=0)])
+    speed = np.abs(np.gradient(ways, t, axis=0))
+    for w in wheels:
         travel = log.signed_travel[:, w // 2]
         usual_speed = speed[1:, w // 2] @ travel**2 / max(float(np.sum(travel**2)), 1e-12)
         course = np.cumsum(np.append(0.0, (speed[1:, w // 2] - usual_speed) * travel))
-        family = f"wheel {wheel} counts otherwise with speed"
-        add(family, f"in {name}", "counts s/m2", "counts", 2 * log.n, w, course, COUNTS)
-        turned = log.turned[:, w]
-        for part, course in (("sine", np.sin(turned)), ("cosine", np.cos(turned))):
-            family = f"wheel {wheel} counts otherwise with its angle"
-            add(family, f"({part}) in {name}", "counts", "counts", 2 * log.n, w, course, COUNTS)
+        count(w, " with speed", f"in {name}", course, "counts s/m2")
+        count(w, " with its angle", f"(sine) in {name}", np.sin(log.turned[:, w]))
+        count(w, " with its angle", f"(cosine) in {name}", np.cos(log.turned[:, w]))
     return found
-
-
-def _middle(steps: Array) -> Array:
-    """Return the way of each axle up to every sample, from its steps (K - 1, N)."""
-    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])

@@ -13,8 +13,9 @@ from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import check_logs
 from discrepancy.report.answers import drawn, html_of
 from discrepancy.report.plain_data import FORMAT, Data, answer_data, gaps
-from discrepancy.trains.linearise import Linearised, equations_of, linearise
+from discrepancy.trains.linearise import Linearised, linearise
 from discrepancy.trains.posterior import diagnose_train
+from estimators.likelihood.trains.states import equations_of
 
 Logs = Mapping[str, Log]
 
@@ -46,10 +47,8 @@ def examine_train(
 
     seen, held = (diagnosis.before, None), None if diagnosis.held_out is None else (diagnosis.held_out[0], None)
     if found is not None:
-        seen, held = (
-            _without_and_with(train, found, logs),
-            _without_and_with(train, found, held_out) if held_out else None,
-        )
+        seen = _without_and_with(train, found, logs)
+        held = _without_and_with(train, found, held_out) if held_out else None
     data = _as_data(diagnosis, seen, held) | {
         "robot_hash": train.hash(),
         "logs": list(logs),

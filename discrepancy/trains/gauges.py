@@ -15,8 +15,7 @@ from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
 from discrepancy.trains.candidates import Candidate, Placed
-from discrepancy.trains.evidence import cost_of_noise
-from discrepancy.trains.linearise import Linearised
+from discrepancy.trains.linearise import Linearised, cost_of_noise
 
 DIFFERENCES = 2 / 3
 """Information on noise in a difference of successive readings, relative to that of an independent reading."""
@@ -42,11 +41,13 @@ def with_dead_gauges(
             continue
         kept = [effect for effect in named if effect.candidate != answer.candidate]
         without = seen.log_evidence if len(kept) == len(named) else _log_evidence(look, kept, seen)
-        kept_causes, gauges = {effect.candidate for effect in kept}, []
-        for candidate in seen.candidates:
-            (gauge_kind,) = candidate.kinds or (None,)
-            if isinstance(gauge_kind, DeadGauge) and gauge_kind.frame == kind.frame and candidate not in kept_causes:
-                gauges.append(candidate)
+        known = {effect.candidate for effect in kept}
+        gauges = [
+            candidate
+            for candidate in seen.candidates
+            for gauge in candidate.kinds
+            if isinstance(gauge, DeadGauge) and gauge.frame == kind.frame and candidate not in known
+        ]
         evidences = [_log_evidence(look, [*kept, Sized(gauge, np.ones(1))], seen) for gauge in gauges]
         weights = np.array([without + np.log(NOTHING), *(np.array(evidences) + np.log1p(-NOTHING) - np.log(names))])
         nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()
@@ -54,7 +55,7 @@ def with_dead_gauges(
         if nothing > 1 - CREDIBLE:
             continue
         count = int(np.searchsorted(np.cumsum([part for part, _ in likeliest]), CREDIBLE - nothing)) + 1
-        _, best = likeliest[0]
+        best = likeliest[0][1]
         judged[best] = dataclasses.replace(
             answer,
             probabilities={gauge.family: part for part, gauge in likeliest if part > SHOWN},
@@ -83,14 +84,15 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
     """
     answers = []
     for kind in GaugeNoise.variants(seen.train):
-        f, tolerance = kind.frame - 1, GaugeNoise.tolerance
-        usual = 0.0 if good is None else _excess(good, f)
+        f, tolerance, usual = kind.frame - 1, GaugeNoise.tolerance, 0.0
+        if good is not None:
+            usual = float(good.train.as_built().frames[f].gauge_noise * max(_noise(good, f)[1] - 1, 0.0) ** 0.5)
         probability, size, error = weighed(_log_likelihood(seen, f, usual), names)
         if probability < CREDIBLE:
             continue
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
         candidate = _candidate(Placed(kind), seen.train)
-        cost = cost_of_noise(seen.train, seen.train_logs, seen.fit, f)
+        cost = cost_of_noise(seen, f)
         answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
     return answers
 
@@ -160,23 +162,15 @@ def _noise(seen: Linearised, f: int) -> tuple[float, float]:
     return DIFFERENCES * number, square
 
 
-def _excess(seen: Linearised, f: int) -> float:
-    """Return the noise of a frame's gauges beyond the described noise, 1/m."""
-    _, square = _noise(seen, f)
-    return float(seen.train.as_built().frames[f].gauge_noise * max(square - 1, 0.0) ** 0.5)
-
-
 def _stop(train: TrainDescription, log: Log, f: int) -> float | None:
     """Return the time (s) of the reading that a frame's sensor repeats to the log's end; None where it does not
     stop."""
     if log.rps is None or log.rps_age is None:
         return None
     read, age = log.rps[:, 3 * f : 3 * f + 3], log.rps_age[:, f]
-    if not np.isfinite(read[-1]).all():
-        return None
-    repeated = np.all(read == read[-1], axis=1)
-    first = int(len(repeated) - np.argmin(repeated[::-1])) if not repeated.all() else 0
-    if len(repeated) - first <= STOPPED:
+    others = np.flatnonzero(np.any(read != read[-1], axis=1))  # all, if the last is NaN
+    first = int(others[-1]) + 1 if len(others) else 0
+    if len(read) - first <= STOPPED:
         return None
     aged = age[-1] > STOPPED * train.sample_period / 2
     noisy = train.as_built().frames[f].gauge_noise > 0

@@ -3,7 +3,7 @@ out."""
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,39 +11,35 @@ from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import Log
+from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.priors import bounds_of
-from discrepancy.posterior.random_effects import Statistics
-from discrepancy.trains.candidates import Candidate, Rival
-from discrepancy.trains.evidence import Evidence, FittedStates, evidence_of, fit_states
-from discrepancy.trains.gap import localised_off
-from discrepancy.trains.motion import LEAST_SIZE, Motion, Sizes
-from discrepancy.trains.rows import TrainLog
+from discrepancy.posterior.random_effects import Statistics, summed
+from discrepancy.trains.candidates import Candidate
+from discrepancy.validation.cost import cost_of_sizes
+from estimators.likelihood.trains.motion import Motion, Sizes
+from estimators.likelihood.trains.rows import TrainLog
+from estimators.likelihood.trains.states import PROBES, Equations, FittedStates, fit_states
 
-OFTEN = 0.9
-"""Largest part of the time that an axle may slide; if it seems to slide more, the cause is an error of the
-description."""
+HORIZON = 5.0
+"""s of localisation by wheel counts alone before the train is reset to its fitted pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Candidates of a train, one size each, and their statistics in its logs beyond its effects; see
-    `posterior.linearise.Linearised`."""
+    """Candidates of a train, one size each, and their statistics in each log beyond its effects; see
+    `posterior.linearise.Linearised`.
+
+    cost (2, P): error of the train's localisation by counts and relative poses per unit of each candidate that is
+    ignored: m after 10 m, rad after a turn. fit: motions about which equations are linearised, and sizes of noise.
+    """
 
     train: TrainDescription
     train_logs: tuple[TrainLog, ...]
-    evidence: Evidence
-
-    @property
-    def fit(self) -> FittedStates:
-        """The motions about which equations are linearised, and the sizes of noise."""
-        return self.evidence.fit
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """The candidates."""
-        return self.evidence.candidates
+    candidates: tuple[Candidate, ...]
+    logs: tuple[Statistics, ...]
+    cost: Array
+    fit: FittedStates
 
     @property
     def columns(self) -> tuple[NDArray[np.intp], ...]:
@@ -51,19 +47,9 @@ class Linearised:
         return tuple(np.array([k], dtype=np.intp) for k in range(len(self.candidates)))
 
     @property
-    def logs(self) -> tuple[Statistics, ...]:
-        """Information and score of each log."""
-        return self.evidence.logs
-
-    @property
     def usual(self) -> Array:
         """Size of unnamed alternatives in logs of a train in good order; NaN for effects."""
         return np.array([np.nan if candidate.rival is None else candidate.rival.usual for candidate in self.candidates])
-
-    @property
-    def cost(self) -> Array:
-        """Error of the train's localisation per unit of each candidate."""
-        return self.evidence.cost
 
     @property
     def log_evidence(self) -> float:
@@ -72,12 +58,25 @@ class Linearised:
 
     @property
     def gap(self) -> tuple[float, float] | None:
-        """Error of the train's localisation (`localised_off`), m and rad."""
+        """Error of the train's localisation by counts and relative poses within `HORIZON` against the reference, m and
+        rad (rms); None without a reference, or where there is no solution."""
         return self._gap
 
     @cached_property
     def _gap(self) -> tuple[float, float] | None:
-        return localised_off(self.train, self.train_logs, self.fit)
+        built, poses = self.train.as_built(), [np.zeros((0, 3))]
+        try:
+            blind = fit_states(
+                self.train, [log.without_reference() for log in self.train_logs], self.fit, self.fit.sizes
+            )
+        except InputError:
+            return None
+        for log, motion, localised in zip(self.train_logs, self.fit.motions, blind.motions, strict=True):
+            if len(log.at):
+                left = log.residuals(built, replace(motion, pose=_carried(localised.pose, motion, log.t)))
+                poses.append(np.concatenate([left["position"], left["heading"][..., None]], axis=-1).reshape(-1, 3))
+        pose = np.concatenate(poses)
+        return (_rms(pose[:, :2]), _rms(pose[:, 2:])) if len(pose) else None
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes, and beside
@@ -85,30 +84,24 @@ class Linearised:
 
         Effects that are not in the model would count as slip and noise.
         """
+        built, (information, score) = self.train, summed(self.logs)
         chosen = [k for k, candidate in enumerate(self.candidates) if candidate in effects]
-        best, _ = self.evidence.best(chosen)
-        built, information, score = self.train, self.evidence.information, self.evidence.score
-        for k, size in zip(chosen, best.tolist(), strict=True):
+        for k, size in zip(chosen, _likeliest(information, score, chosen).tolist(), strict=True):
             size = float(np.clip(size, *bounds_of(self.candidates[k].kinds[0])))
             if size * (2 * score[k] - size * information[k, k]) > 0:
                 built = self.candidates[k].added(built, [size])
-        with suppress(InputError):  # it does not fit at all
-            beside = fit_states(built, self.train_logs, self.fit, unnamed=self._likeliest_unnamed())
-            sizes = self.fit.sizes.at_most(beside.sizes)
-            if sizes != self.fit.sizes:
-                return linearise(self.train, self.train_logs, self.fit, self.candidates, sizes)
-        return self
-
-    def _likeliest_unnamed(self) -> list[Rival]:
-        """Return all unnamed alternatives of the family that explains most together."""
-        information, score = self.evidence.information, self.evidence.score
         families: dict[str, list[int]] = {}
         for k, candidate in enumerate(self.candidates):
             if candidate.rival is not None and information[k, k] > 0:
                 families.setdefault(candidate.family, []).append(k)
-        gains = {name: float(score[k] @ self.evidence.best(k)[0]) / len(k) for name, k in families.items()}
-        chosen = families[max(gains, key=gains.__getitem__)] if gains else []
-        return [rival for k in chosen if (rival := self.candidates[k].rival) is not None]
+        gains = {name: float(score[k] @ _likeliest(information, score, k)) / len(k) for name, k in families.items()}
+        family = families[max(gains, key=gains.__getitem__)] if gains else []
+        unnamed = [rival for k in family if (rival := self.candidates[k].rival) is not None]
+        with suppress(InputError):  # it does not fit at all
+            sizes = self.fit.sizes.at_most(fit_states(built, self.train_logs, self.fit, terms=unnamed).sizes)
+            if sizes != self.fit.sizes:
+                return linearise(self.train, self.train_logs, self.fit, self.candidates, sizes)
+        return self
 
 
 def linearise(
@@ -123,53 +116,84 @@ def linearise(
     start: the motion of a similar train. sizes: known noise; None: fitted. Raises InputError for logs that the train
     cannot have made.
     """
-    return Linearised(train, tuple(logs), evidence_of(train, logs, fit_states(train, logs, start, sizes), among))
+    found, built = fit_states(train, logs, start, sizes), train.as_built()
+    enlarged = [None if candidate.placed is None else candidate.placed.enlarged(train) for candidate in among]
+    statistics, costs = [], []
+    for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):
+        equations = Equations.of(log, built, motion, found.sizes)
+        zero, ends = equations.left, equations.ends
+        columns = np.zeros((len(equations.residual), log.numbers + len(among)))
+        columns[:, : log.numbers] = equations.by_number
+        for column, candidate, larger in zip(columns.T[log.numbers :], among, enlarged, strict=True):
+            changes = {}
+            if larger is not None:
+                real = larger[0].as_built()
+                changed = log.residuals(real, motion, ends)
+                changes = {kind: (changed[kind] - zero[kind]) / larger[1] for kind in zero}
+                if (gauge := candidate.restored(larger[1])) is not None:
+                    at, (kind, change) = log.offset_of(*gauge, real, motion, ends, changed)
+                    columns[:, at] = equations.weighed(kind, change)
+            elif (rival := candidate.rival) is not None and rival.log == j:
+                changes = {rival.kind: rival.change}
+            for kind, change in changes.items():
+                if change.any():
+                    column += equations.weighed(kind, change)
+        prior = log.prior(train) ** -2.0
+        statistics.append(Statistics(*equations.eliminated(columns, prior, log.nuisances(motion))))
+        costs.append(_cost(log, motion, equations, columns, prior))
+    cost = np.sqrt(np.mean(np.square(costs), axis=0))
+    return Linearised(train, tuple(logs), tuple(among), tuple(statistics), cost, found)
 
 
-def equations_of(train: TrainDescription, logs: Sequence[Log]) -> tuple[list[TrainLog], FittedStates]:
-    """Return logs as equations, in which steps with possible sliding of axles have little weight, and their motion.
+def cost_of_noise(seen: Linearised, f: int) -> Array:
+    """Return the error of the train's localisation (2,) by white noise of 1 in each reading of a frame's gauges."""
+    built, random, costs = seen.train.as_built(), np.random.default_rng(0), []
+    for log, motion in zip(seen.train_logs, seen.fit.motions, strict=True):
+        equations = Equations.of(log, built, motion, seen.fit.sizes)
+        by_gauge = log.bends(built, motion).by_gauge[f]
+        noise = random.standard_normal((PROBES, len(by_gauge), by_gauge.shape[-1], 1))
+        columns = [equations.weighed(f"gauges{f}", (by_gauge @ draw)[..., 0] * log.read[:, f, None]) for draw in noise]
+        every = np.column_stack([equations.by_number, *columns])
+        costs.append(np.mean(_cost(log, motion, equations, every, log.prior(seen.train) ** -2.0) ** 2, axis=1))
+    return np.sqrt(np.mean(costs, axis=0))
 
-    Raises InputError for a log that is not of this train, or that has neither relative poses nor a reference.
+
+def _likeliest(information: Array, score: Array, chosen: Sequence[int]) -> Array:
+    """Return the maximum-likelihood amplitudes of these candidates together (c,)."""
+    covariance = np.linalg.pinv(information[np.ix_(chosen, chosen)], rcond=1e-12, hermitian=True)
+    return np.asarray(covariance @ score[list(chosen)], dtype=float)
+
+
+def _carried(odometry: Array, motion: Motion, t: Array) -> Array:
+    """Return poses (K, N, 3) by odometry (K, N, 3) alone, reset to the motion every `HORIZON`."""
+    start = np.searchsorted(t, np.floor(t / HORIZON) * HORIZON - 1e-9)
+    return compose(compose(motion.pose[start], inverse(odometry[start])), odometry)
+
+
+def _rms(values: Array) -> float:
+    """Return the rms of the lengths of rows (n, d)."""
+    return float(np.sqrt(np.mean(np.sum(values**2, axis=1))))
+
+
+def _cost(log: TrainLog, motion: Motion, equations: Equations, columns: Array, prior: Array) -> Array:
+    """Return the error of the train's localisation (2, P) per unit of each of P ignored columns (`cost_of_sizes`).
+
+    Of the axle with the largest error. The train is localised by counts and relative poses, without a reference.
     """
-    for number, log in enumerate(logs, start=1):
-        _check(train, log, number)
-    return sliding_in(train, [TrainLog(train, log) for log in logs])
+    n = len(prior)
+    blind, known = equations.without(("position", "heading"), log.block)
+    seen = columns[known]
+    states = blind.solved(seen)
+    apart = seen - blind.by_sample @ states
+    by_number = np.linalg.solve(seen[:, :n].T @ apart[:, :n] + np.diag(prior), seen[:, :n].T @ apart[:, n:])
+    off = (states[:, n:] - states[:, :n] @ by_number).reshape(log.k, log.block, -1)
+    return np.max([_cost_of_path(motion.pose[:, i], off[:, 3 * i : 3 * i + 3]) for i in range(log.n)], axis=0)
 
 
-def sliding_in(
-    train: TrainDescription, logs: Sequence[TrainLog], start: FittedStates | None = None
-) -> tuple[list[TrainLog], FittedStates]:
-    """Return logs in which steps with possible sliding of a train's axles have little weight, and their motion.
-
-    start: see `linearise`. These steps follow from a fit without sliding, as forces show only in slip. If the remaining
-    steps then show no tension, the apparent sliding has another cause, unless frames are bent so much.
-    """
-    built, rough = train.as_built(), [log.with_loose(np.zeros_like(log.loose)) for log in logs]
-    gripping = fit_states(train, rough, start)
-    loosened, state = _loosened(built, rough, gripping.motions), gripping
-    if any(log.loose.any() for log in loosened):
-        state = fit_states(train, loosened, gripping)
-        if state.sizes.tension <= LEAST_SIZE["tension"]:
-            loosened = _loosened(built, loosened, state.motions)
-            state = fit_states(train, loosened, gripping)
-    return loosened, state
-
-
-def _loosened(built: TrainDescription, logs: Sequence[TrainLog], motions: Sequence[Motion]) -> list[TrainLog]:
-    """Return logs with the steps in which axles slide by these motions, except axles that seem to slide all the
-    time."""
-    loose = [log.sliding(built, motion) for log, motion in zip(logs, motions, strict=True)]
-    return [log.with_loose(slid & (slid.mean(axis=0) <= OFTEN)) for log, slid in zip(logs, loose, strict=True)]
-
-
-def _check(train: TrainDescription, log: Log, number: int) -> None:
-    if log.wheel.shape[1] != 2 * train.n_axles:
-        raise InputError(
-            f"log {number} has counts of {log.wheel.shape[1]} wheels; train {train.name!r} has {2 * train.n_axles}"
-        )
-    seen = [values is not None and bool(np.isfinite(values).any()) for values in (log.rps, log.reference)]
-    if not any(seen):
-        raise InputError(
-            f"log {number} has neither relative poses nor a reference, so nothing is observable; give logs with rps or "
-            "ref columns"
-        )
+def _cost_of_path(pose: Array, off: Array) -> Array:
+    """Return the cost (2, P) of errors `off` (K, 3, P) of a path (K, 3)."""
+    step, heading = np.diff(pose, axis=0), (pose[1:, 2] + pose[:-1, 2]) / 2
+    c, s, turned = np.cos(heading)[:, None], np.sin(heading)[:, None], (off[1:, 2] + off[:-1, 2]) / 2
+    x = np.diff(off[:, 0], axis=0) + turned * step[:, 1:2]
+    y = np.diff(off[:, 1], axis=0) - turned * step[:, :1]
+    return cost_of_sizes([np.stack([c * x + s * y, c * y - s * x, np.diff(off[:, 2], axis=0)], axis=1)], pose)

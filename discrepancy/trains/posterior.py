@@ -19,9 +19,9 @@ from discrepancy.posterior.refit import Sized, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
-from discrepancy.trains.evidence import STILL
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
-from discrepancy.trains.linearise import Linearised, equations_of, linearise, sliding_in
+from discrepancy.trains.linearise import Linearised, linearise
+from estimators.likelihood.trains.states import STILL, equations_of, sliding_in
 
 
 @threadpool_limits.wrap(limits=1)

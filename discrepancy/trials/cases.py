@@ -25,7 +25,7 @@ A case is determined by its number, the trial's seed and its robots. `strength.s
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -36,8 +36,9 @@ from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.hidden import Hidden, Outsiders
 from discrepancy.trials.strength.residuals import redundancy
-from discrepancy.trials.strength.separation import FITTED_ANYWAY, class_of
+from discrepancy.trials.strength.separation import FITTED_ANYWAY
 from estimators.calibration.drives import moves_sideways
 
 Stratum = Literal["clean", "one", "two", "three", "outside", "poor", "wiring"]
@@ -60,47 +61,6 @@ UNTRACKED = 0.5
 
 ONE_WAY = frozenset(("tick_loss", "encoder_latency", "all_latency"))
 """Effects that are drawn with values above 0 only, though files may hold others."""
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """A hidden effect: of the catalogue, or of a generator and outside the catalogue; its size is `field`.
-
-    power: z and cost grow about as the size to this power.
-    """
-
-    what: Any
-    field: str = "value"
-    power: float = 1.0
-
-    @property
-    def effect(self) -> Effect | None:
-        """The effect, if it is of the catalogue."""
-        return self.what if isinstance(self.what, Effect) else None
-
-    @property
-    def wiring(self) -> bool:
-        """Whether it is wrong wiring, which has no size."""
-        return self.effect is not None and self.effect.wiring
-
-    @property
-    def label(self) -> str:
-        """The class of the effect, or its name if it is outside the catalogue."""
-        return type(self.what).__name__ if self.effect is None else class_of(self.effect)
-
-    @property
-    def size(self) -> float:
-        """The size of the effect."""
-        return float(getattr(self.what, self.field))
-
-    def scaled(self, size: float) -> "Hidden":
-        """Return the effect with another size; raises ValueError for a size that it cannot have."""
-        current = getattr(self.what, self.field)
-        new = max(round(size), 1) if isinstance(current, int) else size
-        return dataclasses.replace(self, what=dataclasses.replace(self.what, **{self.field: new}))
-
-
-Outsiders = Callable[[RobotDescription, np.random.Generator], Iterator[Hidden]]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +14,10 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.diagnose import posterior_of
 from discrepancy.hypotheses.candidates import family_of
-from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.answers import Answer, Verdict
+from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
-from discrepancy.trials.strength.separation import class_of
+from discrepancy.trials.hidden import class_of
 
 FINDER = "posterior"
 """Name of the finder, under which trials store its answers."""
@@ -23,30 +25,18 @@ FINDER = "posterior"
 NORMAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
 
-WEAKEST_FIRST = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible", "no discrepancy")
-"""Verdicts on single effects, the weakest first; the verdict of the whole is the weakest."""
-
 QUIET = ("negligible", "no discrepancy")
 """Verdicts that are no alarm."""
 
 
 @dataclass(frozen=True)
-class Size:
-    """The size of an effect that was named, and its 95 % interval; None where there is no interval."""
-
-    class_name: str
-    effect: Effect
-    low: float | None
-    high: float | None
-
-
-@dataclass(frozen=True)
 class Said:
-    """A finder's answer, in classes (`strength.separation.class_of`).
+    """A finder's answer, in classes (`hidden.class_of`).
 
     verdict: of the whole. named: the classes with verdict "named", each with its probability. credible: the 95 %
     credible sets, without unnamed alternatives. unnamed: whether a set contains an unnamed alternative. probabilities:
-    of every possible class. sizes: of the named classes. effects: those added to the robot.
+    of every possible class. sizes: class, effect and ends of the 95 % interval, of what is named.
+    effects: those added to the robot.
     """
 
     verdict: str
@@ -54,20 +44,30 @@ class Said:
     credible: tuple[tuple[str, ...], ...] = ()
     unnamed: bool = False
     probabilities: Mapping[str, float] = field(default_factory=dict)
-    sizes: tuple[Size, ...] = ()
+    sizes: tuple[tuple[str, Effect, float, float], ...] = ()
     effects: tuple[Effect, ...] = ()
     reason: str = ""
+
+    def as_data(self, costs: Sequence[float | None] = ()) -> dict[str, Any]:
+        """Return the answer as plain data. costs: of ignoring each named effect, m per 10 m."""
+        kept = ("verdict", "named", "credible", "unnamed", "probabilities", "reason")
+        sizes = [
+            {"class": name, "effect": dataclasses.asdict(effect), "low": low, "high": high, "cost": cost}
+            for (name, effect, low, high), cost in zip(self.sizes, costs, strict=True)
+        ]
+        effects = [dataclasses.asdict(effect) for effect in self.effects]
+        return {key: getattr(self, key) for key in kept} | {"sizes": sizes, "effects": effects}
 
 
 @dataclass(frozen=True)
 class Single:
     """A finder's answer on one effect. probabilities: of classes, and of unnamed alternatives (None)."""
 
-    verdict: str
+    verdict: Verdict
     probabilities: Mapping[str | None, float]
     credible: tuple[str | None, ...]
     effect: Effect | None = None
-    error: float | None = None
+    error: float = 0.0
 
 
 Logs = Mapping[str, Log]
@@ -82,7 +82,11 @@ def said_of(singles: Sequence[Single], reason: str = "") -> Said:
             if name is not None:
                 absent[name] = absent.get(name, 1.0) * (1.0 - min(probability, 1.0))
     return Said(
-        min((single.verdict for single in singles), key=WEAKEST_FIRST.index, default="no discrepancy"),
+        min(
+            (single.verdict for single in singles),
+            key=[*WEAKEST_FIRST, "no discrepancy"].index,
+            default="no discrepancy",
+        ),
         {name: single.probabilities[name] for single in sure for name in single.credible if name is not None},
         tuple(tuple(name for name in single.credible if name is not None) for single in singles),
         any(None in single.credible for single in singles),
@@ -93,9 +97,8 @@ def said_of(singles: Sequence[Single], reason: str = "") -> Said:
     )
 
 
-def _size(effect: Effect, error: float | None) -> Size:
-    ends = (None, None) if error is None else (effect.value - NORMAL * error, effect.value + NORMAL * error)
-    return Size(class_of(effect), effect, *ends)
+def _size(effect: Effect, error: float) -> tuple[str, Effect, float, float]:
+    return class_of(effect), effect, effect.value - NORMAL * error, effect.value + NORMAL * error
 
 
 def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:

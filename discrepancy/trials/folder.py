@@ -1,13 +1,22 @@
-"""The folder of a trial: its settings and numbered cases, and the processes that do missing cases.
+"""The folder of a trial: its settings, its numbered cases and the answers to them, made in separate processes.
 
-Files that are there already are kept, so a trial that was interrupted continues.
+    trial.json               settings
+    cases/case-0001/         log.csv, holdout.csv and the vehicle's file, without effects: the files for the finder
+    labels/case-0001.json    the hidden effects
+    outcomes/                the finder's answers, of robots in the folder `posterior`
+
+Files that are there already are kept, so a trial that was interrupted continues. To judge the finder again, delete its
+outcomes.
 """
 
+import dataclasses
 import os
+import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np  # noqa: F401  # and with it linear algebra, before its threads are limited
 from threadpoolctl import threadpool_limits
@@ -19,32 +28,111 @@ from castor_envs.processes import Done, Job, Raised, run_jobs
 Task = tuple[Callable[..., None], tuple[Any, ...]]
 """A function and its arguments."""
 
+LOGS = ("log.csv", "holdout.csv")
 
-def begin(folder: Path, asked: dict[str, Any], parts: Sequence[str]) -> None:
-    """Write the settings of a trial to its folder, with these subfolders; the number of cases may change.
+
+class Settings(Protocol):
+    """The settings of a trial, a dataclass: how its cases are made, and its finder asked.
+
+    answers: subfolder of outcomes. unanswered: what an answer holds, beside verdict and reason, where there is none.
+    """
+
+    answers: ClassVar[str]
+    head: ClassVar[dict[str, Any]]
+    unanswered: ClassVar[dict[str, Any]]
+
+    @property
+    def cases(self) -> int:
+        """Number of cases."""
+        ...
+
+    def beforehand(self, missing: Sequence[int], folder: Path) -> Sequence[Task]:
+        """Return what must be made before missing cases can be judged."""
+        ...
+
+    def make_case(self, number: int, folder: Path) -> dict[str, Any]:
+        """Write the files of a case, and return its label."""
+        ...
+
+    def together(self, number: int) -> str:
+        """Return what cases share that are best judged one after another."""
+        ...
+
+    def answer(self, name: str, folder: Path) -> dict[str, Any]:
+        """Return the finder's answer on a case."""
+        ...
+
+
+def make(plan: Settings, folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Make the cases of a trial that are not there yet, `jobs` at a time (None: as many as there are processors), each
+    in another process; their number may change.
 
     Raises InputError for a folder that holds another trial.
     """
-    path = folder / "trial.json"
+    folder = Path(folder)
+    path, asked = folder / "trial.json", dataclasses.asdict(plan)  # type: ignore[call-overload]
     if path.exists() and {**(stored := read_json(path)), "cases": 0} != {**asked, "cases": 0}:
         raise InputError(f"{folder}: holds another trial, {stored}; give another folder")
-    for part in parts:
+    for part in ("cases", "labels", "outcomes"):
         (folder / part).mkdir(parents=True, exist_ok=True)
         remove_leftovers(folder / part)
     write_json(path, asked)
+    missing = [k for k in range(1, plan.cases + 1) if not label_file(folder, name_of(k)).exists()]
+    do_all([*plan.beforehand(missing, folder), *((_make_case, (plan, k, folder)) for k in missing)], jobs)
 
 
-def asked_of(folder: Path) -> dict[str, Any]:
+def judge(plan: Settings, folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
+    """Run the finder on every case that has no answer yet."""
+    folder, outcomes = Path(folder), Path(folder) / "outcomes" / plan.answers
+    outcomes.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(outcomes)
+    made = [k for k in range(1, plan.cases + 1) if label_file(folder, name_of(k)).exists()]
+    missing = [k for k in made if not (outcomes / f"{name_of(k)}.json").exists()]
+    do_all([(_judge_case, (plan, k, folder)) for k in sorted(missing, key=plan.together)], jobs)
+
+
+def asked_of(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """Return the settings of a trial; raises InputError for a folder that holds none."""
-    path = folder / "trial.json"
+    path = Path(folder) / "trial.json"
     if not path.exists():
         raise InputError(f"{path}: no trial there; make one first")
     return read_json(path)
 
 
+def judged(folder: str | os.PathLike[str], answers: str) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Return labels and answers of all judged cases of a trial; raises InputError if there are none."""
+    folder = Path(folder)
+    paths = sorted((folder / "outcomes" / answers).glob("case-*.json"))
+    if not paths:
+        raise InputError(f"{folder}: the finder has no answers yet; judge the cases first")
+    return [(read_json(label_file(folder, path.stem)), read_json(path)) for path in paths]
+
+
 def name_of(number: int) -> str:
     """Return the name of a case in all subfolders."""
     return f"case-{number:04}"
+
+
+def label_file(folder: Path, name: str) -> Path:
+    """Return where a case's label is."""
+    return folder / "labels" / f"{name}.json"
+
+
+def _make_case(plan: Settings, number: int, folder: Path) -> None:
+    (folder / "cases" / name_of(number)).mkdir(exist_ok=True)
+    write_json(label_file(folder, name_of(number)), plan.make_case(number, folder))
+
+
+def _judge_case(plan: Settings, number: int, folder: Path) -> None:
+    started, name = time.process_time(), name_of(number)
+    try:
+        said = plan.answer(name, folder)
+    except InputError as error:
+        said = plan.unanswered | {"verdict": "refused", "reason": str(error)}
+    except Exception:  # a finder that breaks fails its own case, no other
+        said = plan.unanswered | {"verdict": "broken", "reason": traceback.format_exc()}
+    head = plan.head | {"case": number, "seconds": time.process_time() - started}
+    write_json(folder / "outcomes" / plan.answers / f"{name}.json", head | said)
 
 
 def do_all(tasks: Sequence[Task], jobs: int | None) -> None:

@@ -3,10 +3,9 @@
 Each changes what encoders read of true angles, or the poses that the reference reports; none changes the physics.
 """
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from castor_envs.effects.parts import all_channels
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.hidden import Hidden
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,15 +28,6 @@ class Outside:
     value: float
     step: ClassVar[float] = 1e-3
     only: ClassVar[str] = "wheels"
-
-    @property
-    def name(self) -> str:
-        """The name of the effect in labels."""
-        return type(self).__name__
-
-    def scaled(self, value: float) -> Self:
-        """Return the same effect with another amplitude."""
-        return dataclasses.replace(self, value=value)
 
     def changed(self, robot: RobotDescription, t: Array, angle: Array, pose: Array) -> Array:
         """Return the angles (K, w + n), rad, that encoders see for true angles (K, w + n) along a path (K, 3).
@@ -178,7 +169,7 @@ KINDS: tuple[type[Outside], ...] = (
 )
 
 
-def outside_effects(robot: RobotDescription, random: np.random.Generator) -> Iterator[Outside]:
+def outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
     """Yield each kind once, in random order and at a random place of the robot, in the size of its step."""
     channels, w = all_channels(robot), len(robot.wheels)
     places = {
@@ -201,7 +192,8 @@ def outside_effects(robot: RobotDescription, random: np.random.Generator) -> Ite
             options = {"start": start, "end": start + float(random.uniform(4.0, 12.0))}
         elif effect_class is SwingingPoint:
             options = {"period": float(random.uniform(5.0, 12.0))}
-        yield effect_class(channel=int(random.choice(places[effect_class.only])), value=effect_class.step, **options)  # type: ignore[arg-type]
+        channel = int(random.choice(places[effect_class.only]))
+        yield Hidden(effect_class(channel=channel, value=effect_class.step, **options))  # type: ignore[arg-type]
 
 
 def _gained(angle: Array, channel: int, gain) -> Array:

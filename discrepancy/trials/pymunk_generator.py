@@ -11,11 +11,8 @@ from castor_envs.motion.trajectories import Trajectory
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.noise import Noise
-from discrepancy.trials.outside import Outside, outside_effects
-from discrepancy.trials.reading import as_recorded, counts_of
-
-__all__ = ["drive", "outside_effects"]
+from discrepancy.trials.outside import Outside
+from discrepancy.trials.reading import USUAL, Noise, as_recorded, counts_of
 
 
 def drive(
@@ -27,11 +24,11 @@ def drive(
     floor: Floor | None = None,
     outside: Outside | None = None,
     rounded: bool = True,
-    noise: Noise | None = None,
+    noise: Noise = USUAL,
 ) -> Log:
     """Return a log of `duration` s of a robot, its effects included, that is to follow a motion.
 
-    seed: of the castors' start angles, the encoders' phases and the reference's noise (None: `Noise()`), which are the
+    seed: of the castors' start angles, the encoders' phases and the reference's noise, which are the
     same with and without effects. rounded: False gives counts before they are rounded and pivots unwrapped; what the
     controller hears is rounded all the same, so that the run is the same.
     """
@@ -77,4 +74,4 @@ def drive(
         steering_command=np.array(steering) if robot.driven_castors else None,
         reference=reference(robot, t, pose),
     )
-    return as_recorded(robot, exact, seed, Noise() if noise is None else noise, rounded)
+    return as_recorded(robot, exact, seed, noise, rounded)

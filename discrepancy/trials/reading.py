@@ -1,6 +1,7 @@
 """From angles to counts and back, and from an exact log to a log as it would be recorded (rounded, with noise)."""
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,7 +9,33 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.noise import Noise
+
+REFERENCE_EVERY = 20
+"""Samples between reference poses."""
+
+REFERENCE_NOISE = 1e-3
+"""Standard deviation of a reference pose, m and rad: a good tracker's."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of a reference pose, m and rad, and how many samples apart poses are."""
+
+    position: float = REFERENCE_NOISE
+    heading: float = REFERENCE_NOISE
+    every: int = REFERENCE_EVERY
+
+    def sparse(self, pose: Array, random: np.random.Generator) -> Array:
+        """Return the poses (K, 3 N) of a log's reference: with noise where one is taken, NaN elsewhere."""
+        sigma = np.tile([self.position, self.position, self.heading], pose.shape[1] // 3)
+        seen = pose + random.normal(size=pose.shape) * sigma
+        seen[np.arange(len(seen)) % self.every > 0] = np.nan
+        return seen
+
+
+USUAL = Noise()
+EXACT = Noise(0.0, 0.0, every=1)
+"""The true pose in every row, with which the strength of an effect is measured."""
 
 
 def counts_of(robot: RobotDescription, angle: Array, phase: Array | float = 0.0) -> tuple[Array, Array]:
@@ -39,7 +66,7 @@ def angles_of(robot: RobotDescription, log: Log) -> Array:
     return angle
 
 
-def as_recorded(robot: RobotDescription, exact: Log, seed: int, noise: Noise, rounded: bool = True) -> Log:
+def as_recorded(robot: RobotDescription, exact: Log, seed: int, noise: Noise = USUAL, rounded: bool = True) -> Log:
     """Return an exact log (every pose, counts not rounded) as it would be recorded: rounded, with few, noisy poses."""
     assert exact.reference is not None
     poses = noise.sparse(exact.reference, np.random.default_rng([seed, 4]))

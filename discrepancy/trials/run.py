@@ -1,38 +1,30 @@
-"""Runs a trial: makes cases in separate processes, then gives the finder their files and nothing else.
+"""Trials of robots. In addition to what every trial's folder has (`folder`) there are
 
-    trial.json                      settings: cases, seed, generator, robots, duration
-    cases/case-0001/                log.csv, holdout.csv and robot.json (without effect): the files for the finder
-    clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which the finder is also given in some cases
-    labels/case-0001.json, .npz     the hidden effects and their strengths; the true path of the held-out log
-    outcomes/posterior/case-0001.json     the finder's answer
-
-Files that are there already are kept, so a trial that was interrupted continues. To judge the finder again, delete its
-outcomes.
+clean/asoc-prototype/1.csv ...  logs of a robot without any effect, which the finder is also given in some cases
+labels/case-0001.npz            the true path of the held-out log
 """
 
 import dataclasses
-import os
 import time
-import traceback
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from castor_envs.errors import InputError
-from castor_envs.files import read_json, remove_leftovers, write_json
+from castor_envs.files import read_json, remove_leftovers
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.cases import BOUNDS, Case, Hidden, hide, motion, setting
+from discrepancy.trials.cases import BOUNDS, Case, hide, motion, setting
 from discrepancy.trials.finders import FINDER, Said, say
-from discrepancy.trials.folder import asked_of, begin, do_all, name_of
+from discrepancy.trials.folder import LOGS, Task, label_file, name_of
 from discrepancy.trials.generators import Generator, generator
-from discrepancy.trials.noise import Noise
+from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.reading import as_recorded
 from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
@@ -55,64 +47,59 @@ SLACK = 1.1
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """The settings of a trial. robots: presets' names."""
+    """The settings of a trial (`folder.Settings`). robots: presets' names."""
 
     cases: int
     seed: int
     generator: str
     robots: list[str]
     duration: float = DURATION
+    answers: ClassVar[str] = FINDER
+    head: ClassVar[dict[str, Any]] = {"format": FORMAT, "finder": FINDER}
+    unanswered: ClassVar[dict[str, Any]] = Said("").as_data() | {"gap": None}
+
+    @classmethod
+    def of(cls, cases: int, seed: int, generator_name: str, robot: str | None, duration: float) -> "Plan":
+        """Return the settings for a preset; None: all whose encoders determine their motion and that the generator can
+        drive."""
+        return cls(cases, seed, generator_name, robots_for(generator(generator_name), robot), duration)
 
     def setting(self, number: int) -> Case:
         """Return a case without hidden effects yet."""
         return setting(number, self.seed, self.robots, foreign=generator(self.generator).foreign)
 
+    def beforehand(self, missing: Sequence[int], folder: Path) -> list[Task]:
+        """Return the tasks that make clean logs, of robots whose cases have some."""
+        (folder / "clean").mkdir(exist_ok=True)
+        remove_leftovers(folder / "clean")
+        good = {case.robot for case in map(self.setting, missing) if case.clean}
+        logs = [(name, k) for name in sorted(good) for k in range(1, CLEAN + 1)]
+        return [(_make_clean, (self, *log, folder)) for log in logs if not _clean_log(folder, *log).exists()]
 
-def make(
-    cases: int,
-    seed: int,
-    generator_name: str,
-    folder: str | os.PathLike[str],
-    *,
-    robot: str | None = None,
-    duration: float = DURATION,
-    jobs: int | None = None,
-) -> None:
-    """Make the cases of a trial that are not there yet, `jobs` at a time, each in another process.
+    def make_case(self, number: int, folder: Path) -> dict[str, Any]:
+        """Make a case; if no effect can have the z that is drawn, its strength is drawn by cost."""
+        started, begun = time.process_time(), self.setting(number)
+        for case in dict.fromkeys([begun, dataclasses.replace(begun, measure="cost")]):
+            label = _made(self, case, folder)
+            if label is not None:
+                return label | {"seconds": time.process_time() - started}
+        raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
 
-    robot: a preset's name; None: all whose encoders determine their motion and that the generator can drive.
-    Raises InputError for a folder that holds another trial.
-    """
-    folder = Path(folder)
-    plan = Plan(cases, seed, generator_name, robots_for(generator(generator_name), robot), duration)
-    begin(folder, dataclasses.asdict(plan), ("cases", "clean", "labels", "outcomes"))
-    missing = [k for k in range(1, cases + 1) if not (folder / "labels" / f"{name_of(k)}.json").exists()]
-    good = {plan.setting(k).robot for k in missing if plan.setting(k).clean}
-    clean = [
-        (name, k) for name in sorted(good) for k in range(1, CLEAN + 1) if not _clean_log(folder, name, k).exists()
-    ]
-    tasks = [
-        *((_make_clean, (plan, *clean_log, folder)) for clean_log in clean),
-        *((_make_case, (plan, k, folder)) for k in missing),
-    ]
-    do_all(tasks, jobs)
+    def together(self, number: int) -> str:
+        """Return the robot of a case: the finder keeps what it computed from clean logs."""
+        return self.setting(number).robot
 
-
-def judge(folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
-    """Run the finder on every case that has no answer yet."""
-    folder = Path(folder)
-    plan, outcomes = plan_of(folder), folder / "outcomes" / FINDER
-    outcomes.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(outcomes)
-    made = [k for k in range(1, plan.cases + 1) if (folder / "labels" / f"{name_of(k)}.json").exists()]
-    missing = [k for k in made if not (outcomes / f"{name_of(k)}.json").exists()]
-    missing.sort(key=lambda k: plan.setting(k).robot)  # the finder keeps what it computed from clean logs
-    do_all([(_judge_case, (folder, name_of(k))) for k in missing], jobs)
-
-
-def plan_of(folder: str | os.PathLike[str]) -> Plan:
-    """Return the settings of the trial in a folder."""
-    return Plan(**asked_of(Path(folder)))
+    def answer(self, name: str, folder: Path) -> dict[str, Any]:
+        """Return the finder's answer on a case; it is given the case's files and, where the case has them, clean
+        logs."""
+        label, case = read_json(label_file(folder, name)), folder / "cases" / name
+        robot = RobotDescription.load(case / "robot.json")
+        log, held_out = (read_log(case / file, robot) for file in LOGS)
+        good = _read_clean(folder, label["robot"], label["reference"]) if label["clean"] else {}
+        said = say(robot, {LOGS[0]: log}, {LOGS[1]: held_out}, good)
+        costs = [cost_of(robot, effect, [log]) for _, effect, *_ in said.sizes]
+        with np.load(folder / "labels" / f"{name}.npz") as kept:
+            return said.as_data(costs) | {"gap": _gap(said, robot, held_out, kept["path"])}
 
 
 def robots_for(source: Generator, robot: str | None = None) -> list[str]:
@@ -146,18 +133,6 @@ def _make_clean(plan: Plan, name: str, number: int, folder: Path) -> None:
     path = _clean_log(folder, name, number)
     path.parent.mkdir(exist_ok=True)
     write_log(path, log, robot)
-
-
-def _make_case(plan: Plan, number: int, folder: Path) -> None:
-    """Make a case; if no effect can have the z that is drawn, its strength is drawn by cost."""
-    started, begun = time.process_time(), plan.setting(number)
-    for case in dict.fromkeys([begun, dataclasses.replace(begun, measure="cost")]):
-        label = _made(plan, case, folder)
-        if label is not None:
-            label |= {"seconds": time.process_time() - started}
-            write_json(folder / "labels" / f"{name_of(number)}.json", label)
-            return
-    raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
 
 
 def _made(plan: Plan, begun: Case, folder: Path) -> dict[str, Any] | None:
@@ -199,9 +174,8 @@ def _strengths(case: Case, trial_runs: list[TrialRun]) -> list[Strength] | None:
 def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
     robot, name = preset(case.robot), name_of(case.number)
     real, case_folder = robot.with_effects(*case.effects), folder / "cases" / name
-    case_folder.mkdir(exist_ok=True)
-    for file, exact, seed in zip(("log.csv", "holdout.csv"), logs, case.seeds, strict=True):
-        log = as_recorded(real, exact, seed, Noise())
+    for file, exact, seed in zip(LOGS, logs, case.seeds, strict=True):
+        log = as_recorded(real, exact, seed)
         write_log(case_folder / file, log if case.reference else dataclasses.replace(log, reference=None), robot)
     robot.save(case_folder / "robot.json")
     path = logs[1].reference
@@ -225,40 +199,6 @@ def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
 def _hidden(hidden: Hidden) -> dict[str, Any]:
     kind = "outside" if hidden.effect is None else "wiring" if hidden.wiring else "catalogue"
     return {"class": hidden.label, "from": kind, "what": dataclasses.asdict(hidden.what)}
-
-
-def _judge_case(folder: Path, name: str) -> None:
-    """Write the finder's answer on a case; it reads the case's files and, where the case has them, clean logs."""
-    label, case = read_json(folder / "labels" / f"{name}.json"), folder / "cases" / name
-    robot, started = RobotDescription.load(case / "robot.json"), time.process_time()
-    log, held_out = (read_log(case / file, robot) for file in ("log.csv", "holdout.csv"))
-    good = _read_clean(folder, label["robot"], label["reference"]) if label["clean"] else {}
-    try:
-        said = say(robot, {"log.csv": log}, {"holdout.csv": held_out}, good)
-    except InputError as error:
-        said = Said("refused", reason=str(error))
-    except Exception:  # a finder that breaks fails its own case, no other
-        said = Said("broken", reason=traceback.format_exc())
-    result = _as_data(said, robot, log) | {"seconds": time.process_time() - started}
-    with np.load(folder / "labels" / f"{name}.npz") as kept:
-        result["gap"] = _gap(said, robot, held_out, kept["path"])
-    outcome = folder / "outcomes" / FINDER / f"{name}.json"
-    write_json(outcome, {"format": FORMAT, "case": label["case"], "finder": FINDER} | result)
-
-
-def _as_data(said: Said, robot: RobotDescription, log: Log) -> dict[str, Any]:
-    """Return an answer as plain data, every named effect with its cost in the log, m per 10 m."""
-    plain = {key: getattr(said, key) for key in ("verdict", "named", "credible", "unnamed", "probabilities", "reason")}
-    sizes = [
-        {"class": size.class_name, "effect": _plain(size.effect), "low": size.low, "high": size.high}
-        | {"cost": cost_of(robot, size.effect, [log])}
-        for size in said.sizes
-    ]
-    return plain | {"sizes": sizes, "effects": [_plain(effect) for effect in said.effects]}
-
-
-def _plain(effect: Effect) -> dict[str, Any]:
-    return dataclasses.asdict(effect)
 
 
 def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dict[str, float] | None:

@@ -10,19 +10,15 @@ import dataclasses
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from castor_envs.errors import InputError
-from castor_envs.files import read_json
-from discrepancy.trials.finders import FINDER, NORMAL, QUIET
-from discrepancy.trials.run import Plan, plan_of
-
-__all__ = ["NORMAL", "Rate", "lines", "report", "wilson"]
+from discrepancy.trials.finders import FINDER, QUIET
+from discrepancy.trials.folder import asked_of, judged
+from discrepancy.trials.run import Plan
 
 FORMAT = "castor-trial/3"
 
@@ -41,11 +37,20 @@ EDGES = (LEAST_REPORTED, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 @dataclass(frozen=True)
-class Trial:
+class Judged:
     """A judged case: its label (the hidden effects) and its outcome (the finder's answer)."""
 
     label: dict[str, Any]
     outcome: dict[str, Any]
+
+    @property
+    def broken(self) -> bool:
+        """Whether the finder broke down."""
+        return self.outcome["verdict"] == "broken"
+
+
+class Trial(Judged):
+    """A judged case of a robot."""
 
     @property
     def truth(self) -> frozenset[str]:
@@ -119,9 +124,24 @@ class Trial:
         return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
 
     @property
-    def plainly_outside(self) -> bool:
-        """Whether the hidden effect is outside the catalogue, costly and strong."""
+    def loud(self) -> bool:
+        """Whether a hidden effect outside the catalogue is so costly and strong that it should be flagged."""
         return self.least("cost") >= MATTERS and self.least("z") >= LOUD
+
+    @property
+    def without_clean_logs(self) -> bool:
+        """Whether the finder was given no clean logs."""
+        return not self.label["clean"]
+
+    @property
+    def found_or_refused(self) -> bool:
+        """Whether it names exactly what was hidden, or refuses the logs."""
+        return self.exact or self.outcome["verdict"] == "refused"
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether something was named whose gap is known."""
+        return self.outcome["gap"] is not None
 
     @property
     def gap_grew(self) -> bool:
@@ -167,66 +187,39 @@ class Rate:
         results = list(hits)
         return cls(statement, sum(results), len(results), *wilson(sum(results), len(results)))
 
-    @property
-    def share(self) -> float:
-        """count / total; NaN if total is 0."""
-        return self.count / self.total if self.total else math.nan
 
+PLAIN = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
+MATTERING = f"{1e3 * MATTERS:g} mm per 10 m"
 
-Which = Callable[[Trial], bool]
+Table = Sequence[tuple[str, str | None, str | None, str]]
+"""Rates to report: a statement; stratum and a property of the cases that are counted (None: of all); and the property
+that is a hit."""
 
-
-def _stratum(*names: str) -> Which:
-    return lambda trial: trial.label["stratum"] in names
-
-
-def _plain(*names: str) -> Which:
-    return lambda trial: trial.label["stratum"] in names and trial.plain
-
-
-ENOUGH = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
-
-RATES: tuple[tuple[str, Which, Which], ...] = (
-    ("clean: any alarm", _stratum("clean"), lambda trial: trial.alarm),
-    ("clean: a sure name", _stratum("clean"), lambda trial: trial.wrong),
+RATES: Table = (
+    ("clean: any alarm", "clean", None, "alarm"),
+    ("clean: a sure name", "clean", None, "wrong"),
     (
-        f"clean, no clean logs given: a sure name that costs over {1e3 * MATTERS:g} mm per 10 m",
-        lambda trial: trial.label["stratum"] == "clean" and not trial.label["clean"],
-        lambda trial: trial.costly_name,
+        f"clean, no clean logs given: a sure name that costs over {MATTERING}",
+        "clean",
+        "without_clean_logs",
+        "costly_name",
     ),
-    (f"one effect, {ENOUGH}: named exactly", _plain("one"), lambda trial: trial.exact),
-    ("  the truth in the credible set", _plain("one"), lambda trial: trial.among),
-    ("  a sure name that is wrong", _plain("one"), lambda trial: trial.wrong),
-    (
-        f"one effect of any cost, z {STRONG:g} and z_sep {SEPARATE:g} or more: named exactly",
-        lambda trial: trial.label["stratum"] == "one" and trial.strong,
-        lambda trial: trial.exact,
-    ),
-    (f"two effects, each {ENOUGH}: named exactly", _plain("two"), lambda trial: trial.exact),
-    ("  the truth in the credible sets", _plain("two"), lambda trial: trial.among),
-    (f"three effects, each {ENOUGH}: named exactly", _plain("three"), lambda trial: trial.exact),
-    ("  the truth in the credible sets", _plain("three"), lambda trial: trial.among),
-    (
-        f"outside the catalogue, {1e3 * MATTERS:g} mm per 10 m and z {LOUD:g} or more: flagged",
-        lambda trial: trial.label["stratum"] == "outside" and trial.plainly_outside,
-        lambda trial: trial.flagged,
-    ),
-    ("outside the catalogue: a sure name", _stratum("outside"), lambda trial: trial.wrong),
-    (f"poor motion, {ENOUGH}: named exactly", _plain("poor"), lambda trial: trial.exact),
-    ("poor motion: a sure name that is wrong", _stratum("poor"), lambda trial: trial.wrong),
-    (
-        "wiring: named, or refused with a reason",
-        _stratum("wiring"),
-        lambda trial: trial.exact or trial.outcome["verdict"] == "refused",
-    ),
-    (
-        "something named: the held-out gap is larger after than before",
-        lambda trial: trial.outcome["gap"] is not None,
-        lambda trial: trial.gap_grew,
-    ),
-    ("the finder broke down", lambda trial: True, lambda trial: trial.outcome["verdict"] == "broken"),
+    (f"one effect, {PLAIN}: named exactly", "one", "plain", "exact"),
+    ("  the truth in the credible set", "one", "plain", "among"),
+    ("  a sure name that is wrong", "one", "plain", "wrong"),
+    (f"one effect of any cost, z {STRONG:g} and z_sep {SEPARATE:g} or more: named exactly", "one", "strong", "exact"),
+    (f"two effects, each {PLAIN}: named exactly", "two", "plain", "exact"),
+    ("  the truth in the credible sets", "two", "plain", "among"),
+    (f"three effects, each {PLAIN}: named exactly", "three", "plain", "exact"),
+    ("  the truth in the credible sets", "three", "plain", "among"),
+    (f"outside the catalogue, {MATTERING} and z {LOUD:g} or more: flagged", "outside", "loud", "flagged"),
+    ("outside the catalogue: a sure name", "outside", None, "wrong"),
+    (f"poor motion, {PLAIN}: named exactly", "poor", "plain", "exact"),
+    ("poor motion: a sure name that is wrong", "poor", None, "wrong"),
+    ("wiring: named, or refused with a reason", "wiring", None, "found_or_refused"),
+    ("something named: the held-out gap is larger after than before", None, "has_gap", "gap_grew"),
+    ("the finder broke down", None, None, "broken"),
 )
-"""The rates that are reported: statement, condition on cases, and what counts as a hit."""
 
 COVERED = "95 % intervals of sizes named rightly: the true size within"
 
@@ -241,32 +234,30 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def trials_of(folder: str | os.PathLike[str], finder: str) -> list[Trial]:
-    """Return all judged cases of a trial; raises InputError if there are none."""
-    folder = Path(folder)
-    paths = sorted((folder / "outcomes" / finder).glob("case-*.json"))
-    if not paths:
-        raise InputError(f"{folder}: finder {finder} has no answers yet; judge the cases first")
-    return [Trial(read_json(folder / "labels" / path.name), read_json(path)) for path in paths]
+def rates_of(trials: Sequence[Judged], table: Table) -> list[Rate]:
+    """Return the rates of a table over these cases."""
+    rates = []
+    for statement, stratum, condition, hit in table:
+        counted = [trial for trial in trials if stratum in (None, trial.label["stratum"])]
+        counted = [trial for trial in counted if condition is None or getattr(trial, condition)]
+        rates.append(Rate.of(statement, (getattr(trial, hit) for trial in counted)))
+    return rates
 
 
 def rates(trials: Sequence[Trial]) -> list[Rate]:
     """Return all rates over these cases."""
-    found = [Rate.of(statement, (so(trial) for trial in trials if among(trial))) for statement, among, so in RATES]
-    return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
+    return [*rates_of(trials, RATES), Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
 def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     """Return for each non-empty bin of probability the number of names, their mean probability, and how many are
     right."""
     bins = []
-    probability = np.array([part for part, _ in reported])
-    place = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
-    for k in range(len(EDGES) - 1):
-        inside = np.flatnonzero(place == k).tolist()
-        if inside:
-            rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (reported[n][1] for n in inside))
-            bins.append(as_plain(rate) | {"probability": float(probability[inside].mean())})
+    place = np.clip(np.searchsorted(EDGES, [part for part, _ in reported], side="right") - 1, 0, len(EDGES) - 2)
+    for k in np.unique(place).tolist():
+        inside = [entry for entry, where in zip(reported, place, strict=True) if where == k]
+        rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (right for _, right in inside))
+        bins.append(as_plain(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
     return bins
 
 
@@ -310,15 +301,14 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
 
 def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, Any]:
     """Return all scores of a finder in a trial as plain data."""
-    plan, trials = plan_of(folder), trials_of(folder, finder)
-    parts: dict[str, Which] = {
-        "clean logs given": lambda trial: trial.label["clean"],
-        "no clean logs given": lambda trial: not trial.label["clean"],
-        "with a reference": lambda trial: trial.label["reference"],
-        "without a reference": lambda trial: not trial.label["reference"],
-    }
+    plan, trials = Plan(**asked_of(folder)), [Trial(*case) for case in judged(folder, finder)]
     groups = {name: [trial for trial in trials if trial.label["robot"] == name] for name in plan.robots}
-    groups |= {name: [trial for trial in trials if so(trial)] for name, so in parts.items()}
+    for key, given, missing in (
+        ("clean", "clean logs given", "no clean logs given"),
+        ("reference", "with a reference", "without a reference"),
+    ):
+        groups[given] = [trial for trial in trials if trial.label[key]]
+        groups[missing] = [trial for trial in trials if not trial.label[key]]
     return {
         "format": FORMAT,
         "plan": dataclasses.asdict(plan),
@@ -337,17 +327,12 @@ def lines(scores: dict[str, Any]) -> list[str]:
     text = [f"{done}, finder {scores['finder']}, {len(plan.robots)} robots"]
     for name, group in {"all": scores["all"], **scores["groups"]}.items():
         seconds = group["seconds"]
-        text += [
-            "",
-            f"{name}: {group['cases']} cases, "
-            f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each",
-        ]
-        text += [f"{_counted(rate)}  {rate['what']}" for rate in group["rates"] if rate["total"] or name == "all"]
+        each = f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each"
+        text += ["", f"{name}: {group['cases']} cases, {each}"]
+        text += [counted(rate) for rate in group["rates"] if rate["total"] or name == "all"]
         if group["reliability"]:
             text.append("reported probability against the part that is right, of names:")
-        text += [
-            f"{_counted(entry)}  {entry['what']}, mean {entry['probability']:.3f}" for entry in group["reliability"]
-        ]
+        text += [f"{counted(entry)}, mean {entry['probability']:.3f}" for entry in group["reliability"]]
         if group["calibration_error"] is not None:
             text.append(f"expected calibration error {group['calibration_error']:.3f}")
     text += ["", "Hidden -> answered:"]
@@ -358,7 +343,7 @@ def lines(scores: dict[str, Any]) -> list[str]:
 
 def as_plain(rate: Rate) -> dict[str, Any]:
     """Return a rate as data for JSON."""
-    return dataclasses.asdict(rate) | {"share": rate.share if rate.total else None}
+    return dataclasses.asdict(rate) | {"share": rate.count / rate.total if rate.total else None}
 
 
 def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
@@ -375,6 +360,8 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     }
 
 
-def _counted(rate: dict[str, Any]) -> str:
+def counted(rate: dict[str, Any], digits: int = 1) -> str:
+    """Return a rate of `as_plain` as text. digits: of the interval, after the point."""
     share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
-    return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {100 * rate['low']:.1f} to {100 * rate['high']:.1f})"
+    ends = f"{100 * rate['low']:.{digits}f} to {100 * rate['high']:.{digits}f}"
+    return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {ends})  {rate['what']}"

@@ -1,9 +1,7 @@
-"""Effects outside the catalogue, for the Bullet simulator: the right verdict on them is "unexplained".
-
-Castors and wheels are numbered from 1.
-"""
+"""Effects outside the catalogue, for the Bullet simulator."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,21 +9,12 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
-from discrepancy.trials.bullet.model import Link, Parts, Rig
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.bullet.model import Link, Parts
+from discrepancy.trials.bullet.world import World
 from discrepancy.trials.foreign.build import Build
-from discrepancy.trials.foreign.run import Counters
-
-
-class Outside(Counters):
-    """One such effect. acts: whether `act` is to be called before each physics step."""
-
-    acts: ClassVar[bool] = False
-
-    def build(self, parts: Parts) -> None:
-        """Change the model that is to be built."""
-
-    def act(self, rig: Rig, t: float) -> None:
-        """Change the model while it runs, t s since the start: of what is not constant, `rig.radius` as built."""
+from discrepancy.trials.foreign.run import Outside
+from discrepancy.trials.hidden import Hidden, place_at_random
 
 
 @dataclass(frozen=True)
@@ -79,10 +68,10 @@ class ConicalWheel(Outside):
         if not parts.build.turning[parts.build.place(self.castor)]:
             raise InputError(f"castor {self.castor} does not turn; give one that does")
 
-    def act(self, rig: Rig, t: float) -> None:
+    def act(self, world: World, t: float) -> None:
         """Set the radius for where the castor points."""
-        k, pivot = rig.build.wheel(self.castor, self.wheel), rig.pivot[rig.build.place(self.castor)]
-        rig.radius[k] *= 1 + self.cone * math.cos(rig.joint[pivot] - self.along)
+        k, pivot = world.build.wheel(self.castor, self.wheel), world.pivot[world.build.place(self.castor)]
+        world.radius[k] *= 1 + self.cone * math.cos(world.joint[pivot] - self.along)
 
 
 @dataclass(frozen=True)
@@ -109,16 +98,8 @@ class FlexingFork(Outside):
         children = [link for link in parts.links if link.parent == fork.name]
         mass, moments = fork.mass, fork.inertia
         fork.mass, fork.inertia = self.front * mass, scaled(moments, self.front)
-        rear = Link(
-            f"flex_{i}",
-            fork.name,
-            (-half, 0.0, 0.0),
-            (1 - self.front) * mass,
-            scaled(moments, 1 - self.front),
-            (0.0, 0.0, 1.0),
-            behind=half,
-            spring=spring,
-        )
+        left = (1 - self.front) * mass, scaled(moments, 1 - self.front)
+        rear = Link(f"flex_{i}", fork.name, (-half, 0.0, 0.0), *left, (0.0, 0.0, 1.0), behind=half, spring=spring)
         parts.links.insert(parts.links.index(fork) + 1, rear)
         for child in children:
             child.parent, child.place = rear.name, (child.place[0] + half, *child.place[1:])
@@ -139,19 +120,21 @@ class LooseTyre(Outside):
         hub = parts.link(f"roll_{k}")
         half, mass, moments = abs(self.play) / 2, hub.mass, hub.inertia
         hub.mass, hub.inertia, hub.wheel = self.hub * mass, scaled(moments, self.hub), None
-        tyre = Link(
-            f"tyre_{k}",
-            hub.name,
-            (0.0, 0.0, 0.0),
-            (1 - self.hub) * mass,
-            scaled(moments, 1 - self.hub),
-            (0.0, 1.0, 0.0),
-            wheel=k,
-            limits=(-half, half),
-        )
+        left = (1 - self.hub) * mass, scaled(moments, 1 - self.hub)
+        tyre = Link(f"tyre_{k}", hub.name, (0.0, 0.0, 0.0), *left, (0.0, 1.0, 0.0), wheel=k, limits=(-half, half))
         parts.links.insert(parts.links.index(hub) + 1, tyre)
 
 
 def scaled(inertia: tuple[float, float, float], part: float) -> tuple[float, float, float]:
     """Return a part of an inertia (3,)."""
     return inertia[0] * part, inertia[1] * part, inertia[2] * part
+
+
+def outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
+    """Yield each effect once, at a random place of the robot, in a size to begin with."""
+    place = place_at_random(robot, random)
+    along = float(random.uniform(-math.pi, math.pi))
+    yield Hidden(StickingCounter(**place, part=2e-3), "part")
+    yield Hidden(ConicalWheel(**place, cone=5e-4, along=along), "cone")
+    yield Hidden(FlexingFork(castor=place["castor"], give=1e-3), "give")
+    yield Hidden(LooseTyre(**place, play=5e-3), "play")

@@ -1,19 +1,32 @@
-"""Makes the log of a foreign simulator's run, as the robot's encoders and the reference report it.
+"""Runs of robots in foreign simulators, and the logs that encoders and the reference make of them.
 
-The same run can be read again for the same robot with other effects on its sensors.
+Nothing here uses the project's own physics, kinematics or sensor models. The same run can be read again for the same
+robot with other effects on its sensors.
 """
 
+import math
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from castor_envs.effects.catalogue import floor_of
+from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.build import Build
-from discrepancy.trials.foreign.sensors import Sensors, reading_times, reference_poses, reference_times
-from discrepancy.trials.noise import Noise
+from discrepancy.trials.foreign.build import Build, Controller
+from discrepancy.trials.foreign.sensors import Sensors, measured_angles, reading_times, reference_poses, reference_times
+from discrepancy.trials.reading import USUAL, Noise
+
+SETTLING = 0.5
+"""How long the robot stands before the start, s."""
+
+GIVING_WAY = 0.03
+"""Time constant with which soft tyres give way to their loads, s."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,13 +34,14 @@ class Run:
     """A run: states at N + 1 times of the physics, of which every `every`-th is a sample.
 
     t (N + 1,): s. angle (N + 1, w + n): of wheels since the start, and of castors, rad, true and unwrapped. pose
-    (N + 1, 3): of the point that the reference tracks. command (K, driven wheels), steering (K, driven castors): rad/s,
-    the last row 0. phase (driven wheels,): of encoders, counts.
+    (N + 1, 3): of the point that the reference tracks. state (N + 1, ...): as the simulator has it. command (K, driven
+    wheels), steering (K, driven castors): rad/s, the last row 0. phase (driven wheels,): of encoders, counts.
     """
 
     t: Array
     angle: Array
     pose: Array
+    state: Array
     command: Array
     steering: Array
     phase: Array
@@ -35,12 +49,125 @@ class Run:
     seed: int
 
 
-class Counters:
-    """Changes of counts on their way into the log; in this class none."""
+class Outside:
+    """An effect outside the catalogue, in a foreign simulator: the right verdict on it is "unexplained".
+
+    Castors and wheels are numbered from 1. acts: whether `act` is to be called before each physics step.
+    """
+
+    acts: ClassVar[bool] = False
+
+    def build(self, parts: Any) -> None:
+        """Change the parts of the model that is to be built."""
+
+    def act(self, world: Any, t: float) -> None:
+        """Change the model while it runs, t s since the start."""
 
     def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Return wheel counts (K, driven wheels), not rounded yet, at times t (K,), as the log receives them."""
         return wheel
+
+
+class World(Protocol):
+    """A robot in a simulator, moved on one physics step after the other."""
+
+    def settle(self, theta: Array, start: tuple[float, float, float]) -> None:
+        """Let the robot stand for `SETTLING`, castors at theta (n,), then put it to the start at rest."""
+
+    def step(self, t: float, wheel: Array, steering: Array) -> None:
+        """Make one step from t with wheels and steering commanded at rates, rad/s."""
+
+    def state(self) -> Array:
+        """Return the state (s,)."""
+        ...
+
+    def angles(self, states: Array) -> Array:
+        """Return the angles (m, w + n) in states (m, s): of wheels since the start, and of castors."""
+        ...
+
+    def poses(self, states: Array) -> Array:
+        """Return the poses (m, 3) of the tracked point in successive states (m, s)."""
+        ...
+
+    def close(self) -> None:
+        """Give the world back."""
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """A foreign simulator. world: makes one from robot, floor, step (s) and effect outside the catalogue (None: none).
+    longest: physics step, s."""
+
+    world: Callable[[RobotDescription, Floor, float, Outside | None], World]
+    longest: float
+
+    def drive(
+        self,
+        robot: RobotDescription,
+        motion: Trajectory,
+        seed: int,
+        *,
+        duration: float,
+        floor: Floor | None = None,
+        outside: Outside | None = None,
+        rounded: bool = True,
+        noise: Noise = USUAL,
+    ) -> Log:
+        """Return the log of a robot with its effects that drives a motion for `duration` s, with reference poses.
+
+        rounded: whether encoders round to counts. The same seed gives the same start, encoder phases and noise
+        whichever the effects. Raises InputError for robots, floors and effects that the simulator has not, or where it
+        is not installed.
+        """
+        run = self.simulate(robot, motion, seed, duration=duration, floor=floor, outside=outside)
+        return read(run, robot, outside=outside, rounded=rounded, noise=noise)
+
+    def simulate(
+        self,
+        robot: RobotDescription,
+        motion: Trajectory,
+        seed: int,
+        *,
+        duration: float,
+        floor: Floor | None = None,
+        outside: Outside | None = None,
+    ) -> Run:
+        """Return the run of a robot, steered sample by sample from its encoders as its effects corrupt them."""
+        described, period, random = (
+            Build.of(robot.as_described()),
+            robot.sample_period,
+            np.random.default_rng([seed, 2]),
+        )
+        every, samples = math.ceil(period / self.longest - 1e-9), round(duration / period)
+        t = np.arange(samples * every + 1, dtype=np.float64) * period / every
+        theta = start_angles(described, motion, random)
+        phase = random.uniform(size=len(described.driven))
+        command, steering = (np.zeros((samples + 1, len(moved))) for moved in (described.driven, described.steered))
+        sensors, controller = Sensors(robot), Controller(described, period, robot.max_steering_speed)
+        with closing(self.world(robot, floor_of(robot, floor or Floor()), period / every, outside)) as world:
+            world.settle(theta, motion.start)
+            states = np.tile(world.state(), (len(t), 1))
+            seen = sensors.push(t[:1], world.angles(states[:1]))
+            for k in range(samples):
+                measured = measured_angles(described, sensors.pivots(seen[-1]))
+                command[k], steering[k] = controller.commands(measured, motion.at((k + 0.5) * period)[1])
+                ahead = slice(k * every + 1, (k + 1) * every + 1)
+                for row in range(ahead.start, ahead.stop):
+                    world.step(t[row - 1], command[k], steering[k])
+                    states[row] = world.state()
+                seen = sensors.push(t[ahead], world.angles(states[ahead]))
+            angle, pose = world.angles(states), world.poses(states)
+        return Run(
+            t=t,
+            angle=angle,
+            pose=pose,
+            state=states,
+            command=command,
+            steering=steering,
+            phase=phase,
+            every=every,
+            seed=seed,
+        )
 
 
 def start_angles(build: Build, motion: Trajectory, random: np.random.Generator) -> Array:
@@ -50,13 +177,23 @@ def start_angles(build: Build, motion: Trajectory, random: np.random.Generator) 
     return np.where([kind == "free" for kind in build.steering], trailing + off, trailing)
 
 
+def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
+    """Return the friction of the last patch in which a place (x, y, m) is; None outside all."""
+    for patch in reversed(patches):
+        x, y = place[0] - patch.center[0], place[1] - patch.center[1]
+        c, s = math.cos(patch.angle), math.sin(patch.angle)
+        if abs(c * x + s * y) <= patch.size[0] / 2 and abs(c * y - s * x) <= patch.size[1] / 2:
+            return patch.friction
+    return None
+
+
 def read(
     run: Run,
     robot: RobotDescription,
     *,
-    outside: Counters | None = None,
+    outside: Outside | None = None,
     rounded: bool = True,
-    noise: Noise = Noise(),  # noqa: B008
+    noise: Noise = USUAL,
 ) -> Log:
     """Return a run's log as the encoders of a robot report it, with its effects on sensors, time and counts.
 

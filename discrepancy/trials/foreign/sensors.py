@@ -193,76 +193,73 @@ class Play:
         return angle
 
 
-class LostTicks:
-    """A wheel whose encoder loses a share of the turn in periods faster than `above`, rad/s, in one sense of
-    rotation."""
+class _Losing:
+    """A wheel whose encoder loses a part of the turn: the losses of all periods so far add up."""
 
-    def __init__(self, channel: int, share: float, sign: float, above: float) -> None:
-        self._channel, self._share, self._sign, self._above = channel, share, sign, above
+    def __init__(self, channel: int) -> None:
+        self._channel, self._lost = channel, 0.0
         self._before: tuple[float, float] | None = None
-        self._lost = 0.0
 
     def __call__(self, t: Array, angle: Array) -> Array:
         """Return the angles of a period."""
         angle, true = angle.copy(), angle[:, self._channel]
-        share, start = 0.0, true[0]
-        if self._before is not None:
-            start = self._before[1]
-            fast = self._sign * (true[-1] - start) > self._above * (t[-1] - self._before[0])
-            share = self._share if fast else 0.0
-        lost = self._lost + share * (true - start)
+        since, start = (float(t[0]), float(true[0])) if self._before is None else self._before
+        lost = self._lost + self._loses(t, true, since, start)
         angle[:, self._channel] = true - lost
         self._lost, self._before = float(lost[-1]), (float(t[-1]), float(true[-1]))
         return angle
 
+    def _loses(self, t: Array, true: Array, since: float, start: float) -> Array:
+        """Return what is lost from the start of a period, at `since` (s) and angle `start`, to each of its times."""
+        raise NotImplementedError
 
-class Truncated:
-    """A wheel whose turn per period is truncated to whole counts of `count` rad, toward zero; the remainder is lost."""
+
+class LostTicks(_Losing):
+    """Loses a share of the turn in periods faster than `above`, rad/s, in one sense of rotation."""
+
+    def __init__(self, channel: int, share: float, sign: float, above: float) -> None:
+        super().__init__(channel)
+        self._share, self._sign, self._above = share, sign, above
+
+    def _loses(self, t: Array, true: Array, since: float, start: float) -> Array:
+        fast = self._sign * (true[-1] - start) > self._above * (t[-1] - since)
+        return (self._share if fast else 0.0) * (true - start)
+
+
+class Truncated(_Losing):
+    """Truncates the turn of a period to whole counts of `count` rad, toward zero, in the period's last row."""
 
     def __init__(self, channel: int, count: float) -> None:
-        self._channel, self._count = channel, count
-        self._before: float | None = None
-        self._lost = 0.0
+        super().__init__(channel)
+        self._count = count
 
-    def __call__(self, t: Array, angle: Array) -> Array:
-        """Return the angles of a period; its loss is applied to its last row."""
-        angle, true = angle.copy(), angle[:, self._channel]
-        angle[:, self._channel] = true - self._lost
-        if self._before is not None:
-            turned = true[-1] - self._before
-            self._lost += float(turned - math.trunc(turned / self._count) * self._count)
-            angle[-1, self._channel] = true[-1] - self._lost
-        self._before = float(true[-1])
-        return angle
+    def _loses(self, t: Array, true: Array, since: float, start: float) -> Array:
+        lost, turned = np.zeros(len(true)), true[-1] - start
+        lost[-1] = turned - math.trunc(turned / self._count) * self._count
+        return lost
 
 
-class Bursts:
-    """A wheel whose encoder loses a share of the turn in bursts of `width` s, the first at `start`.
+class Bursts(_Losing):
+    """Loses a share of the turn in bursts of `width` s, the first at `start`.
 
-    They begin `period` s after one another or, with a seed, after uniform draws from 0 to twice that.
+    They begin `period` s after one another or, with a seed, after uniform draws from 0 to twice that. A physics step is
+    lost if its middle lies in a burst.
     """
 
     def __init__(self, channel: int, share: float, start: float, period: float, width: float, seed: int | None) -> None:
-        self._channel, self._share, self._period, self._width = channel, share, period, width
+        super().__init__(channel)
+        self._share, self._period, self._width = share, period, width
         self._random = None if seed is None else np.random.default_rng(seed)
         self._begins = [start]
-        self._before: tuple[float, float] | None = None
-        self._lost = 0.0
 
-    def __call__(self, t: Array, angle: Array) -> Array:
-        """Return the angles of a period; a physics step is lost if its middle lies in a burst."""
+    def _loses(self, t: Array, true: Array, since: float, start: float) -> Array:
         while self._begins[-1] <= t[-1]:
             later = 1.0 if self._random is None else self._random.uniform(0.0, 2.0)
             self._begins.append(self._begins[-1] + self._period * later)
-        angle, true = angle.copy(), angle[:, self._channel]
-        since, start = (t[0], true[0]) if self._before is None else self._before
         middle = t - np.diff(t, prepend=since) / 2
         last = np.searchsorted(self._begins, middle, side="right") - 1
         losing = (last >= 0) & (middle - np.array(self._begins)[last] < self._width)
-        lost = self._lost + np.cumsum(self._share * losing * np.diff(true, prepend=start))
-        angle[:, self._channel] = true - lost
-        self._lost, self._before = float(lost[-1]), (float(t[-1]), float(true[-1]))
-        return angle
+        return np.cumsum(self._share * losing * np.diff(true, prepend=start))
 
 
 def _on_channel(channel: int, read: Callable[[Array], Array]) -> Stage:

@@ -18,6 +18,21 @@ LIGHTEST = 0.2
 ACROSS = 0.55
 """Inertia of a wheel about its diameter over that about its axle: a disc's, and a little for its width."""
 
+TILTING = 0.6
+"""Inertia of chassis and forks about level axes over that about the vertical: they are flat."""
+
+DROOP, STEERING_DROOP = 0.1, 0.01
+"""How far wheels and steering fall behind their commands at full torque, in parts of their highest rate."""
+
+DAMPING, GRAVITY = 0.7, 9.81
+"""Damping of springs and of contacts across the floor, in parts of the critical damping under static load; and the
+gravity for which it is chosen, m/s2."""
+
+
+def damping_of(sinking: float) -> float:
+    """Return the damping over the stiffness, s, of a spring that gives by `sinking` (m) under its load."""
+    return 2 * DAMPING * math.sqrt(sinking / GRAVITY)
+
 
 def supports(build: Build) -> Array:
     """Return where wheels stand (w, 2), in B: those of castors that turn, below the pivot."""

@@ -14,21 +14,27 @@ needed: the others solve contacts as if servos and dampers were not there, and w
 import importlib
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.foreign.build import Build, check_drivable
-from discrepancy.trials.foreign.standing import ACROSS, fork, skids_of, static_loads, wheel_mass
-
-STEP = 1e-3
-"""Physics step, s, at most."""
+from discrepancy.trials.foreign.standing import (
+    ACROSS,
+    DROOP,
+    STEERING_DROOP,
+    TILTING,
+    damping_of,
+    fork,
+    skids_of,
+    static_loads,
+    wheel_mass,
+)
 
 SINKING, REDUNDANT = 5e-4, 4.0
 """How far springs give under their static loads where all wheels of a castor rise together, m, and how many times that
@@ -37,30 +43,17 @@ on robots that stand on more than three castors or skids, to have all of them ca
 ROCKING = 16.0
 """How many times softer the springs are where one wheel rises and its neighbours sink."""
 
-SPRING_DAMPING = 0.7
-"""Damping of springs, in parts of the critical damping under static load."""
-
 THINNESS = 0.15
 """A wheel's half width over its radius."""
 
-GRAVITY = 9.81
-"""m/s2: gravity for which dampers are chosen."""
-
 HEIGHT = 2.0
 """Height of the chassis' centre of mass over the axles, in wheel radii."""
-
-DROOP, STEERING_DROOP = 0.1, 0.01
-"""How far wheels and steering fall behind their commands at full torque, in parts of their highest rate."""
 
 TIGHTNESS = 10.0
 """MuJoCo's impratio: how much stiffer contacts are along the floor than across it."""
 
 IMPEDANCE, CONTACT_TIME = 0.99, 0.7
 """MuJoCo's solimp (constant), and solref in physics steps; below half a step contacts chatter."""
-
-AHEAD = (1 + IMPEDANCE * CONTACT_TIME) / 2
-"""Physics steps from a step's start to the state whose contacts hold in it: half a step on, and as much further as side
-slip lags behind the turning of the contacts, which MuJoCo leaves out."""
 
 PIVOT_DAMPING = 1e-3
 """N m s: damping of a free pivot."""
@@ -86,88 +79,6 @@ class Parts:
     load: Array
     step: float
     sinking: float
-
-
-@dataclass(eq=False)
-class Rig:
-    """A compiled model with its state, and where things are in it.
-
-    pivot (n,), slide (w,), roll (w,): places in qpos of the pivots (-1: fixed), the wheels' slides and their turning;
-    slide_dof, roll_dof (w,): in qvel. hub (w,), geom (w,): the wheels' bodies and shapes. tracked: places in qpos of a
-    mast's two slides, or empty. radius (w,): as built, m. load (w,): at rest, N. step: s.
-    """
-
-    model: Any
-    data: Any
-    build: Build
-    radius: Array
-    load: Array
-    step: float
-    pivot: NDArray[np.intp] = field(init=False)
-    slide: NDArray[np.intp] = field(init=False)
-    slide_dof: NDArray[np.intp] = field(init=False)
-    roll: NDArray[np.intp] = field(init=False)
-    roll_dof: NDArray[np.intp] = field(init=False)
-    tracked: NDArray[np.intp] = field(init=False)
-    geom: NDArray[np.intp] = field(init=False)
-    hub: NDArray[np.intp] = field(init=False)
-
-    def __post_init__(self) -> None:
-        mujoco = mujoco_module()
-
-        def places(kind: Any, names: list[str], addresses: Any) -> NDArray[np.intp]:
-            found = [mujoco.mj_name2id(self.model, kind, name) for name in names]
-            return np.array([addresses[k] if k >= 0 else -1 for k in found], dtype=np.intp)
-
-        joint, at = mujoco.mjtObj.mjOBJ_JOINT, self.model.jnt_qposadr
-        n, w = len(self.build.offset), len(self.build.radius)
-        self.pivot = places(joint, [f"pivot_{i}" for i in range(n)], at)
-        self.slide = places(joint, [f"slide_{k}" for k in range(w)], at)
-        self.slide_dof = places(joint, [f"slide_{k}" for k in range(w)], self.model.jnt_dofadr)
-        self.roll_dof = places(joint, [f"roll_{k}" for k in range(w)], self.model.jnt_dofadr)
-        self.roll = places(joint, [f"roll_{k}" for k in range(w)], at)
-        mast = places(joint, ["mast_x", "mast_y"], at)
-        self.tracked = mast[mast >= 0]
-        self.hub = places(mujoco.mjtObj.mjOBJ_BODY, [f"hub_{k}" for k in range(w)], np.arange(self.model.nbody))
-        self.geom = places(mujoco.mjtObj.mjOBJ_GEOM, [f"wheel_{k}" for k in range(w)], np.arange(self.model.ngeom))
-
-    def loads(self) -> Array:
-        """Return the loads of the wheels' springs (w,), N."""
-        return -self.data.qfrc_spring[self.slide_dof]
-
-    def set_radius(self, wheel: int, radius: float) -> None:
-        """Give a wheel another radius, m."""
-        self.model.geom_size[self.geom[wheel], [0, 2]] = radius
-        self.model.geom_rbound[self.geom[wheel]] = radius
-
-    def set_friction(self, wheel: int, friction: float) -> None:
-        """Give a wheel's contact another coefficient of friction."""
-        self.model.geom_friction[self.geom[wheel], 0] = friction
-
-    def set_creep(self, viscous: float) -> None:
-        """Let contacts slip by `viscous` (m/s) more for each N of friction, for the state that the model is in."""
-        rows = np.ravel([np.arange(1, 3) + c.efc_address for c in self.data.contact[: self.data.ncon] if c.dim == 3])
-        damping = 2 / (IMPEDANCE * CONTACT_TIME * self.step)
-        creep = float(np.mean(self.data.efc_R[rows])) * (1 / damping + self.step)  # as the step treats it implicitly
-        self.model.opt.impratio *= creep / (creep + viscous)
-
-    def forces(self) -> tuple[Array, Array]:
-        """Return the floor's friction on wheels (w,), N: along their rolling directions, and to their left."""
-        mujoco, force = mujoco_module(), np.zeros(6)
-        total = np.zeros((len(self.geom), 3))
-        for c in range(self.data.ncon):
-            contact = self.data.contact[c]
-            wheel = np.flatnonzero(self.geom == contact.geom[1])
-            if len(wheel):
-                mujoco.mj_contactForce(self.model, self.data, c, force)
-                total[wheel[0]] += contact.frame.reshape(3, 3).T @ force[:3]
-        left = self.data.xmat[self.hub].reshape(-1, 3, 3)[:, :2, 1]
-        ahead = np.column_stack([left[:, 1], -left[:, 0]])
-        return (total[:, :2] * ahead).sum(axis=1), (total[:, :2] * left).sum(axis=1)
-
-    def wheel_places(self) -> Array:
-        """Return where the wheels' centres are (w, 3), m in N."""
-        return self.data.geom_xpos[self.geom]
 
 
 def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
@@ -203,8 +114,7 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     chassis = ET.SubElement(world, "body", name="chassis", pos=text(0, 0, height))
     ET.SubElement(chassis, "freejoint")
     center = (*robot.center_of_mass, HEIGHT * height)
-    tilting = 0.6 * robot.inertia
-    inertia = text(tilting, tilting, robot.inertia)
+    inertia = text(TILTING * robot.inertia, TILTING * robot.inertia, robot.inertia)
     ET.SubElement(chassis, "inertial", pos=text(*center), mass=text(robot.mass), diaginertia=inertia)
     skids = skids_of(robot, described)
     loads = static_loads(robot, described, floor.normal_gravity, skids)
@@ -213,7 +123,7 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     sinking = SINKING * (REDUNDANT if standing > 3 else 1.0)
     wheel_loads = loads[: len(build.radius)]
     build.radius[:] -= build.shrinking * (wheel_loads - wheel_loads[build.driven].mean())
-    parts = Parts(build, root, chassis, [], [], loads[: len(build.radius)], step, sinking)
+    parts = Parts(build, root, chassis, [], [], wheel_loads, step, sinking)
     for i in range(len(build.offset)):
         parts.castors.append(_castor(parts, robot, actuator, i))
     for k in range(len(build.radius)):
@@ -242,13 +152,6 @@ def mujoco_module() -> Any:
     return mujoco
 
 
-def rig_of(parts: Parts) -> Rig:
-    """Compile a model; raises InputError where MuJoCo is not installed."""
-    mujoco = mujoco_module()
-    model = mujoco.MjModel.from_xml_string(ET.tostring(parts.root, encoding="unicode"))
-    return Rig(model, mujoco.MjData(model), parts.build, parts.build.radius.copy(), parts.load, parts.step)
-
-
 def _castor(parts: Parts, robot: RobotDescription, actuator: ET.Element, i: int) -> ET.Element:
     build, castor = parts.build, robot.castors[i]
     body = ET.SubElement(parts.chassis, "body", name=f"castor_{i}", pos=text(*build.pivot[i], 0))
@@ -258,20 +161,11 @@ def _castor(parts: Parts, robot: RobotDescription, actuator: ET.Element, i: int)
         damping = PIVOT_DAMPING if castor.steering == "free" else 0.0
         ET.SubElement(body, "joint", name=f"pivot_{i}", type="hinge", axis="0 0 1", damping=text(damping))
     if castor.steering == "driven":
-        limit = robot.max_steering_torque
-        ET.SubElement(
-            actuator,
-            "velocity",
-            name=f"steer_{i}",
-            joint=f"pivot_{i}",
-            kv=text(limit / (STEERING_DROOP * robot.max_steering_speed)),
-            forcerange=text(-limit, limit),
-        )
+        droop = STEERING_DROOP * robot.max_steering_speed
+        ET.SubElement(actuator, "velocity", _servo(f"steer_{i}", f"pivot_{i}", robot.max_steering_torque, droop))
     mass, inertia = fork(castor)
-    across = 0.6 * inertia
-    ET.SubElement(
-        body, "inertial", pos=text(-build.offset[i], 0, 0), mass=text(mass), diaginertia=text(across, across, inertia)
-    )
+    moments = text(TILTING * inertia, TILTING * inertia, inertia)
+    ET.SubElement(body, "inertial", pos=text(-build.offset[i], 0, 0), mass=text(mass), diaginertia=moments)
     return body
 
 
@@ -279,9 +173,9 @@ def _wheel(parts: Parts, robot: RobotDescription, actuator: ET.Element, k: int, 
     build, wheel = parts.build, robot.wheels[k]
     radius, spin = build.radius[k], wheel.inertia
     body = ET.SubElement(parts.castors[build.castor[k]], "body", name=f"hub_{k}", pos=text(*place))
-    ET.SubElement(
-        body, "joint", {"name": f"slide_{k}"} | _spring(parts.load[k], parts.sinking * _rocking(parts.build, k))
-    )
+    alone = np.sum(build.castor == build.castor[k]) == 1
+    slide = _spring(parts.load[k], parts.sinking * (1.0 if alone else ROCKING))
+    ET.SubElement(body, "joint", {"name": f"slide_{k}"} | slide)
     ET.SubElement(body, "joint", name=f"roll_{k}", type="hinge", axis="0 1 0")
     mass = text(wheel_mass(spin, wheel.radius))
     ET.SubElement(body, "inertial", pos="0 0 0", mass=mass, diaginertia=text(ACROSS * spin, spin, ACROSS * spin))
@@ -300,39 +194,20 @@ def _wheel(parts: Parts, robot: RobotDescription, actuator: ET.Element, k: int, 
         conaffinity="0",
     )
     if wheel.driven:
-        limit = robot.max_wheel_torque
-        reach = text(-limit, limit)
-        ET.SubElement(
-            actuator,
-            "velocity",
-            name=f"drive_{k}",
-            joint=f"roll_{k}",
-            kv=text(limit / (DROOP * robot.max_wheel_speed)),
-            forcerange=reach,
-        )
+        servo = _servo(f"drive_{k}", f"roll_{k}", robot.max_wheel_torque, DROOP * robot.max_wheel_speed)
+        ET.SubElement(actuator, "velocity", servo)
     return body
+
+
+def _servo(name: str, joint: str, torque: float, droop: float) -> dict[str, str]:
+    """Return a motor that turns a joint as commanded, `droop` (rad/s) slower at its full torque (N m)."""
+    return {"name": name, "joint": joint, "kv": text(torque / droop), "forcerange": text(-torque, torque)}
 
 
 def _spring(load: float, sinking: float) -> dict[str, str]:
     """Return the vertical slide of a wheel or skid whose spring gives by `sinking` (m) under `load` (N)."""
-    stiffness = load / sinking
-    return {
-        "type": "slide",
-        "axis": "0 0 1",
-        "stiffness": text(stiffness),
-        "springref": text(-sinking),
-        "damping": text(_damping(sinking) * stiffness),
-    }
-
-
-def _damping(sinking: float) -> float:
-    """Return the damping of a spring over its stiffness, s, that gives by `sinking` (m) under its load."""
-    return 2 * SPRING_DAMPING * math.sqrt(sinking / GRAVITY)
-
-
-def _rocking(build: Build, wheel: int) -> float:
-    """Return how many times softer the spring of a single wheel is than the springs of its castor."""
-    return ROCKING if np.sum(build.castor == build.castor[wheel]) > 1 else 1.0
+    given = {"stiffness": load / sinking, "springref": -sinking, "damping": damping_of(sinking) * (load / sinking)}
+    return {"type": "slide", "axis": "0 0 1"} | {name: text(value) for name, value in given.items()}
 
 
 def _share_loads(parts: Parts) -> None:
@@ -343,7 +218,7 @@ def _share_loads(parts: Parts) -> None:
         wheels = np.flatnonzero(parts.build.castor == i)
         if len(wheels) > 1:
             stiffness = parts.load[wheels].mean() * (1 - 1 / ROCKING) / parts.sinking / len(wheels)
-            spring = {"stiffness": text(stiffness), "damping": text(_damping(parts.sinking) * stiffness)}
+            spring = {"stiffness": text(stiffness), "damping": text(damping_of(parts.sinking) * stiffness)}
             tendon = ET.SubElement(tendons, "fixed", spring, springlength="0")
             for k in wheels:
                 ET.SubElement(tendon, "joint", joint=f"slide_{k}", coef="1")

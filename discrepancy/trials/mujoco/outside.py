@@ -1,10 +1,8 @@
-"""Effects outside the catalogue, for the MuJoCo simulator: the right verdict on them is "unexplained".
-
-Castors and wheels are numbered from 1.
-"""
+"""Effects outside the catalogue, for the MuJoCo simulator."""
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,21 +10,12 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.foreign.build import Build
-from discrepancy.trials.foreign.run import Counters
-from discrepancy.trials.mujoco.model import THINNESS, Parts, Rig, text
-
-
-class Outside(Counters):
-    """One such effect. acts: whether `act` is to be called before each physics step."""
-
-    acts: ClassVar[bool] = False
-
-    def build(self, parts: Parts) -> None:
-        """Change the model that is to be built."""
-
-    def act(self, rig: Rig, t: float) -> None:
-        """Change the model while it runs, t s since the start."""
+from discrepancy.trials.foreign.run import Outside
+from discrepancy.trials.hidden import Hidden, place_at_random
+from discrepancy.trials.mujoco.model import THINNESS, Parts, text
+from discrepancy.trials.mujoco.world import World
 
 
 @dataclass(frozen=True)
@@ -41,7 +30,9 @@ class WobblingWheel(Outside):
         """Tilt the ellipsoid: its lowest point then shifts by (r - b^2 / r) times the tilt."""
         k = parts.build.wheel(self.castor, self.wheel)
         tilt = self.size / (parts.build.radius[k] * (1 - THINNESS**2))
-        _geom(parts, k).set("euler", text(tilt, 0, 0))
+        geom = parts.wheels[k].find("geom")
+        assert geom is not None  # every wheel is built with one
+        geom.set("euler", text(tilt, 0, 0))
 
 
 @dataclass(frozen=True)
@@ -55,13 +46,13 @@ class FlatSpot(Outside):
     phase: float = 1.0
     acts = True
 
-    def act(self, rig: Rig, t: float) -> None:
+    def act(self, world: World, t: float) -> None:
         """Set the radius at the contact."""
-        k = rig.build.wheel(self.castor, self.wheel)
-        away = math.remainder(float(rig.data.qpos[rig.roll[k]]) - self.phase, 2 * math.pi)
+        k = world.build.wheel(self.castor, self.wheel)
+        away = math.remainder(float(world.data.qpos[world.roll[k]]) - self.phase, 2 * math.pi)
         inside = abs(away) < self.width / 2
         worn = self.depth * math.cos(math.pi * away / self.width) ** 2 if inside else 0.0
-        rig.set_radius(k, rig.radius[k] - worn)
+        world.set_radius(k, world.radius[k] - worn)
 
 
 @dataclass(frozen=True)
@@ -74,10 +65,10 @@ class WarmingWheel(Outside):
     time: float = 30.0
     acts = True
 
-    def act(self, rig: Rig, t: float) -> None:
+    def act(self, world: World, t: float) -> None:
         """Set the radius."""
-        k = rig.build.wheel(self.castor, self.wheel)
-        rig.set_radius(k, rig.radius[k] * (1 + self.growth * (1 - math.exp(-max(t, 0.0) / self.time))))
+        k = world.build.wheel(self.castor, self.wheel)
+        world.set_radius(k, world.radius[k] * (1 + self.growth * (1 - math.exp(-max(t, 0.0) / self.time))))
 
 
 @dataclass(frozen=True)
@@ -117,12 +108,12 @@ class StickyPivot(Outside):
         pivot.set("solreffriction", text(parts.step, 1))
         pivot.set("solimpfriction", text(0.99, 0.99, 0.001, 0.5, 2))
 
-    def act(self, rig: Rig, t: float) -> None:
+    def act(self, world: World, t: float) -> None:
         """Set the friction for the rate at which the pivot turns (Stribeck's curve, `speed` in rad/s)."""
-        place = int(rig.pivot[rig.build.place(self.castor)])
-        dof = int(rig.model.jnt_dofadr[np.flatnonzero(rig.model.jnt_qposadr == place)[0]])
-        sticking = math.exp(-((float(rig.data.qvel[dof]) / self.speed) ** 2))
-        rig.model.dof_frictionloss[dof] = self.stick * (self.slide + (1 - self.slide) * sticking)
+        place = int(world.pivot[world.build.place(self.castor)])
+        dof = int(world.model.jnt_dofadr[np.flatnonzero(world.model.jnt_qposadr == place)[0]])
+        sticking = math.exp(-((float(world.data.qvel[dof]) / self.speed) ** 2))
+        world.model.dof_frictionloss[dof] = self.stick * (self.slide + (1 - self.slide) * sticking)
 
 
 @dataclass(frozen=True)
@@ -162,7 +153,14 @@ class CountGlitches(Outside):
         return wheel
 
 
-def _geom(parts: Parts, wheel: int) -> ET.Element:
-    geom = parts.wheels[wheel].find("geom")
-    assert geom is not None  # every wheel is built with one
-    return geom
+def outsiders(robot: RobotDescription, random: np.random.Generator) -> Iterator[Hidden]:
+    """Yield each effect once, at a random place of the robot, in a size to begin with."""
+    place = place_at_random(robot, random)
+    castor = place["castor"]
+    yield Hidden(WobblingWheel(**place, size=1e-3), "size")
+    yield Hidden(FlatSpot(**place, depth=2e-4, phase=float(random.uniform(-3, 3))), "depth")
+    yield Hidden(WarmingWheel(**place, growth=1e-3), "growth")
+    yield Hidden(PivotPlay(castor=castor, size=5e-4), "size")
+    yield Hidden(StickyPivot(castor=castor, stick=1.0), "stick")
+    yield Hidden(LooseMast(frequency=2.0), "frequency", power=-2.0)
+    yield Hidden(CountGlitches(**place, counts=3), "counts")

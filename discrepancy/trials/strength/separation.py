@@ -33,6 +33,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.hidden import class_of
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import angles_of, counts_of
 from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
@@ -74,11 +75,9 @@ class StrengthMetric:
         nuisances = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
         self._nuisances = basis(nuisances[:, np.linalg.norm(nuisances, axis=0) > FAINT])
 
-    def signal(self, log: Log, against: Log | None = None) -> Array:
-        """Return the whitened residuals of a log less those of another log (None: the metric's), nuisances projected
-        out."""
-        before = self._base if against is None else self._of(against)
-        return self._cleared(np.nan_to_num(self._of(log) - before))
+    def signal(self, log: Log) -> Array:
+        """Return the whitened residuals of a log less those of the metric's run, nuisances projected out."""
+        return self._cleared(np.nan_to_num(self._of(log) - self._base))
 
     def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
         """Return the metric's run as sensors with these effects report it, the physics unchanged."""
@@ -140,10 +139,10 @@ class StrengthMetric:
         nearest = min(left, key=left.__getitem__)
         return left[nearest], nearest
 
-    def cosine(self, signal: Array) -> tuple[float, str]:
-        """Return the largest cosine between a signal and the span of a class of the catalogue, and that class."""
-        least, nearest = self.separation(signal, "")
-        return float(np.sqrt(max(1.0 - (least / np.linalg.norm(signal)) ** 2, 0.0))), nearest
+    def cosine(self, signal: Array) -> float:
+        """Return the largest cosine between a signal and the span of a class of the catalogue."""
+        least, _ = self.separation(signal, "")
+        return float(np.sqrt(max(1.0 - (least / np.linalg.norm(signal)) ** 2, 0.0)))
 
     @cached_property
     def jitter(self) -> Array:
@@ -211,18 +210,6 @@ def basis(columns: Array) -> Array:
     return left[:, strength > 1e-6 * strength[0]]
 
 
-def class_of(effect: Effect) -> str:
-    """Return the class of an effect, the same for all effects that no log can distinguish: the name to report, and the
-    place on the robot.
-
-    Further numbers (phase, threshold, a place on the floor) are not part of it.
-    """
-    name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
-    fields = [field.name for field in dataclasses.fields(effect) if field.name not in ("name", "value", "seed")]
-    place = [value for field in fields if not isinstance(value := getattr(effect, field), float)]
-    return " ".join([name, *map(str, place)])
-
-
 def is_physical(robot: RobotDescription, effect: Effect) -> bool:
     """Whether an effect changes the motion of the robot, and not only the readings of its sensors."""
     real = robot.with_effects(effect)
@@ -234,10 +221,8 @@ def _moving_parts(robot: RobotDescription) -> RobotDescription:
     """Return a robot with encoders of one kind."""
     castors = []
     for castor in robot.castors:
-        wheels = tuple(
-            dataclasses.replace(wheel, counts_per_rev=wheel.counts_per_rev and 1.0) for wheel in castor.wheels
-        )
-        castors.append(dataclasses.replace(castor, wheels=wheels, pivot_zero=0.0))
+        wheels = [dataclasses.replace(wheel, counts_per_rev=wheel.counts_per_rev and 1.0) for wheel in castor.wheels]
+        castors.append(dataclasses.replace(castor, wheels=tuple(wheels), pivot_zero=0.0))
     return dataclasses.replace(robot, castors=tuple(castors))
 
 

@@ -12,10 +12,11 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
-from discrepancy.trials.cases import Case, Hidden
+from discrepancy.trials.cases import Case
 from discrepancy.trials.generators import Generator
-from discrepancy.trials.noise import EXACT
+from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.outside import Outside
+from discrepancy.trials.reading import EXACT
 from discrepancy.trials.strength.separation import JITTER, StrengthMetric, apart, is_physical
 from discrepancy.validation import cost
 
@@ -126,13 +127,15 @@ class TrialRun:
         """
         if hidden.effect is not None:
             return cost.cost_of(self.robot, hidden.effect, [self.nominal]) or 0.0
-        real = self.made(hidden)
+
+        def off(path: Array | None, log: Log) -> float:
+            assert path is not None  # exact logs have a pose in every row
+            return cost.rms_of([cost.apart(path, cost.odometry(self.robot, log))]) or 0.0
+
+        real, nominal = self.made(hidden), self.nominal
         if not self._moves(hidden):
-            return cost.rms_of([cost.apart(self._odometry(self.nominal), self._odometry(real))]) or 0.0
-        off, usual = (
-            cost.rms_of([cost.apart(_poses(log), self._odometry(log))]) or 0.0 for log in (real, self.nominal)
-        )
-        return float(np.sqrt(max(off**2 - usual**2, 0.0)))
+            return off(cost.odometry(self.robot, nominal), real)
+        return float(np.sqrt(max(off(real.reference, real) ** 2 - off(nominal.reference, nominal) ** 2, 0.0)))
 
     def strength(self, hidden: tuple[Hidden, ...]) -> Strength:
         """Return the strengths of hidden effects, z and z_sep each with the other effects projected out."""
@@ -154,7 +157,7 @@ class TrialRun:
             tuple(z),
             tuple(z_sep),
             tuple(nearest),
-            metric.cosine(signals[0])[0] if signals[0].any() else None,
+            metric.cosine(signals[0]) if signals[0].any() else None,
             self.floor if any(map(self._moves, hidden)) else None,
         )
 
@@ -163,9 +166,6 @@ class TrialRun:
         if not self._moves(hidden):
             return size
         return float(np.sqrt(size**2 - self.floor**2)) if size > OVER_FLOOR * self.floor else 0.0
-
-    def _odometry(self, log: Log) -> Array:
-        return cost.odometry(self.robot, log)
 
     def _moves(self, hidden: Hidden) -> bool:
         """Whether a hidden effect changes the motion."""
@@ -217,15 +217,10 @@ def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     if effect is None or effect.name == JITTER or not is_physical(trial_run.robot, effect):
         return hidden
     alone = float(np.linalg.norm(trial_run.metric.signature(effect)))
-    return (
-        hidden.scaled(float(np.copysign(target / alone, effect.value))) if alone * abs(effect.value) > 0.01 else hidden
-    )
+    if alone * abs(effect.value) <= 0.01:
+        return hidden
+    return hidden.scaled(float(np.copysign(target / alone, effect.value)))
 
 
 def _is_jitter(hidden: Hidden) -> bool:
     return hidden.effect is not None and hidden.effect.name == JITTER
-
-
-def _poses(log: Log) -> Array:
-    assert log.reference is not None  # exact logs have a pose in every row
-    return log.reference

@@ -16,9 +16,8 @@ from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.measurement import fit_states
 from discrepancy.measurement.creep_prediction import FORCED, QUICK
 from discrepancy.posterior.linearise import LEAST_NOISE, linearise
-from discrepancy.trials.noise import Noise
 from discrepancy.trials.pymunk_generator import drive
-from discrepancy.trials.reading import as_recorded
+from discrepancy.trials.reading import Noise, as_recorded
 from estimators.calibration.maximum_likelihood import LEAST
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -72,7 +71,7 @@ def test_jitter_is_uncertainty_of_where_the_robot_was():
     robot = ROBOT.with_effects(SampleJitter(value=0.005))
     log = as_recorded(robot, driven(), 1, Noise())
     unaware, aware = (linearise(ROBOT, [log], among=[], jitter=jitter).noise for jitter in (0.0, 0.005))
-    assert aware.position == pytest.approx(Noise().x, rel=0.1)
+    assert aware.position == pytest.approx(Noise().position, rel=0.1)
     assert unaware.position > 1.2 * aware.position
 
 

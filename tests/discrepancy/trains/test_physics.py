@@ -10,8 +10,8 @@ from castor_envs.vehicles.presets import cfmmr
 from discrepancy.report import sentences
 from discrepancy.trains.examine import examine_train
 from discrepancy.trains.posterior import diagnose_train
-from discrepancy.trains.trial.outside import Outside
-from discrepancy.trains.trial.simulate import log_at_random
+from discrepancy.trials.trains.outside import Outside
+from discrepancy.trials.trains.simulate import log_at_random
 
 TRAIN = cfmmr(2)
 

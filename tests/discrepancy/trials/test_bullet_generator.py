@@ -30,12 +30,12 @@ from castor_envs.motion.trajectories import Run as Drive
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
-from discrepancy.trials.bullet import generator as bullet_generator
 from discrepancy.trials.bullet import outside
-from discrepancy.trials.bullet.generator import drive, simulate
+from discrepancy.trials.bullet.world import SIMULATOR, drive, simulate
+from discrepancy.trials.foreign import run as foreign_run
 from discrepancy.trials.foreign.run import Run, read
 from discrepancy.trials.generators import generator
-from discrepancy.trials.noise import EXACT
+from discrepancy.trials.reading import EXACT
 
 ASOC = preset("asoc-prototype")
 DIFFERENTIAL = preset("differential")
@@ -127,7 +127,7 @@ def test_other_robots_roll_too(name: str, most: float):
 
 def test_a_mirrored_motion_makes_the_mirrored_log(monkeypatch: pytest.MonkeyPatch):
     """The prototype's mirror image in the x axis is itself, with castors 2 and 3, and left and right, exchanged."""
-    monkeypatch.setattr(bullet_generator, "start_angles", lambda build, motion, _: build.trailing(start(motion)))
+    monkeypatch.setattr(foreign_run, "start_angles", lambda build, motion, _: build.trailing(start(motion)))
 
     def start(motion: Trajectory) -> np.ndarray:
         return np.array(motion.runs[0].legs[0].motion)
@@ -151,9 +151,9 @@ def test_a_free_castor_trails_as_the_distance_over_its_offset():
     assert np.abs(theta - law).max() < 2e-3 * abs(theta[0])
 
 
-def test_half_the_step_makes_contacts_slip_less(clean: Run, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(bullet_generator, "STEP", 2 * bullet_generator.STEP)
-    twice = simulate(ASOC, wander(np.random.default_rng(1), duration=6.0), 1, duration=6.0)
+def test_half_the_step_makes_contacts_slip_less(clean: Run):
+    coarser = dataclasses.replace(SIMULATOR, longest=2 * SIMULATOR.longest)
+    twice = coarser.simulate(ASOC, wander(np.random.default_rng(1), duration=6.0), 1, duration=6.0)
     assert clean.every > 1.9 * twice.every
     assert slip(clean, ASOC) < 0.7 * slip(twice, ASOC)
     assert np.abs(clean.pose[:: clean.every] - twice.pose[:: twice.every]).max() < 5e-3

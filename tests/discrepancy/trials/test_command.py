@@ -8,6 +8,7 @@ import pytest
 from castor_envs import command_line
 from castor_envs.errors import InputError
 from discrepancy import cli
+from discrepancy.trials import folder as trials
 from discrepancy.trials import run
 from discrepancy.trials.generators import generator
 
@@ -39,7 +40,7 @@ def test_a_foreign_simulator_makes_cases_too(tmp_path):
     plan = run.Plan(1, 2, "mujoco", ["differential"], 10.0)
     for part in ("cases", "labels"):
         (tmp_path / part).mkdir()
-    run._make_case(plan, 1, tmp_path)
+    trials._make_case(plan, 1, tmp_path)
     label = json.loads((tmp_path / "labels" / "case-0001.json").read_text(encoding="utf-8"))
     assert label["robot"] == "differential"
     assert (tmp_path / "cases" / "case-0001" / "log.csv").exists()

@@ -31,15 +31,14 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from castor_envs.vehicles.weight import swung_loads
-from discrepancy.trials.foreign.run import read
-from discrepancy.trials.mujoco import generator as mujoco_generator
-from discrepancy.trials.mujoco import outside as outside
-from discrepancy.trials.mujoco.generator import Run, drive, simulate
-from discrepancy.trials.noise import Noise
+from discrepancy.trials.foreign.run import Run, read
+from discrepancy.trials.mujoco import outside
+from discrepancy.trials.mujoco.world import SIMULATOR, drive, simulate
+from discrepancy.trials.reading import Noise
 
 ASOC = preset("asoc-prototype")
 DIFFERENTIAL = preset("differential")
-SILENT = Noise(0.0, 0.0, 0.0)
+SILENT = Noise(0.0, 0.0)
 CREEP = 1e-4  # m for each m rolled, along and across: the median of what contacts slip in a sample
 
 
@@ -54,6 +53,17 @@ REST = along(1.0, 0.0, 0.0, length=1e-9)
 @pytest.fixture(scope="module")
 def clean() -> Run:
     return simulate(ASOC, wander(np.random.default_rng(1), duration=10.0), 1, duration=10.0)
+
+
+def heights(run: Run) -> np.ndarray:
+    """Of the wheels' centres over the floor at all times (N + 1, w), m, of robots whose wheels are all driven."""
+    w = len(run.phase)
+    return run.state[:, -2 * w : -w]
+
+
+def loads(run: Run) -> np.ndarray:
+    """Loads of the wheels' springs at all times (N + 1, w), N."""
+    return run.state[:, -len(run.phase) :]
 
 
 def slips(run: Run, robot: RobotDescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -133,11 +143,10 @@ def test_other_robots_roll_too(name: str):
     assert max(median_slip(simulate(robot, motion, 2, duration=4.0), robot)) < 3 * CREEP
 
 
-def test_half_the_step_makes_the_same_path(monkeypatch: pytest.MonkeyPatch):
+def test_half_the_step_makes_the_same_path():
     motion = wander(np.random.default_rng(1), duration=3.0)
-    runs = [simulate(ASOC, motion, 1, duration=3.0)]
-    monkeypatch.setattr(mujoco_generator, "STEP", mujoco_generator.STEP / 2)
-    runs.append(simulate(ASOC, motion, 1, duration=3.0))
+    finer = dataclasses.replace(SIMULATOR, longest=SIMULATOR.longest / 2)
+    runs = [simulator.simulate(ASOC, motion, 1, duration=3.0) for simulator in (SIMULATOR, finer)]
     assert runs[0].every * 2 == runs[1].every
     assert np.abs(runs[0].pose - runs[1].pose[::2]).max() < 5e-5
     assert np.abs(runs[0].angle - runs[1].angle[::2])[:, :6].max() < 2e-3
@@ -175,11 +184,11 @@ def test_a_wheel_rises_by_the_height_of_what_it_rolls_over_and_no_wheel_leaves_t
     height = 0.004
     floor = Floor(cables=(Cable(center=(0.25, 0.25), direction=math.pi / 2, length=0.3, diameter=height),))
     run = simulate(ASOC, AHEAD, 1, duration=4.0, floor=floor)
-    rise = (run.height - [wheel.radius for wheel in ASOC.wheels]).max(axis=0)
+    rise = (heights(run) - [wheel.radius for wheel in ASOC.wheels]).max(axis=0)
     over = rise > height / 2
     assert 0 < over.sum() < 6
     assert rise[over] == pytest.approx(height, abs=1e-4)
-    assert run.load.min() > 0.1 * run.load.mean()
+    assert loads(run).min() > 0.1 * loads(run).mean()
 
 
 def test_a_wheel_over_a_cable_rolls_the_longer_way():
@@ -197,7 +206,7 @@ def test_wheels_carry_the_robot():
     run = simulate(ASOC, REST, 0, duration=0.5)
     wheels = 2 * np.array([wheel.inertia / wheel.radius**2 for wheel in ASOC.wheels])
     weight = (ASOC.mass + sum(castor.mass for castor in ASOC.castors) - wheels.sum()) * Floor().normal_gravity
-    assert run.load[-1].sum() == pytest.approx(weight, rel=1e-4)
+    assert loads(run)[-1].sum() == pytest.approx(weight, rel=1e-4)
 
 
 def test_contacts_hold_a_robot_on_a_slope():
@@ -236,7 +245,7 @@ def test_tyres_slip_as_their_stiffness_and_the_force_ask():
     slip = [slips(run, robot)[0][:, 20:40].sum() / slips(run, robot)[2][:, 20:40].sum() for run in runs]
     weight = (robot.mass + robot.castors[0].mass) * slope.normal_gravity
     stiffness = robot.contact.slip_stiffness_long
-    asked = -(weight * 0.05) / runs[0].load[len(runs[0].t) // 2].sum() * (1 / (0.5 * stiffness) - 1 / stiffness)
+    asked = -(weight * 0.05) / loads(runs[0])[len(runs[0].t) // 2].sum() * (1 / (0.5 * stiffness) - 1 / stiffness)
     assert slip[1] - slip[0] == pytest.approx(asked, rel=0.1)
 
 
@@ -248,7 +257,7 @@ def test_side_slip_is_as_large_as_stiffness_and_force_ask():
     slip = [slips(run, robot)[1][:, 20:40].sum() / slips(run, robot)[2][:, 20:40].sum() for run in runs]
     weight = (robot.mass + robot.castors[0].mass) * slope.normal_gravity
     stiffness = robot.contact.slip_stiffness_lat
-    asked = -(weight * 0.05) / runs[0].load[len(runs[0].t) // 2].sum() * (1 / (0.5 * stiffness) - 1 / stiffness)
+    asked = -(weight * 0.05) / loads(runs[0])[len(runs[0].t) // 2].sum() * (1 / (0.5 * stiffness) - 1 / stiffness)
     assert slip[1] - slip[0] == pytest.approx(asked, rel=0.1)
 
 
@@ -280,8 +289,7 @@ def smooth_run(robot: RobotDescription, seed: int = 0) -> Run:
         t=t,
         angle=angle,
         pose=pose,
-        height=blank,
-        load=blank,
+        state=blank,
         command=command,
         steering=command[:, :0],
         phase=phase,
@@ -387,19 +395,19 @@ def test_a_warming_wheel_grows():
     hidden = outside.WarmingWheel(1, 1, growth=0.02, time=1.0)
     run = simulate(DIFFERENTIAL, along(1.0, 0.0, 0.0, length=1.0), 0, duration=4.0, outside=hidden)
     radius = DIFFERENTIAL.wheels[0].radius * (1 + 0.02 * (1 - np.exp(-run.t)))
-    assert run.height[:, 0] == pytest.approx(radius, abs=1e-5)
+    assert heights(run)[:, 0] == pytest.approx(radius, abs=1e-5)
 
 
 def test_a_flat_spot_lowers_the_wheel_once_a_turn():
     hidden = outside.FlatSpot(1, 2, depth=1e-3, phase=1.0)
     run = simulate(DIFFERENTIAL, along(1.0, 0.0, 0.0, length=1.0), 0, duration=5.0, outside=hidden)
-    low = DIFFERENTIAL.wheels[0].radius - run.height[:, 1]
+    low = DIFFERENTIAL.wheels[0].radius - heights(run)[:, 1]
     away = np.remainder(run.angle[:, 1] - 1.0 + np.pi, 2 * np.pi) - np.pi
     inside = np.abs(away) < hidden.width / 2
     law = np.where(inside, hidden.depth * np.cos(np.pi * away / hidden.width) ** 2, 0.0)
     assert np.median(np.abs(low - law)[inside]) < 2e-5
     assert np.abs(low - law).max() < 2e-4  # where the wheel falls, its contact may open for a step
-    assert np.abs(run.height[:, 0] - DIFFERENTIAL.wheels[0].radius).max() < 2e-5
+    assert np.abs(heights(run)[:, 0] - DIFFERENTIAL.wheels[0].radius).max() < 2e-5
 
 
 def test_a_wobbling_wheel_moves_its_contact_along_the_axle():
@@ -421,16 +429,16 @@ def test_a_wobbling_wheel_moves_its_contact_along_the_axle():
 def test_soft_tyres_sink_as_far_as_the_load_of_the_moment_presses():
     soft = 1e-5
     run = simulate(ASOC.with_effects(LoadRadius(value=soft)), along(1.0, 0.0, 0.0, length=3.0), 1, duration=4.0)
-    load = run.load[-1]
+    load = loads(run)[-1]
     assert np.ptp(load) > 0.5 * load.mean()
-    assert run.height[-1] == pytest.approx(0.0381 - soft * (load - 22.5 * Floor().normal_gravity / 6), abs=1e-6)
+    assert heights(run)[-1] == pytest.approx(0.0381 - soft * (load - 22.5 * Floor().normal_gravity / 6), abs=1e-6)
 
 
 def test_loads_shift_as_castors_trail():
     """The project's statics, which leave out what accelerating shifts, against springs under each wheel."""
     run = simulate(ASOC, wander(np.random.default_rng(1), duration=10.0), 1, duration=10.0)
     expected = swung_loads(ASOC, Floor().normal_gravity, run.angle[:, 6:])
-    load = run.load * (expected.sum() / run.load.sum())
+    load = loads(run) * (expected.sum() / loads(run).sum())
     assert np.all(np.std(expected, axis=0) > 0.15 * expected.mean())
     assert np.all(np.std(load - expected, axis=0) < 0.2 * np.std(expected, axis=0))
 

@@ -1,5 +1,6 @@
 """Trials from end to end: what the finder gets, that trials go on where they stopped, and what is kept of answers."""
 
+import dataclasses
 import json
 from collections import Counter
 
@@ -11,11 +12,12 @@ from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials import folder as trials
 from discrepancy.trials import run, scores
 from discrepancy.trials.cases import BOUNDS, SEVERAL
 from discrepancy.trials.finders import Said, Single, said_of
 from discrepancy.trials.generators import generator
-from discrepancy.trials.strength.separation import class_of
+from discrepancy.trials.hidden import class_of
 
 CASES, SEED, ROBOT = 5, 18, "2-castor"
 PLAN = run.Plan(CASES, SEED, "pymunk", [ROBOT], 12.0)
@@ -25,12 +27,12 @@ PLAN = run.Plan(CASES, SEED, "pymunk", [ROBOT], 12.0)
 def _here():
     """Do all tasks in this process: what other processes do is tested by the command."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "do_all", lambda tasks, jobs: [work(*given) for work, given in tasks])
+        patch.setattr(trials, "do_all", lambda tasks, jobs: [work(*given) for work, given in tasks])
         yield
 
 
 def make(folder, **more):
-    run.make(CASES, SEED, "pymunk", folder, **{"robot": ROBOT, "duration": 12.0} | more)
+    trials.make(dataclasses.replace(PLAN, **more), folder)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,7 @@ def judged(folder, monkeypatch, finder):
     monkeypatch.setattr(run, "say", finder)
     for path in (folder / "outcomes" / "posterior").glob("*.json"):
         path.unlink()
-    run.judge(folder)
+    trials.judge(PLAN, folder)
     return [read(path) for path in sorted((folder / "outcomes" / "posterior").glob("*.json"))]
 
 
@@ -74,7 +76,7 @@ def test_labels_are_what_number_and_seed_say(folder, tmp_path):
         (tmp_path / part).mkdir()
     for number in (2, 3):
         name = f"case-{number:04}"
-        run._make_case(PLAN, number, tmp_path)
+        trials._make_case(PLAN, number, tmp_path)
         first, second = (read(base / "labels" / f"{name}.json") for base in (folder, tmp_path))
         assert {**first, "seconds": 0} == {**second, "seconds": 0}
         for path in (folder / "cases" / name).iterdir():
@@ -127,7 +129,7 @@ def test_a_trial_goes_on_where_it_stopped(folder, monkeypatch):
     judged(folder, monkeypatch, lambda *_: Said("no discrepancy"))
     (folder / "outcomes" / "posterior" / "case-0003.json").unlink()
     monkeypatch.setattr(run, "say", lambda *_: Said("unexplained"))
-    run.judge(folder)
+    trials.judge(PLAN, folder)
     said = Counter(read(path)["verdict"] for path in (folder / "outcomes" / "posterior").glob("*.json"))
     assert said == {"no discrepancy": CASES - 1, "unexplained": 1}
 
@@ -172,11 +174,11 @@ def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch):
 
 def test_what_cannot_be_is_refused(tmp_path):
     with pytest.raises(InputError, match="unknown generator"):
-        run.make(1, 0, "magic", tmp_path)
+        run.Plan.of(1, 0, "magic", None, 12.0)
     with pytest.raises(InputError, match="unknown robot"):
-        run.make(1, 0, "pymunk", tmp_path, robot="magic")
+        run.Plan.of(1, 0, "pymunk", "magic", 12.0)
     with pytest.raises(InputError, match="no trial"):
-        run.judge(tmp_path)
+        scores.report(tmp_path)
 
 
 def test_robots_are_those_that_a_generator_can_drive():

@@ -18,8 +18,8 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.trials.generators import generator
-from discrepancy.trials.noise import EXACT
 from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.reading import EXACT
 from discrepancy.trials.strength.residuals import Layout, redundancy, rolling
 from discrepancy.trials.strength.separation import (
     StrengthMetric,
@@ -200,7 +200,7 @@ def test_separation_is_from_other_classes(metric):
     assert 0 < far <= np.linalg.norm(signal)
     assert nearest != class_of(effect)
     assert metric.separation(signal, "")[1] == class_of(effect)  # any phase is in the span of both
-    assert metric.cosine(signal)[0] == pytest.approx(1.0, abs=1e-6)
+    assert metric.cosine(signal) == pytest.approx(1.0, abs=1e-6)
     assert metric.separation(signal, class_of(effect), signal)[0] == pytest.approx(0.0, abs=1e-9)
 
 

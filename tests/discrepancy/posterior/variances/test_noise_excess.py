@@ -21,8 +21,8 @@ from discrepancy.posterior.variances.noise_excess import (
     noise_of,
     noisy_answers,
 )
-from discrepancy.trials.noise import Noise
 from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.reading import Noise
 from estimators.calibration.maximum_likelihood import MOST
 
 USUAL = 3e-4
@@ -97,7 +97,7 @@ def test_it_is_the_ratio_of_likelihoods_averaged_over_draws(times):
 def driven(seed, size=1e-3, turned=1e-3):
     """A log, with standard deviations of the reference's positions (m) and headings (rad)."""
     motion = wander(np.random.default_rng([seed, 1]), duration=25.0, holonomic=False)
-    return drive(ROBOT, motion, seed, duration=25.0, noise=Noise(size, size, turned))
+    return drive(ROBOT, motion, seed, duration=25.0, noise=Noise(size, turned))
 
 
 @cache

@@ -84,11 +84,14 @@ def reading(
     curved = at_ends[..., :1] * (1 - share) + at_ends[..., 1:] * share
     curved = curved + np.asarray(bowed)[..., None] * (6 * share**2 - 6 * share + 1 + raised)
     read = sensed(frame, curved, offsets, t)
-    live = np.ones(len(share))
-    live[[number - 1 for number in frame.dead_gauges]] = 0.0
-    shorter = np.sum(frame.length - posture(frame, frame.gauge_noise * np.diag(live))[:, 0])
+    shorter = np.sum(frame.length - posture(frame, frame.gauge_noise * np.diag(live(frame)))[:, 0])
     read[..., 0] -= (1.0 - frame.foreshortening_left_out) * shorter
     return read
+
+
+def live(frame: Frame) -> Array:
+    """Return 1 for each gauge of a frame that works, 0 for a dead one (gauges,)."""
+    return np.array([float(number not in frame.dead_gauges) for number in range(1, len(frame.gauge_positions) + 1)])
 
 
 @lru_cache(maxsize=64)

@@ -4,7 +4,6 @@ A case follows from its number, the trial's seed and the train. Cases come in pa
 (odd numbers) and are held at speed (even ones). Sizes are log-uniform between `BOUNDS`.
 """
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -13,25 +12,12 @@ import numpy as np
 
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trains.candidates import Placed, dead_gauges, named_candidates
-from discrepancy.trains.trial.outside import Outside, draw_outside
+from discrepancy.trials.trains.outside import Outside, draw_outside
 
 Stratum = Literal["clean", "one", "two", "outside"]
 Drive = Literal["yielding", "held"]
 
-MIX: tuple[Stratum, ...] = (
-    "one",
-    "clean",
-    "one",
-    "two",
-    "one",
-    "outside",
-    "one",
-    "clean",
-    "one",
-    "two",
-    "one",
-    "outside",
-)
+MIX: tuple[Stratum, ...] = ("one", "clean", "one", "two", "one", "outside") * 2
 """The pairs of every twelve, in order: 6 with one effect, 2 with two, 2 clean, 2 with an effect outside the
 catalogue."""
 
@@ -90,8 +76,3 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
     drive: Drive = "yielding" if number % 2 else "held"
     outside = draw_outside(train, random) if stratum == "outside" else None
     return Case(number, stratum, drive, tuple(hidden), tuple(thirds), (first, second), outside)
-
-
-def plain(placed: Placed, train: TrainDescription) -> dict[str, object]:
-    """Return a hidden, or found, effect as plain data; `what`: its name and place, in words."""
-    return {"what": placed.what(train), "axle": placed.axle, **dataclasses.asdict(placed.effect)}

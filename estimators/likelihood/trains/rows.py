@@ -16,8 +16,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains import bending
-from discrepancy.trains.motion import Motion
+from estimators.likelihood.trains import bending
+from estimators.likelihood.trains.motion import Motion
 
 LEAST_TRAVEL = 1e-4
 """m, added to the travel of a step: slip of standing wheels."""
@@ -101,14 +101,10 @@ class TrainLog:
         self.creeping = int(self.gauges[-1]) + 3 * self.n + 1
         self.loose = np.zeros((self.k - 1, self.n), dtype=bool)
         self.lasting = np.exp(-np.diff(self.t) / TENSION_TIME)[:, None]
-        per_turn = np.array([w.counts_per_rev for m in train.modules for w in m.castors[0].wheels], dtype=float)
-        radius = np.array([w.radius for m in train.modules for w in m.castors[0].wheels])
-        roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
-        self.turned = roll
-        steps = np.abs(np.diff(roll, axis=0)) * radius
-        self.travel = np.sqrt(steps.reshape(-1, self.n, 2).mean(axis=2) + LEAST_TRAVEL)
-        self.rolled = steps.reshape(-1, self.n, 2)
-        self.signed_travel = (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2).mean(axis=2)
+        self.turned, way = self._rolled(train)
+        self.rolled = np.abs(way)
+        self.travel = np.sqrt(self.rolled.mean(axis=2) + LEAST_TRAVEL)
+        self.signed_travel = way.mean(axis=2)
 
     def without_reference(self) -> "TrainLog":
         """Return the log with counts and relative poses alone."""
@@ -136,12 +132,8 @@ class TrainLog:
 
     def start(self, built: TrainDescription) -> Motion:
         """Return a motion to begin with: the first axle by wheel counts, the other axles by sensors."""
-        wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
-        per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
-        roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
-        way = (np.diff(roll, axis=0) * [wheel.radius for wheel in wheels]).reshape(-1, self.n, 2)
-        track = 2 * bending.half_track(built)
-        turn, along = (way[..., 1] - way[..., 0]) / track, way.mean(axis=2)
+        roll, way = self._rolled(built)
+        turn, along = (way[..., 1] - way[..., 0]) / (2 * bending.half_track(built)), way.mean(axis=2)
         pose = np.zeros((self.k, self.n, 3))
         for i in range(self.n):
             heading = np.concatenate([[0.0], np.cumsum(turn[:, i])])
@@ -158,17 +150,15 @@ class TrainLog:
                 pose[:, i] = compose(compose(pose[0, i - 1], (-built.frames[i - 1].length, 0.0, 0.0)), path)
             else:
                 pose[:, i] = path
-        zeros = np.zeros((self.n, 3))
-        return Motion(
-            pose,
-            roll,
-            np.zeros((self.k, self.f)),
-            np.zeros(int(self.gauges[-1])),
-            zeros,
-            0.0,
-            np.zeros(self.n),
-            np.zeros(self.f),
-        )
+        tension, offsets, mount = np.zeros((self.k, self.f)), np.zeros(int(self.gauges[-1])), np.zeros((self.n, 3))
+        return Motion(pose, roll, tension, offsets, mount, 0.0, np.zeros(self.n), np.zeros(self.f))
+
+    def _rolled(self, train: TrainDescription) -> tuple[Array, Array]:
+        """Return how far wheels of a train have turned by the counts (K, 2N), rad, and roll in each step (K - 1, N, 2),
+        m."""
+        per_turn, radius, _ = _wheels(train)
+        roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
+        return roll, (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2)
 
     def _seen(self, built: TrainDescription, f: int) -> Array:
         """Return the relative poses (K, 3) of a frame by its sensor, smoothed, with gaps filled."""
@@ -184,10 +174,7 @@ class TrainLog:
 
     def residuals(self, built: TrainDescription, motion: Motion, ends: Array | None = None) -> dict[str, Array]:
         """Return the residuals of every kind of equations for a train as it is built; rows first, not yet weighted."""
-        n = self.n
-        wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
-        per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
-        radius, lateral = np.array([w.radius for w in wheels]), np.array([w.lateral for w in wheels])
+        per_turn, radius, lateral = _wheels(built)
         relative = motion.relative
         ends = self.ends(built, relative) if ends is None else ends
         left = {"counts": motion.roll * per_turn / (2 * np.pi) - (self.counts - self.counts[0])}
@@ -196,7 +183,7 @@ class TrainLog:
         slip = self.creep(built, motion, ends) + self.bent(motion, ends) * motion.creep[:, None]
         rolled = np.diff(motion.roll, axis=0) * radius
         ahead = np.repeat(along, 2, axis=1) - lateral * np.repeat(turn, 2, axis=1)
-        left["rolling"] = ahead - rolled - slip[..., :2].reshape(-1, 2 * n)
+        left["rolling"] = ahead - rolled - slip[..., :2].reshape(-1, 2 * self.n)
         left["side"] = across - slip[..., 2]
         left["tension"] = motion.tension.copy()
         left["tension"][1:] -= self.lasting * motion.tension[:-1]
@@ -220,18 +207,17 @@ class TrainLog:
     def bends(self, built: TrainDescription, motion: Motion) -> Bends:
         """Return the bending of frames in a motion, and the derivatives of their sensors' readings."""
         ends = self.ends(built, motion.relative)
-        gauges = [self._by_gauge(built, motion, ends, f) for f in range(self.f)]
-        return Bends(ends, gauges)
+        return Bends(ends, [self._by_gauge(built, motion, ends, f) for f in range(self.f)])
 
     def weights(self, built: TrainDescription, bends: Bends) -> dict[str, Array]:
         """Return the weights of the residuals of every kind, apart from 1 / size; of gauges (K, 3, 3)."""
-        travel = self.travel
+        side = np.where(self.loose, SLIDING, 1.0) / self.travel
         bent = [bending.posture_of(frame, bends.ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
         shorter = UNSURE * (np.array([frame.length for frame in built.frames]) - np.stack(bent, axis=1))
         weights: dict[str, Array] = {
             "counts": np.full((self.k, 2 * self.n), 12**0.5),
-            "rolling": np.repeat(np.where(self.loose, SLIDING, 1.0) / travel, 2, axis=1),
-            "side": np.where(self.loose, SLIDING, 1.0) / travel,
+            "rolling": np.repeat(side, 2, axis=1),
+            "side": side,
             "tension": np.repeat(np.append(1.0, (1 - self.lasting**2) ** -0.5)[:, None], self.f, axis=1),
             "shape": 1 / np.hypot(1.0, shorter / STRAIGHT),
             "position": np.ones((len(self.at), self.n, 2)),
@@ -239,9 +225,7 @@ class TrainLog:
             "start": np.full(3, 1 / START),
         }
         for f, frame in enumerate(built.frames):
-            by_gauge = bends.by_gauge[f]
-            live = np.ones(by_gauge.shape[-1])
-            live[[number - 1 for number in frame.dead_gauges]] = 0.0
+            by_gauge, live = bends.by_gauge[f], bending.live(frame)
             noise = max(frame.gauge_noise, 1e-3)
             cov = by_gauge @ (by_gauge * (live * noise**2)).transpose(0, 2, 1) + np.diag(np.square(ROUGH))
             cov[:, 0, 0] += shorter[:, f] ** 2
@@ -252,52 +236,43 @@ class TrainLog:
     def jacobians(self, built: TrainDescription, motion: Motion, bends: Bends) -> dict[str, Jacobian]:
         """Return the derivatives of every kind of `residuals`, rows in the same order."""
         n, k, block = self.n, self.k, self.block
-        samples, steps = np.arange(k), np.arange(k - 1)
-        wheels = [wheel for module in built.modules for wheel in module.castors[0].wheels]
+        samples, axles = np.arange(k), np.arange(n)
+        per_turn, radius, lateral = _wheels(built)
         ends = bends.ends
         found: dict[str, Jacobian] = {}
 
         columns = samples[:, None] * block + 3 * n + np.arange(2 * n)
-        per_rad = np.array([(wheel.counts_per_rev or 0.0) / (2 * np.pi) for wheel in wheels])
-        found["counts"] = self._sparse(columns[..., None], np.broadcast_to(per_rad[:, None], (k, 2 * n, 1)))
+        found["counts"] = self._sparse(columns[..., None], np.tile((per_turn / (2 * np.pi))[:, None], (k, 1, 1)))
 
         along, across, turn, (c, s) = self._steps(motion)
         longer = 1 / np.sinc(turn / (2 * np.pi))
-        by_tension = self._by_tension(built, motion, ends)
-        rolling = []
+        bend, grow = longer * across / 2, along * turn / 12
+        by_tension, steps = self._by_tension(built, motion, ends), samples[:-1, None] * block
+        poses = (steps + 3 * axles)[..., None] + np.array([0, 1, 2, block, block + 1, block + 2])
+        tensions = np.broadcast_to((steps + 5 * n + np.arange(self.f))[:, None], (k - 1, n, self.f))
+        places, values = [], []
         for side in range(2):
-            lateral, radius = (np.array([getattr(w, name) for w in wheels[side::2]]) for name in ("lateral", "radius"))
-            bend = longer * across / 2
-            grow = along * turn / 12
-            values = [
-                *(-c * longer, -s * longer, bend - grow + lateral),
-                *(c * longer, s * longer, bend + grow - lateral),
-                np.broadcast_to(radius, along.shape),
-                np.broadcast_to(-radius, along.shape),
-                *(-by_tension[:, :, side, f] for f in range(self.f)),
-            ]
-            pose = steps[:, None] * block + 3 * np.arange(n)
-            wheel = steps[:, None] * block + 3 * n + 2 * np.arange(n) + side
-            of_tension = steps[:, None] * block + 5 * n + 0 * np.arange(n)
-            places = [pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, wheel, wheel + block]
-            places += [of_tension + f for f in range(self.f)]
-            rolling.append((np.stack(places, axis=-1), np.stack(values, axis=-1)))
-        places = np.stack([place for place, _ in rolling], axis=2)
-        values = np.stack([value for _, value in rolling], axis=2)
-        slip, axles = self.bent(motion, ends), np.arange(n)
+            arm, tread = lateral[side::2], np.broadcast_to(radius[side::2], along.shape)
+            before = (-c * longer, -s * longer, bend - grow + arm)
+            after = (c * longer, s * longer, bend + grow - arm)
+            moved = np.stack([*before, *after, tread, -tread], axis=-1)
+            wheel = (steps + 3 * n + 2 * axles + side)[..., None] + np.array([0, block])
+            places.append(np.concatenate([poses, wheel, tensions], axis=-1))
+            values.append(np.concatenate([moved, -by_tension[:, :, side]], axis=-1))
+        slip = self.bent(motion, ends)
         turned, aside = np.zeros((k - 1, n, 2, self.numbers)), np.zeros((k - 1, n, self.numbers))
         turned[:, axles, :, self.creeping + axles] = -slip[..., :2].transpose(1, 0, 2)
         aside[:, axles, self.creeping + axles] = -slip[..., 2]
-        found["rolling"] = self._sparse(places, values, turned.reshape(-1, self.numbers))
-        pose = steps[:, None] * block + 3 * np.arange(n)
-        flat = along / longer
-        of_tensions = [steps[:, None] * block + 5 * n + f + 0 * np.arange(n) for f in range(self.f)]
-        places = np.stack(
-            [pose, pose + 1, pose + 2, pose + block, pose + block + 1, pose + block + 2, *of_tensions], axis=-1
+        found["rolling"] = self._sparse(
+            np.stack(places, axis=2), np.stack(values, axis=2), turned.reshape(-1, self.numbers)
         )
-        tensions = [-by_tension[:, :, 2, f] for f in range(self.f)]
-        values = np.stack([s, -c, -flat / 2, -s, c, -flat / 2, *tensions], axis=-1)
-        found["side"] = self._sparse(places, values, aside.reshape(-1, self.numbers))
+        flat = along / longer
+        moved = np.stack([s, -c, -flat / 2, -s, c, -flat / 2], axis=-1)
+        found["side"] = self._sparse(
+            np.concatenate([poses, tensions], axis=-1),
+            np.concatenate([moved, -by_tension[:, :, 2]], axis=-1),
+            aside.reshape(-1, self.numbers),
+        )
         of_tension = samples[:, None] * block + 5 * n + np.arange(self.f)
         before = np.concatenate([of_tension[:1], of_tension[:-1]])
         kept = np.append(0.0, -self.lasting)[:, None] * np.ones(self.f)
@@ -355,9 +330,7 @@ class TrainLog:
         left = self.residuals(built, motion, ends)[f"gauges{f}"][:, 2]
         pairs = self.read[1:, f] & self.read[:-1, f]
         heading = self._by_gauge(built, motion, ends, f)[:, 2]
-        live = np.ones(heading.shape[1])
-        live[[number - 1 for number in built.frames[f].dead_gauges]] = 0.0
-        expected = built.frames[f].gauge_noise ** 2 * np.sum(live * heading**2, axis=1)
+        expected = built.frames[f].gauge_noise ** 2 * np.sum(bending.live(built.frames[f]) * heading**2, axis=1)
         expected = (expected[1:] + expected[:-1])[pairs]
         if not pairs.any() or not np.all(expected > 0):
             return 1.0, 0
@@ -541,3 +514,10 @@ class TrainLog:
         shape = (len(values), self.k * self.block)
         matrix = sparse.csr_array((values.ravel(), (rows, columns)), shape=shape)
         return Jacobian(matrix, np.zeros((len(values), self.numbers)) if numbers is None else numbers)
+
+
+def _wheels(train: TrainDescription) -> tuple[Array, Array, Array]:
+    """Return counts a turn, radii and places to the left (2N,) of a train's wheels."""
+    wheels = [wheel for module in train.modules for wheel in module.castors[0].wheels]
+    per_turn = np.array([wheel.counts_per_rev for wheel in wheels], dtype=float)
+    return per_turn, np.array([wheel.radius for wheel in wheels]), np.array([wheel.lateral for wheel in wheels])

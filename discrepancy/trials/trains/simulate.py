@@ -10,9 +10,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import TrainDriver
 from castor_envs.motion.paths import TrainPath
 from castor_envs.vehicles.train import TrainDescription
-
-REFERENCE_EVERY, REFERENCE_NOISE = 20, 1e-3
-"""Samples between reference poses of the axles, and their standard deviation, m and rad."""
+from discrepancy.trials.reading import USUAL
 
 
 def path_at_random(random: np.random.Generator, length: float = 6.0, sharpest: float = 1.2) -> TrainPath:
@@ -47,9 +45,7 @@ def log_at_random(
         commands.append(command)
         rows.append(seen)
         poses.append(sensed.world.poses.ravel())
-    truth = np.array(poses)
-    truth += REFERENCE_NOISE * np.random.default_rng([seed, 3]).standard_normal(truth.shape)
-    truth[np.arange(len(truth)) % REFERENCE_EVERY > 0] = np.nan
+    truth = USUAL.sparse(np.array(poses), np.random.default_rng([seed, 3]))
     return Log(
         t=np.array([row["time"][0] for row in rows]),
         wheel=np.cumsum([row["wheel"] for row in rows], axis=0),

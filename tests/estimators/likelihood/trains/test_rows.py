@@ -7,10 +7,10 @@ import pytest
 
 from castor_envs.effects.train import AxleSlip
 from castor_envs.vehicles.presets import cfmmr
-from discrepancy.trains import bending
-from discrepancy.trains.bending import newtons
-from discrepancy.trains.rows import TrainLog
-from discrepancy.trains.trial.simulate import log_at_random
+from discrepancy.trials.trains.simulate import log_at_random
+from estimators.likelihood.trains import bending
+from estimators.likelihood.trains.bending import newtons
+from estimators.likelihood.trains.rows import TrainLog
 
 TRAIN = cfmmr(3)
 FRAME = TRAIN.frames[0]

@@ -1,6 +1,8 @@
 """The train finder's trial: what is drawn, what the finder gets, and how its words are scored."""
 
+import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -11,12 +13,14 @@ from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli
-from discrepancy.trains.trial import run, scores
-from discrepancy.trains.trial.cases import BOUNDS, MIX, ONE_WAY, draw
-from discrepancy.trains.trial.outside import KINDS, Outside
-from discrepancy.trains.trial.scores import Trial
+from discrepancy.trials import folder as trials
+from discrepancy.trials.trains import run, scores
+from discrepancy.trials.trains.cases import BOUNDS, MIX, ONE_WAY, draw
+from discrepancy.trials.trains.outside import KINDS, Outside
+from discrepancy.trials.trains.scores import Trial
 
 TRAIN = cfmmr(2)
+PLAN = run.TrainPlan(4, 5, "cfmmr-2", 6.0)
 
 
 def test_cases_follow_from_number_and_seed():
@@ -33,9 +37,9 @@ def test_cases_follow_from_number_and_seed():
                 assert (one.effect.name, third) == ("dead_gauge", "none")
                 continue
             low, high = BOUNDS[one.effect.name]
-            assert low <= abs(one.value) <= high
-            assert one.value > 0 or one.effect.name not in ONE_WAY
-            part = (abs(one.value) / low) ** 3 / (high / low)
+            assert low <= abs(one.effect.value) <= high
+            assert one.effect.value > 0 or one.effect.name not in ONE_WAY
+            part = (abs(one.effect.value) / low) ** 3 / (high / low)
             assert (third == "small") == (part < 1)
 
 
@@ -51,7 +55,7 @@ def test_bounds_are_sizes_that_effects_can_have():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trial")
-    run.make(4, 5, "cfmmr-2", folder, duration=6.0, jobs=1)
+    trials.make(PLAN, folder, jobs=1)
     return folder
 
 
@@ -71,11 +75,11 @@ def test_the_finder_gets_only_logs_and_the_nominal_train(folder):
 
 def test_a_trial_is_continued_and_judged(folder):
     times = {path: path.stat().st_mtime_ns for path in (folder / "cases").rglob("*.*")}
-    run.make(4, 5, "cfmmr-2", folder, duration=6.0, jobs=1)
+    trials.make(PLAN, folder, jobs=1)
     assert times == {path: path.stat().st_mtime_ns for path in times}
     with pytest.raises(InputError, match="another trial"):
-        run.make(4, 6, "cfmmr-2", folder, duration=6.0, jobs=1)
-    run.judge(folder, jobs=1)
+        trials.make(dataclasses.replace(PLAN, seed=6), folder, jobs=1)
+    trials.judge(PLAN, folder, jobs=1)
     scored = scores.report(folder)
     assert scored["judged"] == 4
     for own in scored["drives"].values():
@@ -88,14 +92,17 @@ def test_a_trial_is_continued_and_judged(folder):
 
 
 def test_a_finder_that_breaks_fails_its_own_case(folder, monkeypatch, tmp_path):
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     for error, verdict in ((InputError("too short"), "refused"), (ZeroDivisionError("oh"), "broken")):
 
         def fails(*_, error=error, **__):
             raise error
 
         monkeypatch.setattr(run, "diagnose_train", fails)
-        run._judge_case(folder / "cases" / "case-0003", tmp_path / "outcome.json")
-        outcome = json.loads((tmp_path / "outcome.json").read_text(encoding="utf-8"))
+        path = tmp_path / "outcomes" / "case-0003.json"
+        path.unlink(missing_ok=True)
+        trials._judge_case(PLAN, 3, tmp_path)
+        outcome = json.loads(path.read_text(encoding="utf-8"))
         assert (outcome["verdict"], outcome["named"]) == (verdict, [])
         assert str(error) in outcome["reason"]
 
@@ -124,7 +131,7 @@ def test_scores_compare_answers_with_what_was_hidden():
     assert counts["  of large size"] == (1, 6)
     assert counts["  of small size"] == (0, 0)
     found = [{"what": "a", "value": value, "error": 0.1} for value in (1.1, 1.3)]
-    covered = scores.coverage([trial("a", "a", found=[one]) for one in found])
+    covered = scores.rates([trial("a", "a", found=[one]) for one in found])[-1]
     assert (covered.count, covered.total) == (1, 2)
 
 

@@ -1,0 +1,179 @@
+"""Robots in MuJoCo: rigid bodies in 3-D with its contacts, in steps of about 1 ms.
+
+Steps are of second order: contacts hold half-way through each step, so that paths are not off by the half step that
+MuJoCo's own integrators lag behind, as a late encoder would.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Outside, Simulator, friction_at
+from discrepancy.trials.mujoco.model import CONTACT_TIME, IMPEDANCE, mujoco_module, parts_of
+
+STEP = 1e-3
+"""Physics step, s, at most."""
+
+AHEAD = (1 + IMPEDANCE * CONTACT_TIME) / 2
+"""Physics steps from a step's start to the state whose contacts hold in it: half a step on, and as much further as side
+slip lags behind the turning of the contacts, which MuJoCo leaves out."""
+
+RELAXATION = 0.01
+"""Distance in which tyre creep follows the force, m."""
+
+
+class World:
+    """A compiled model with its state, and where things are in it.
+
+    pivot (n,), roll (w,): places in qpos of the pivots (-1: fixed) and the wheels' turning. radius (w,): as built, m.
+    States are qpos, then heights (w,) of the wheels' centres over the floor, m, and loads (w,) of their springs, N.
+    """
+
+    def __init__(self, robot: RobotDescription, floor: Floor, step: float, outside: Outside | None = None) -> None:
+        parts = parts_of(robot, floor, step)
+        if outside is not None:
+            outside.build(parts)
+        mujoco = self._mujoco = mujoco_module()
+        self.model: Any = mujoco.MjModel.from_xml_string(ET.tostring(parts.root, encoding="unicode"))
+        self.data: Any = mujoco.MjData(self.model)
+        self.build, self.radius, self._step, self._patches = parts.build, parts.build.radius.copy(), step, floor.patches
+        self._outside = outside if outside is not None and outside.acts else None
+
+        def places(kind: str, names: list[str], addresses: Any) -> NDArray[np.intp]:
+            found = [mujoco.mj_name2id(self.model, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), name) for name in names]
+            return np.array([addresses[k] if k >= 0 else -1 for k in found], dtype=np.intp)
+
+        def of_wheels(name: str) -> list[str]:
+            return [f"{name}_{k}" for k in range(len(self.radius))]
+
+        at, dof, counted = self.model.jnt_qposadr, self.model.jnt_dofadr, np.arange(10**4)
+        self.pivot = places("JOINT", [f"pivot_{i}" for i in range(len(self.build.offset))], at)
+        self.roll = places("JOINT", of_wheels("roll"), at)
+        self._slide_dof, self._roll_dof = (places("JOINT", of_wheels(name), dof) for name in ("slide", "roll"))
+        mast = places("JOINT", ["mast_x", "mast_y"], at)
+        self._tracked = mast[mast >= 0]
+        self._hub, self._geom = places("BODY", of_wheels("hub"), counted), places("GEOM", of_wheels("wheel"), counted)
+        motors = [*(f"drive_{k}" for k in self.build.driven), *(f"steer_{i}" for i in self.build.steered)]
+        self._motors, self._fastest = places("ACTUATOR", motors, counted), robot.max_wheel_speed
+        self._friction = self.model.geom_friction[self._geom, 0].copy()
+        self._unloaded = self.radius + self.build.shrinking * parts.load
+        self._share = np.zeros((2, len(self.radius)))
+        self._start = self.data.qpos.copy()
+
+    def settle(self, theta: Array, start: tuple[float, float, float]) -> None:
+        """Let the robot stand until its springs rest, then put it to the start, castors at theta (n,)."""
+        model, data, turning = self.model, self.data, self.pivot >= 0
+        data.qpos[self.pivot[turning]] = theta[turning]
+        gravity, still = model.opt.gravity.copy(), np.zeros(len(self._motors))
+        model.opt.gravity[:2] = 0.0
+        for _ in range(round(SETTLING / self._step)):
+            self.step(0.0, still, still[:0])
+        model.opt.gravity[:] = gravity
+        away = start[2] - self.poses(data.qpos[None])[0, 2]
+        turn = np.array([math.cos(away / 2), 0.0, 0.0, math.sin(away / 2)])
+        self._mujoco.mju_mulQuat(data.qpos[3:7], turn, data.qpos[3:7].copy())
+        data.qpos[:2], data.qvel[:] = start[:2], 0.0
+        self._mujoco.mj_forward(model, data)
+        if self.build.viscous:
+            self._set_creep()
+        self._start = data.qpos.copy()
+
+    def step(self, t: float, wheel: Array, steering: Array) -> None:
+        """Make one step from t: velocities from the state `AHEAD`, then the whole step with them."""
+        model, data = self.model, self.data
+        data.ctrl[self._motors] = np.append(np.clip(wheel, -self._fastest, self._fastest), steering)
+        if self.build.shrinking:
+            target = self._unloaded - self.build.shrinking * self._loads()
+            self.radius[:] += (target - self.radius) * min(self._step / GIVING_WAY, 1.0)
+            for k, radius in enumerate(self.radius.tolist()):
+                self.set_radius(k, radius)
+        if self._outside is not None:
+            self._outside.act(self, t)
+        if self.build.long or self.build.side:
+            self._slip_tyres()
+        if self._patches:
+            for k, place in enumerate(data.geom_xpos[self._geom, :2].tolist()):
+                friction = friction_at(self._patches, place)
+                model.geom_friction[self._geom[k], 0] = self._friction[k] if friction is None else friction
+        before = data.qpos.copy()
+        self._mujoco.mj_integratePos(model, data.qpos, data.qvel, self._step * AHEAD)
+        self._mujoco.mj_step(model, data)
+        data.qpos[:] = before
+        self._mujoco.mj_integratePos(model, data.qpos, data.qvel, self._step)
+
+    def state(self) -> Array:
+        """Return qpos, and the heights and loads of the wheels in the step that led there."""
+        return np.concatenate([self.data.qpos, self.data.geom_xpos[self._geom, 2], self._loads()])
+
+    def angles(self, states: Array) -> Array:
+        """Return the angles (m, w + n) in states (m, s): of wheels since the start, and of castors."""
+        fixed = np.where(self.build.turning, 0.0, self.build.angle)
+        castors = np.where(self.pivot >= 0, states[:, self.pivot], fixed)
+        return np.column_stack([states[:, self.roll] - self._start[self.roll], castors])
+
+    def poses(self, states: Array) -> Array:
+        """Return the poses (m, 3) of the tracked point in successive states (m, s)."""
+        x, y = states[:, 0], states[:, 1]
+        a, b, c, d = states[:, 3:7].T
+        heading = np.unwrap(np.arctan2(2 * (a * d + b * c), 1 - 2 * (c**2 + d**2)))
+        if len(self._tracked):
+            ahead, aside = states[:, self._tracked].T
+            x = x + np.cos(heading) * ahead - np.sin(heading) * aside
+            y = y + np.sin(heading) * ahead + np.cos(heading) * aside
+        return np.column_stack([x, y, heading])
+
+    def close(self) -> None:
+        """Do nothing: a model is only memory."""
+
+    def set_radius(self, wheel: int, radius: float) -> None:
+        """Give a wheel another radius, m."""
+        self.model.geom_size[self._geom[wheel], [0, 2]] = radius
+        self.model.geom_rbound[self._geom[wheel]] = radius
+
+    def _loads(self) -> Array:
+        return -self.data.qfrc_spring[self._slide_dof]
+
+    def _set_creep(self) -> None:
+        """Let contacts slip by `Build.viscous` more for each N of friction, for the state that the model is in."""
+        rows = np.ravel([np.arange(1, 3) + c.efc_address for c in self.data.contact[: self.data.ncon] if c.dim == 3])
+        damping = 2 / (IMPEDANCE * CONTACT_TIME * self._step)
+        creep = float(np.mean(self.data.efc_R[rows])) * (1 / damping + self._step)  # as the step treats it implicitly
+        self.model.opt.impratio *= creep / (creep + self.build.viscous)
+
+    def _slip_tyres(self) -> None:
+        """Let tyres slip in proportion to force and distance, beyond what contacts creep, after a relaxation length.
+
+        A wheel under a force along its rolling direction gets another radius, a pair under a side force other headings.
+        """
+        build, (along, aside), up = self.build, self._forces(), self._loads()
+        rate = self.data.qvel[self._roll_dof] * self.radius
+        sideways, load = (np.bincount(build.castor, force, len(build.offset)) for force in (aside, up))
+        aside = (sideways / np.maximum(load, 1e-9))[build.castor]
+        share = np.array([build.long * along / np.maximum(up, 1e-9), build.side * aside]) * np.sign(rate)
+        self._share += np.minimum(np.abs(rate) * self._step / RELAXATION, 1.0) * (share - self._share)
+        for k, (long, side) in enumerate(self._share.T.tolist()):
+            self.set_radius(k, self.radius[k] * (1 - long))
+            self.model.body_quat[self._hub[k]] = math.cos(side / 2), 0.0, 0.0, -math.sin(side / 2)
+
+    def _forces(self) -> tuple[Array, Array]:
+        """Return the floor's friction on wheels (w,), N: along their rolling directions, and to their left."""
+        force, total = np.zeros(6), np.zeros((len(self._geom), 3))
+        for c in range(self.data.ncon):
+            contact = self.data.contact[c]
+            wheel = np.flatnonzero(self._geom == contact.geom[1])
+            if len(wheel):
+                self._mujoco.mj_contactForce(self.model, self.data, c, force)
+                total[wheel[0]] += contact.frame.reshape(3, 3).T @ force[:3]
+        left = self.data.xmat[self._hub].reshape(-1, 3, 3)[:, :2, 1]
+        ahead = np.column_stack([left[:, 1], -left[:, 0]])
+        return (total[:, :2] * ahead).sum(axis=1), (total[:, :2] * left).sum(axis=1)
+
+
+SIMULATOR = Simulator(World, STEP)
+simulate, drive = SIMULATOR.simulate, SIMULATOR.drive
