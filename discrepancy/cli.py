@@ -4,6 +4,7 @@ import dataclasses
 import json
 import shutil
 import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +20,6 @@ from castor_envs.logs.csv import read_log
 from castor_envs.logs.trajectory_files import write_drive
 from castor_envs.vehicles.load import Vehicle, file_name, load_vehicle
 from castor_envs.vehicles.presets import any_preset
-from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.diagnose import Examined, examine
 from discrepancy.inspect import inspect_logs
@@ -32,6 +32,8 @@ from discrepancy.trials import scores
 from discrepancy.trials.run import DURATION, Plan
 from discrepancy.trials.trains import scores as train_scores
 from discrepancy.trials.trains.run import plan_for
+
+ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
 
 
 class _FindUnlessTold(TyperGroup):
@@ -67,9 +69,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
-NO_TRAINS = "is a train; castor-diagnose inspect serves single robots"
+Logs = Annotated[
+    list[Path], typer.Argument(help="Logs of the robot: CSV files, one for each run, or folders: all *.csv in them.")
+]
+Robot = Annotated[
+    str | None,
+    typer.Option(help=f"A preset's name, or a robot file (.json). Default: {ROBOT_FILE} beside the logs."),
+]
 
 
 @app.callback()
@@ -79,17 +85,8 @@ def options(version: command_line.Version = False, traceback: command_line.Trace
 
 @app.command()
 def inspect(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(help="Logs of the robot: CSV files, one for each run, or folders: all *.csv in them."),
-    ],
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="The robot that made them: a preset's name, or a robot file (.json). "
-            f"Default: {ROBOT_FILE} beside the logs."
-        ),
-    ] = None,
+    logs: Logs,
+    robot: Robot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-inspect/1) instead of tables.")] = False,
 ) -> None:
     """Read and check logs, and show their sampling, their channels and whether their encoders agree.
@@ -100,24 +97,19 @@ def inspect(
     errors, because rounding does not add up; the verdict uses these sums.
     """
     paths = _logs_of(logs)
-    description = _robot(robot) if robot is not None else _robot_beside(paths)
+    description = _vehicle(robot, paths)
+    if isinstance(description, TrainDescription):
+        given = paths[0].parent / TRAIN_FILE if robot is None else f"--robot {robot}"
+        raise InputError(f"{given}: is a train; castor-diagnose inspect serves single robots")
     found = inspect_logs(description, {str(path): read_log(path, description) for path in paths})
-    if as_json:
-        print(json.dumps(found, indent=2, allow_nan=False))
-        return
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    console.print(f"robot {found['robot']['name']} ({found['robot']['hash']})")
-    for entry in found["logs"]:
-        _show(console, entry)
+    told = [f"robot {found['robot']['name']} ({found['robot']['hash']})"]
+    _tell(found, [*told, *(part for entry in found["logs"] for part in _tables(entry))], as_json)
 
 
 @app.command(cls=_SeveralEach)
 def find(
-    logs: Annotated[list[Path], typer.Argument(help="Logs of the robot: CSV files, or folders: all *.csv in them.")],
-    robot: Annotated[
-        str | None,
-        typer.Option(help="A preset's name, or a robot file (.json). Default: robot.json beside the logs."),
-    ] = None,
+    logs: Logs,
+    robot: Robot = None,
     holdout: Annotated[
         list[Path] | None, typer.Option(help="Logs, or folders of logs, that must confirm each effect.")
     ] = None,
@@ -145,12 +137,11 @@ def find(
     confirm it); unexplained (no effect of the catalogue explains the logs); negligible (it costs less than --material);
     no discrepancy.
     """
-    if out is not None and out.exists():
-        raise InputError(f"--out {out}: is there already; name a new folder")
-    if separate is not None and separate.exists():
-        raise InputError(f"--separate {separate}: is there already; name a new file")
+    for option, path, what in (("--out", out, "folder"), ("--separate", separate, "file")):
+        if path is not None and path.exists():
+            raise InputError(f"{option} {path}: is there already; name a new {what}")
     paths, kept_back, good = (_logs_of(given or []) for given in (logs, holdout, clean))
-    description = load_vehicle(robot) if robot is not None else _vehicle_beside(paths)
+    description = _vehicle(robot, paths)
     if separate is not None and isinstance(description, TrainDescription):
         raise InputError(f"--separate {separate}: {description.name} is a train; drives are for single robots")
     read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
@@ -160,32 +151,21 @@ def find(
         examined = examine_train(description, named, held_out, before, matters)
     else:
         examined = examine(description, named, held_out, before, matters)
-    file = str(out / file_name(description)) if out and examined.found else None
     drives = examined.drives if isinstance(examined, Examined) else ()
     best = max(drives, key=lambda drive: drive.expected, default=None)
-    written = str(separate) if separate is not None and best is not None else None
-    data = examined.data | {"robot_file": file, "separating_drive_file": written}
+    data = examined.data | {
+        "robot_file": str(out / file_name(description)) if out and examined.found else None,
+        "separating_drive_file": str(separate) if separate is not None and best is not None else None,
+    }
     if out is not None:
         write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
     lines = sentences.as_lines(data)
-    if separate is not None:
-        if best is None:
-            lines.append(f"not written: {separate}: {sentences.why_no_drive(data)}")
-        else:
-            write_drive(separate, best.trajectory, description.sample_period)
-            lines.append(f"written: {separate}: {best.what}")
-    _tell(data, lines, out, as_json)
-
-
-def _tell(data: dict[str, Any], lines: list[str], out: Path | None, as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(data, indent=2, allow_nan=False))
-        return
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    for line in lines:
-        console.print(line)
-    if out is not None:
-        console.print(f"written: {out}")
+    if separate is not None and best is None:
+        lines.append(f"not written: {separate}: {sentences.why_no_drive(data)}")
+    elif separate is not None and best is not None:
+        write_drive(separate, best.trajectory, description.sample_period)
+        lines.append(f"written: {separate}: {best.what}")
+    _tell(data, [*lines, *([] if out is None else [f"written: {out}"])], as_json)
 
 
 @app.command()
@@ -230,12 +210,14 @@ def trial(
         run_in(scratch / "trial")
 
 
-def _robot(spec: str) -> RobotDescription:
-    """Return the robot that a spec names; raises InputError for a train."""
-    vehicle = load_vehicle(spec)
-    if isinstance(vehicle, TrainDescription):
-        raise InputError(f"--robot {spec}: {NO_TRAINS}")
-    return vehicle
+def _tell(data: dict[str, Any], told: Sequence[str | Table], as_json: bool) -> None:
+    """Print data as JSON, or lines and tables."""
+    if as_json:
+        print(json.dumps(data, indent=2, allow_nan=False))
+        return
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    for part in told:
+        console.print(part)
 
 
 def _logs_of(given: list[Path]) -> list[Path]:
@@ -254,16 +236,10 @@ def _logs_of(given: list[Path]) -> list[Path]:
     return paths
 
 
-def _robot_beside(logs: list[Path]) -> RobotDescription:
-    """Return the robot that the file beside the logs describes."""
-    vehicle = _vehicle_beside(logs)
-    if isinstance(vehicle, TrainDescription):
-        raise InputError(f"{logs[0].parent / TRAIN_FILE}: {NO_TRAINS}")
-    return vehicle
-
-
-def _vehicle_beside(logs: list[Path]) -> Vehicle:
-    """Return the robot, or train, that the file beside the logs describes."""
+def _vehicle(spec: str | None, logs: list[Path]) -> Vehicle:
+    """Return the robot, or train, that a spec names; without one, that of the file beside the logs."""
+    if spec is not None:
+        return load_vehicle(spec)
     vehicles: dict[Path, Vehicle] = {}
     for log in logs:
         if not log.exists():
@@ -280,45 +256,41 @@ def _vehicle_beside(logs: list[Path]) -> Vehicle:
     return vehicles[first]
 
 
-def _show(console: Console, entry: dict[str, Any]) -> None:
-    period = entry["sample_period"]
-    console.print(f"\n{entry['path']}: {entry['rows']} rows, {entry['duration']:.6g} s")
-    console.print(
+def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
+    """Yield lines and tables of what a log shows (`inspect_log`)."""
+    period, parity, channels = entry["sample_period"], entry["parity"], entry["channels"]
+    yield f"\n{entry['path']}: {entry['rows']} rows, {entry['duration']:.6g} s"
+    yield (
         f"sample period {period['median']:.6g} s ({period['smallest']:.6g} to {period['largest']:.6g}), "
         f"declared {period['declared']:.6g} s"
     )
-    console.print(f"reference poses: {entry['reference_rows'] or 'none'}; commands: {_yes(entry['commands'])}")
+    yield f"reference poses: {entry['reference_rows'] or 'none'}; commands: {'yes' if entry['commands'] else 'none'}"
     if entry["unknown_columns"]:
-        console.print(f"columns that the robot does not explain: {listed(entry['unknown_columns'])}")
+        yield f"columns that the robot does not explain: {listed(entry['unknown_columns'])}"
     if entry["constant"]:
-        console.print(f"channels that never change: {', '.join(entry['constant'])}")
-    broken = [channel["name"] for channel in entry["channels"] if channel["unit"] == "counts" and not channel["whole"]]
+        yield f"channels that never change: {', '.join(entry['constant'])}"
+    broken = [channel["name"] for channel in channels if channel["unit"] == "counts" and not channel["whole"]]
     if broken:
-        console.print(f"counts that are not whole numbers (radians?): {', '.join(broken)}")
+        yield f"counts that are not whole numbers (radians?): {', '.join(broken)}"
     table = Table("channel", "smallest", "largest", "largest step", "the robot's limit", box=None)
-    for channel in [*entry["channels"], *(entry["reference"] or [])]:
+    for channel in [*channels, *(entry["reference"] or [])]:
         limit = "-" if channel["at_most"] is None else f"{channel['at_most']:.6g}"
-        numbers = (f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step"))
-        table.add_row(channel["name"], *numbers, limit)
-    console.print(table)
-    parity = entry["parity"]
+        table.add_row(
+            channel["name"], *(f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step")), limit
+        )
+    yield table
     if parity["note"]:
-        console.print(f"parity: {parity['note']}")
+        yield f"parity: {parity['note']}"
         return
-    console.print(f"parity residual, {parity['redundancy']} redundant rows, {parity['moving_samples']} moving samples")
-    over = f"over {parity['window']:.3g} s"
-    table = Table("row", "rms mm a sample", "from rounding", "ratio", over, box=None)
+    yield f"parity residual, {parity['redundancy']} redundant rows, {parity['moving_samples']} moving samples"
+    table = Table("row", "rms mm a sample", "from rounding", "ratio", f"over {parity['window']:.3g} s", box=None)
     for kind in ("rolling", "side_slip"):
         for row in parity[kind]:
-            name = f"{row['name']} {kind.replace('_', ' ')}"
             ratios = ("-" if row[key] is None else f"{row[key]:.2f}" for key in ("ratio", "drift"))
-            table.add_row(name, f"{row['rms_mm']:.4f}", f"{row['rounding_mm']:.4f}", *ratios)
-    console.print(table)
-    console.print(f"verdict: {parity['verdict']}")
-
-
-def _yes(value: bool) -> str:
-    return "yes" if value else "none"
+            sizes = (f"{row[key]:.4f}" for key in ("rms_mm", "rounding_mm"))
+            table.add_row(f"{row['name']} {kind.replace('_', ' ')}", *sizes, *ratios)
+    yield table
+    yield f"verdict: {parity['verdict']}"
 
 
 def main() -> None:

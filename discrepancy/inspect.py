@@ -3,12 +3,13 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.preflight.checks import wheel_steps
+from discrepancy.preflight.stretches import poses_taken
 from discrepancy.validation.parity import BLIND, Parity, parity_residual
 
 FORMAT = "castor-inspect/1"
@@ -40,9 +41,7 @@ def inspect_logs(robot: RobotDescription, logs: dict[str, Log]) -> dict[str, Any
 
 def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
     """Return one entry of the ``logs`` of `inspect_logs`, without its path."""
-    channels = _channels(robot, log)
-    steps = np.diff(log.t)
-    taken = 0 if log.reference is None else int(np.isfinite(log.reference).all(axis=1).sum())
+    channels, steps, reference = _channels(robot, log), np.diff(log.t), _reference(log)
     return {
         "rows": len(log),
         "duration": _rounded(log.t[-1] - log.t[0], 9),
@@ -54,8 +53,8 @@ def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
         },
         "channels": channels,
         "constant": [channel["name"] for channel in channels if channel["smallest"] == channel["largest"]],
-        "reference_rows": taken,
-        "reference": _reference(log) if taken else None,
+        "reference_rows": len(reference),
+        "reference": _pose_channels(reference) if len(reference) else None,
         "commands": log.command is not None,
         "unknown_columns": list(log.extra),
         "parity": _parity(robot, log),
@@ -67,33 +66,31 @@ def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
 
     `at_most` is the largest step, in counts, that the robot's speed limit allows in the time that step took.
     """
-    columns, period = LogColumns.of(robot), np.diff(log.t)
-    channels = []
-    for j, (name, k) in enumerate(zip(columns.wheel, robot.driven_wheels, strict=True)):
-        limit = robot.max_wheel_speed * (robot.wheels[k].counts_per_rev or np.nan) / (2 * np.pi)
-        steps = np.abs(np.diff(log.wheel[:, j]))
-        channels.append(_channel(name, "counts", log.wheel[:, j], steps, float(limit * period[np.argmax(steps)])))
-    for j, (name, i) in enumerate(zip(columns.pivot, robot.pivot_encoders, strict=True)):
-        turn = robot.castors[i].pivot_counts_per_rev or np.nan
-        steps = np.diff(log.pivot[:, j])
-        channels.append(_channel(name, "counts", log.pivot[:, j], np.abs(steps - turn * np.round(steps / turn))))
+    columns, channels = LogColumns.of(robot), []
+    for name, counts, steps, limit in wheel_steps(robot, log):
+        at_most = float(limit[np.argmax(np.abs(steps))])
+        channels.append(_channel(name, "counts", counts, np.abs(steps), at_most))
+    for name, i, counts in zip(columns.pivot, robot.pivot_encoders, log.pivot.T, strict=True):
+        turn, steps = robot.castors[i].pivot_counts_per_rev or np.nan, np.diff(counts)
+        channels.append(_channel(name, "counts", counts, np.abs(steps - turn * np.round(steps / turn))))
     if log.gyro is not None:
         channels.append(_channel(columns.gyro[0], "rad/s", log.gyro, np.abs(np.diff(log.gyro))))
     return channels
 
 
-def _reference(log: Log) -> list[dict[str, Any]]:
-    """Return range and largest step, from one pose that was taken to the next, of ref_x, ref_y and ref_psi."""
-    assert log.reference is not None
-    taken = log.reference[np.isfinite(log.reference).all(axis=1)]
-    steps = np.abs(np.diff(taken, axis=0, prepend=taken[:1]))
-    parts = zip(("ref_x", "ref_y", "ref_psi"), ("m", "m", "rad"), taken.T, steps.T, strict=True)
+def _reference(log: Log) -> Array:
+    """Return the reference poses (k, 3) that were taken."""
+    return np.zeros((0, 3)) if log.reference is None else log.reference[poses_taken(log)]
+
+
+def _pose_channels(poses: Array) -> list[dict[str, Any]]:
+    """Return range and largest step, from one pose to the next, of ref_x, ref_y and ref_psi."""
+    steps = np.abs(np.diff(poses, axis=0, prepend=poses[:1]))
+    parts = zip(("ref_x", "ref_y", "ref_psi"), ("m", "m", "rad"), poses.T, steps.T, strict=True)
     return [_channel(name, unit, values, step) for name, unit, values, step in parts]
 
 
-def _channel(
-    name: str, unit: str, values: NDArray[np.float64], steps: NDArray[np.float64], at_most: float | None = None
-) -> dict[str, Any]:
+def _channel(name: str, unit: str, values: Array, steps: Array, at_most: float | None = None) -> dict[str, Any]:
     return {
         "name": name,
         "unit": unit,
@@ -111,44 +108,41 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
     `ratio` is the one over the other, `drift` that of sums over `window` s; null where nothing moved.
     """
     parity = parity_residual(robot, log)
-
-    def rows(names: list[str], rms: Array, rounding: Array, drift: Array) -> list[dict[str, Any]]:
-        return [
-            {
-                "name": name,
-                "rms_mm": _rounded(1e3 * found, 6),
-                "rounding_mm": _rounded(1e3 * expected, 6),
-                "ratio": _rounded(found / expected, 3) if expected > 0 else None,
-                "drift": _rounded(summed, 3) if expected > 0 and parity.window else None,
-            }
-            for name, found, expected, summed in zip(names, rms, rounding, drift, strict=True)
-        ]
-
-    seen = parity.redundancy > 0
-    wheels = [f"wheel_{robot.wheel_names[k]}" for k in parity.wheels]
-    castors = [f"castor_{i + 1}" for i in parity.castors]
-    rolling = rows(wheels, parity.rolling_rms, parity.rolling_rounding, parity.rolling_drift)
-    side_slip = rows(castors, parity.side_slip_rms, parity.side_slip_rounding, parity.side_slip_drift)
+    names = [f"wheel_{robot.wheel_names[k]}" for k in parity.rows.wheels]
+    names += [f"castor_{i + 1}" for i in parity.rows.castors]
+    rows = [
+        {
+            "name": name,
+            "rms_mm": _rounded(1e3 * rms, 6),
+            "rounding_mm": _rounded(1e3 * rounding, 6),
+            "ratio": _rounded(rms / rounding, 3) if rounding > 0 else None,
+            "drift": _rounded(drift, 3) if rounding > 0 and parity.window else None,
+        }
+        for name, rms, rounding, drift in zip(names, parity.rms, parity.rounding, parity.drift, strict=True)
+    ]
+    seen, w = parity.redundancy > 0, len(parity.rows.wheels)
     return {
         "redundancy": parity.redundancy,
         "moving_samples": int(parity.moving.sum()),
         "window": _rounded(parity.window * np.median(np.diff(log.t)), 9),
-        "rolling": rolling if seen else [],
-        "side_slip": side_slip if seen else [],
-        "verdict": _verdict(robot, parity, rolling + side_slip) if seen else None,
+        "rolling": rows[:w] if seen else [],
+        "side_slip": rows[w:] if seen else [],
+        "verdict": _verdict(robot, parity, max(row["ratio"] or 0.0 for row in rows)) if seen else None,
         "note": None if seen else BLIND,
     }
 
 
-def _verdict(robot: RobotDescription, parity: Parity, rows: list[dict[str, Any]]) -> str:
-    """Return one line that says whether the encoders agree and, if not, whose rows stand out most (`CONTRADICTION`)."""
+def _verdict(robot: RobotDescription, parity: Parity, ratio: float) -> str:
+    """Return one line that says whether the encoders agree and, if not, whose rows stand out most (`CONTRADICTION`).
+
+    ratio: the largest of a row's rms over that of rounding.
+    """
     if not parity.moving.any():
         return "nothing moved: nothing can be said"
     if not parity.window:
         return "too short: nothing can be said"
     drift = np.zeros(len(robot.castors))
-    np.maximum.at(drift, np.array(robot.wheel_castors)[parity.wheels], parity.rolling_drift)
-    np.maximum.at(drift, parity.castors, parity.side_slip_drift)
+    np.maximum.at(drift, parity.rows.castor, parity.drift)
     if drift.max() >= CONTRADICTION:
         suspect = np.where(parity.explained >= ALIKE * parity.explained.max(), drift, 0.0)
         named = [str(i + 1) for i in np.flatnonzero(suspect >= ALIKE * suspect.max())]
@@ -158,7 +152,6 @@ def _verdict(robot: RobotDescription, parity: Parity, rows: list[dict[str, Any]]
             f"{subject} this robot file (up to {drift.max():.2g} times rounding): "
             f"{their} radii, track, offset or pivot zero are off, or {slip}"
         )
-    ratio = max(row["ratio"] or 0.0 for row in rows)
     if ratio >= CONTRADICTION:
         return (
             f"consistent over {parity.window} samples, but single ones are up to {ratio:.2g} times rounding: "

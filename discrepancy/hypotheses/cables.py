@@ -8,7 +8,7 @@ deviance without the largest events.
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -18,10 +18,9 @@ from castor_envs.effects.floor import Bump
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
-from discrepancy.hypotheses.wheel_tracks import Steps, placed, steps_of
+from discrepancy.hypotheses.wheel_tracks import Steps, along_and_across, placed, steps_of
 from estimators.calibration.maximum_likelihood import State
 
 DIRECTIONS, BIN = 180, 0.01
@@ -36,39 +35,24 @@ PEAKS, MOST = 6, 2
 THIN, THICK = 5e-4, 0.03
 """m: the range of diameters."""
 
-APART, TURNED = 0.1, 0.1
+APART = 0.1
 """m and rad: lines closer than this in place, where they are crossed, and in direction are the same line."""
 
 BUMP_GAIN, PASSES, LARGEST = 20.0, 6, 2
 """Least deviance that a line must explain without its `LARGEST` passes, and least number of passes over it."""
 
-NEAR = 0.05
-"""m: a line has no more passes than there are this near to it in the scan."""
+NEAR, CROSSED, REACH = 0.05, 0.03, 0.25
+"""m: a line has no more passes than there are this near to it in the scan; how near steps are that cross it, and those
+with which it is refined."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """A straight cable through (x, y) along `direction` (rad, in N, 0 to pi) of some diameter, m.
-
-    lasting: deviance that it explains without the `LARGEST` passes; passes: number of passes over it.
-    """
+class Line(NamedTuple):
+    """A straight cable through (x, y) along `direction` (rad, in N, 0 to pi) of some diameter, m."""
 
     x: float
     y: float
     direction: float
     diameter: float
-    lasting: float
-    passes: int
-
-
-def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> list[Candidate]:
-    """Return the cables or thresholds for which logs give evidence, the best first; empty where there are none.
-
-    motions: with poses in the reference's frame. slips: for each log those of wheels beyond prediction (K - 1, w), m;
-    NaN where unknown.
-    """
-    lines = lines_of(steps_of(robot, motions, slips))
-    return [candidate_of(line) for line in lines if line.passes >= PASSES]
 
 
 def with_cables(
@@ -81,59 +65,55 @@ def with_cables(
     motions, slips = placed(robot, logs, at, slips)
     if not motions:
         return list(known)
-    known_lines = _lines_in([*robot.effects, *(kind for candidate in known for kind in candidate.kinds)])
+    effects = [*robot.effects, *(kind for candidate in known for kind in candidate.kinds)]
+    lines = [effect for effect in effects if isinstance(effect, Bump)]
     new = [
         candidate
         for candidate in bumps_of(robot, motions, slips)
-        if not any(same_line(line, known_line) for line in _lines_in(candidate.kinds) for known_line in known_lines)
+        if not any(same_line(bump, line) for bump in candidate.kinds if isinstance(bump, Bump) for line in lines)
     ]
     return [*known, *new]
 
 
-def _lines_in(effects: Sequence[Effect]) -> list[Bump]:
-    return [effect for effect in effects if isinstance(effect, Bump)]
+def bumps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> list[Candidate]:
+    """Return up to `MOST` cables or thresholds for which logs give evidence, named with their places, the best first;
+    each is looked for in what those before it leave.
 
-
-def candidate_of(line: Line) -> Candidate:
-    """Return a line as a candidate, named with its place."""
-    x, y, direction = round(line.x, 3), round(line.y, 3), round(line.direction, 3)
-    effect = Bump(x=x, y=y, direction=direction, value=line.diameter)
-    return Candidate(described(effect), (effect,))
-
-
-def lines_of(steps: Steps) -> list[Line]:
-    """Return up to `MOST` lines that stand out, the best first; each is looked for in what those before it leave."""
-    found: list[Line] = []
-    while len(steps.slip) and len(found) < MOST:
+    motions: with poses in the reference's frame. slips: for each log those of wheels beyond prediction (K - 1, w), m;
+    NaN where unknown.
+    """
+    steps, found = steps_of(robot, motions, slips), []
+    for _ in range(MOST if len(steps.slip) else 0):
         refined = [_refined(steps, *peak) for peak in _scan(steps) if _passes_near(steps, *peak) >= PASSES]
-        best = max(refined, key=lambda line: line.lasting, default=None)
-        if best is None or best.lasting < BUMP_GAIN:
+        line, lasting, passes = max(refined, key=lambda entry: entry[1], default=(Line(0, 0, 0, 0), 0.0, 0))
+        if lasting < BUMP_GAIN:
             break
-        found.append(best)
-        shape = _rolls_more(steps, best.x, best.y, best.direction, best.diameter)
-        power = float(np.sum(steps.weight * shape**2))
-        part = -float(np.sum(steps.weight * shape * steps.slip)) / power if power > 0 else 0.0
-        steps = dataclasses.replace(steps, slip=steps.slip + part * shape)
+        if passes >= PASSES:
+            x, y, direction = (round(number, 3) for number in line[:3])
+            effect = Bump(x=x, y=y, direction=direction, value=line.diameter)
+            found.append(Candidate(described(effect), (effect,)))
+        shape = _rolls_more(steps, *line)
+        score, power = _evidence(steps, shape)
+        steps = dataclasses.replace(steps, slip=steps.slip + (score / power if power > 0 else 0.0) * shape)
     return found
 
 
-def same_line(first: Line | Bump, second: Line | Bump) -> bool:
+def same_line(first: Bump, second: Bump) -> bool:
     """Whether two lines are practically the same: in place, at the points by which they are given, and in direction."""
     turn = (first.direction - second.direction + math.pi / 2) % math.pi - math.pi / 2
-    way = second.x - first.x, second.y - first.y
-    off = max(abs(way[1] * math.cos(a) - way[0] * math.sin(a)) for a in (first.direction, second.direction))
-    return abs(turn) < TURNED and off < APART
+    way = np.array([[second.x - first.x, second.y - first.y]])
+    off = max(abs(float(along_and_across(way, line.direction)[1][0])) for line in (first, second))
+    return abs(turn) < APART and off < APART
 
 
 def _scan(steps: Steps) -> list[tuple[float, float]]:
     """Return the directions (rad) and offsets to the left of the origin (m) of the lines that stand out."""
     angles = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
-    middle = (steps.start + steps.end) / 2
-    low = -float(np.max(np.hypot(*middle.T))) - BIN * max(BANDS)
+    low = -float(np.max(np.hypot(*steps.middle.T))) - BIN * max(BANDS)
     bins = int(-2 * low / BIN) + 2
     score, power = np.zeros((DIRECTIONS, bins)), np.zeros((DIRECTIONS, bins))
     for k, angle in enumerate(angles):
-        across = middle[:, 1] * math.cos(angle) - middle[:, 0] * math.sin(angle)
+        _, across = along_and_across(steps.middle, angle)
         shape = -steps.path * np.sin(steps.heading - angle) ** 2
         at = ((across - low) / BIN).astype(np.intp)
         score[k] = np.bincount(at, steps.weight * shape * steps.slip, bins)
@@ -141,13 +121,11 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
     if not power.any():  # nothing moves
         return []
     least = np.median(power[power > 0])  # a line that is hardly crossed has no evidence
-    gains = []
+    gain, found = np.zeros_like(score), []
     for band in BANDS:
         summed = (uniform_filter1d(sums, band, axis=1, mode="constant") * band for sums in (score, power))
         band_score, band_power = summed
-        gains.append(np.maximum(band_score, 0.0) ** 2 / np.maximum(band_power, least))
-    gain = np.max(gains, axis=0)
-    found = []
+        gain = np.maximum(gain, np.maximum(band_score, 0.0) ** 2 / np.maximum(band_power, least))
     offsets = low + (np.arange(bins) + 0.5) * BIN
     for _ in range(PEAKS):
         k, b = np.unravel_index(int(np.argmax(gain)), gain.shape)
@@ -157,47 +135,46 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
         turn = (angles - angles[k] + np.pi / 2) % np.pi - np.pi / 2
         flipped = np.where(np.abs(angles - angles[k]) > np.pi / 2, -1.0, 1.0)  # half a turn on, left is right
         near = np.abs(flipped[:, None] * offsets - offsets[b]) < 2 * APART
-        gain[(np.abs(turn) < TURNED)[:, None] & near] = 0.0
+        gain[(np.abs(turn) < APART)[:, None] & near] = 0.0
     return found
 
 
-def _refined(steps: Steps, direction: float, offset: float) -> Line:
-    """Return the line near one of the scan that explains the largest deviance, with the exact shape of its bump."""
-    middle = (steps.start + steps.end) / 2
-    across = middle[:, 1] * math.cos(direction) - middle[:, 0] * math.sin(direction)
-    near = np.abs(across - offset) < 0.25
-    near_steps = steps.only(near)
-    crossing = np.abs(across - offset) < 0.03
+def _refined(steps: Steps, direction: float, offset: float) -> tuple[Line, float, int]:
+    """Return the line near one of the scan that explains the largest deviance, with the exact shape of its bump; the
+    deviance without the `LARGEST` passes; and the number of passes over it."""
+    along, across = along_and_across(steps.middle, direction)
+    near, crossing = steps.only(np.abs(across - offset) < REACH), np.abs(across - offset) < CROSSED
     shape = (steps.weight * steps.path**2 * np.sin(steps.heading - direction) ** 4)[crossing]
+    middle = steps.middle
     center = np.average(middle[crossing], axis=0, weights=shape) if shape.sum() > 0 else middle.mean(axis=0)
     left = np.array([-math.sin(direction), math.cos(direction)])
     center = center + (offset - center @ left) * left
-    along = middle[crossing] @ [math.cos(direction), math.sin(direction)]
-    size = max(float(np.std(along)), 0.1) if len(along) else 0.1
+    size = max(float(np.std(along[crossing])), 0.1) if crossing.any() else 0.1
 
-    def line_at(at: Array) -> tuple[float, float, float, float]:
+    def line_at(at: Array) -> Line:
         x, y = (center + at[1] * left).tolist()
-        return x, y, direction + at[0] / size, float(np.clip(math.exp(at[2]), THIN, THICK))
+        return Line(x, y, direction + at[0] / size, float(np.clip(math.exp(at[2]), THIN, THICK)))
 
     def negative_gain(at: Array) -> float:
-        shape = _rolls_more(near_steps, *line_at(at))
-        score, power = np.sum(near_steps.weight * shape * -near_steps.slip), np.sum(near_steps.weight * shape**2)
+        score, power = _evidence(near, _rolls_more(near, *line_at(at)))
         return -float(max(score, 0.0) ** 2 / (power + 1e-12))
 
     begin = np.array([0.0, 0.0, math.log(4e-3)])
     simplex = begin + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.015, 0], [0, 0, 0.5]])
     options = {"initial_simplex": simplex, "xatol": 2e-4, "fatol": 0.05, "maxfev": 150}
-    best = minimize(negative_gain, begin, method="Nelder-Mead", options=options)
-    x, y, direction, diameter = line_at(best.x)
-    lasting, passes = _lasting(near_steps, _rolls_more(near_steps, x, y, direction, diameter))
-    return Line(x, y, direction % math.pi, diameter, lasting, passes)
+    line = line_at(minimize(negative_gain, begin, method="Nelder-Mead", options=options).x)
+    return line._replace(direction=line.direction % math.pi), *_lasting(near, _rolls_more(near, *line))
 
 
 def _passes_near(steps: Steps, direction: float, offset: float) -> int:
     """Return how often wheels pass within `NEAR` of a line of the scan."""
-    middle = (steps.start + steps.end) / 2
-    across = middle[:, 1] * math.cos(direction) - middle[:, 0] * math.sin(direction)
+    _, across = along_and_across(steps.middle, direction)
     return int(steps.passes(np.abs(across - offset) < NEAR).max(initial=-1)) + 1
+
+
+def _evidence(steps: Steps, shape: Array) -> tuple[float, float]:
+    """Return the score and the information of extra roll `shape` (M,)."""
+    return -float(np.sum(steps.weight * shape * steps.slip)), float(np.sum(steps.weight * shape**2))
 
 
 def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
@@ -205,13 +182,12 @@ def _lasting(steps: Steps, shape: Array) -> tuple[float, int]:
     passes."""
     crossed = shape != 0.0
     number = steps.passes(crossed)
-    passes = int(number[-1]) + 1 if len(number) else 0
+    passes = int(number.max(initial=-1)) + 1
     score = np.bincount(number, -(steps.weight * shape * steps.slip)[crossed], passes)
     power = np.bincount(number, (steps.weight * shape**2)[crossed], passes)
     kept = np.argsort(score)[: max(passes - LARGEST, 0)]
-    lasting = max(score[kept].sum(), 0.0) ** 2 / (power[kept].sum() + 1e-12)
     strong = power > 0.1 * power.max(initial=0.0)
-    return lasting, int(strong.sum())
+    return max(score[kept].sum(), 0.0) ** 2 / (power[kept].sum() + 1e-12), int(strong.sum())
 
 
 def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: float) -> Array:
@@ -219,8 +195,7 @@ def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: fl
 
     As `Bump.slip`, in closed form: of sqrt(1 + climb^2) - 1 the first two terms, along a straight step.
     """
-    c, s = math.cos(direction), math.sin(direction)
-    a, b = ((place[:, 1] - y) * c - (place[:, 0] - x) * s for place in (steps.start, steps.end))
+    a, b = (along_and_across(place - (x, y), direction)[1] for place in (steps.start, steps.end))
     edge = np.sqrt(2 * steps.radius * diameter)
     away = b - a
     inside = np.clip(b, -edge, edge), np.clip(a, -edge, edge)

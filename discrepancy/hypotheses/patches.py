@@ -10,19 +10,16 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects.floor import FrictionPatch
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.wheel_tracks import Steps, steps_of
+from discrepancy.hypotheses.wheel_tracks import Steps, along_and_across, steps_of
 
 CELL, SIDES, TILTS = 0.1, (2, 3, 4, 6, 8, 12), 6
-"""Grid of the scan for rectangles: cell, m; sides in cells; directions in a quarter turn."""
-
-NARROWEST, FINEST = 0.1, 0.025
-"""m: the shortest side of a patch, and the step in which its sides are found."""
+"""Grid of the scan for rectangles: cell, m, which is also the shortest side of a patch; sides in cells; directions in a
+quarter turn. Sides are found to a quarter of a cell."""
 
 SHARPENED = 8
 """Power of the wheels' slips in proportion to which they share the total squared slip of a step, as the smoother
@@ -85,14 +82,14 @@ def _ratio(n: Array, total: Array, count: float, overall: float) -> Array:
 
 def _boxes(steps: Steps) -> list[Box]:
     """Return rectangles of a scan, the one whose variance differs most first."""
-    middle, squares = (steps.start + steps.end) / 2, steps.slip**2
+    squares = steps.slip**2
     if not len(squares):  # nothing moves
         return []
     count, overall = float(len(squares)), float(squares.sum())
     found: list[tuple[float, Box]] = []
     for angle in np.arange(TILTS) * np.pi / 2 / TILTS:
         c, s = math.cos(angle), math.sin(angle)
-        place = np.column_stack([c * middle[:, 0] + s * middle[:, 1], c * middle[:, 1] - s * middle[:, 0]])
+        place = np.column_stack(along_and_across(steps.middle, angle))
         low = place.min(axis=0) - CELL
         cell = ((place - low) / CELL).astype(np.intp)
         shape = cell.max(axis=0) + 2
@@ -115,8 +112,8 @@ def _boxes(steps: Steps) -> list[Box]:
 
 def _fitted(steps: Steps, box: Box) -> tuple[Box, float]:
     """Return the rectangle near another whose variance differs most without its hottest pass, and the deviance."""
-    gain, step = _lasting(steps, box), 4 * FINEST
-    while step >= FINEST:
+    gain, step = _lasting(steps, box), CELL
+    while step >= CELL / 4:
         tried = [(moved, _lasting(steps, moved)) for moved in near(box, step)]
         best = max(tried, key=lambda entry: entry[1])
         if best[1] > gain:
@@ -131,25 +128,20 @@ def near(box: Box, step: float) -> Iterator[Box]:
     x, y, length, width, angle = box
     c, s = math.cos(angle), math.sin(angle)
     for by, way in itertools.product((step, -step), (1, -1)):
-        if length + by >= NARROWEST:
+        if length + by >= CELL:
             yield x + way * by / 2 * c, y + way * by / 2 * s, length + by, width, angle
-        if width + by >= NARROWEST:
+        if width + by >= CELL:
             yield x - way * by / 2 * s, y + way * by / 2 * c, length, width + by, angle
     for turn in (2 * step, -2 * step):
         yield x, y, length, width, angle + turn
 
 
-def _inside(steps: Steps, box: Box) -> NDArray[np.bool_]:
-    x, y, length, width, angle = box
-    c, s = math.cos(angle), math.sin(angle)
-    right, up = ((steps.start + steps.end) / 2 - (x, y)).T
-    return (np.abs(c * right + s * up) <= length / 2) & (np.abs(c * up - s * right) <= width / 2)
-
-
 def _lasting(steps: Steps, box: Box) -> float:
-    inside = _inside(steps, box)
+    """Return the deviance by which the variance in a rectangle differs without its hottest pass."""
+    x, y, length, width, angle = box
+    along, across = along_and_across(steps.middle - (x, y), angle)
+    inside, squares = (np.abs(along) <= length / 2) & (np.abs(across) <= width / 2), steps.slip**2
     number = steps.passes(inside)
-    squares = steps.slip**2
     if not len(number):
         return 0.0
     n, total = np.bincount(number).astype(float), np.bincount(number, squares[inside])

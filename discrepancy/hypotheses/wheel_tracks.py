@@ -5,9 +5,9 @@ slip.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,11 @@ class Steps:
     track: NDArray[np.intp]
     time: NDArray[np.intp]
 
+    @property
+    def middle(self) -> Array:
+        """Where in N (M, 2) a wheel was half way, m."""
+        return (self.start + self.end) / 2
+
     def passes(self, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Return for the steps `chosen` (M,) the number of their pass: one wheel's steps without a break."""
         track, time = self.track[chosen], self.time[chosen]
@@ -56,10 +61,15 @@ class Steps:
         return Steps(*(getattr(self, name)[chosen] for name in Steps.__dataclass_fields__))
 
 
+def along_and_across(place: Array, direction: float) -> tuple[Array, Array]:
+    """Return coordinates (n,) of places (n, 2), m, along a direction (rad, in N) and to its left."""
+    c, s = math.cos(direction), math.sin(direction)
+    return c * place[:, 0] + s * place[:, 1], c * place[:, 1] - s * place[:, 0]
+
+
 def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> Steps:
     """Return the steps of logs; slips: for each log those beyond prediction (K - 1, w), m, NaN where unknown."""
-    parts: list[tuple[NDArray[Any], ...]] = []
-    w = len(robot.wheels)
+    parts, w = [], len(robot.wheels)
     radius = np.array([wheel.radius for wheel in robot.wheels])
     for k, (motion, slip) in enumerate(zip(motions, slips, strict=True)):
         places, path = contact_places(robot, motion), contact_paths(robot, motion)[:, :w]
@@ -92,8 +102,6 @@ def placed(
     robot: RobotDescription, logs: Sequence[Log], at: State, slips: Sequence[Array]
 ) -> tuple[list[Motion], list[Array]]:
     """Return motions and slips of the logs that have reference poses."""
-    posed = [
-        k for k, log in enumerate(logs) if log.reference is not None and bool(np.isfinite(log.reference[:, 0]).any())
-    ]
+    posed = [k for k, log in enumerate(logs) if log.reference is not None and np.isfinite(log.reference[:, 0]).any()]
     motions = [Channels(robot).motion(logs[k], at.states[k], consistent_wheels=True) for k in posed]
     return motions, [slips[k] for k in posed]

@@ -9,21 +9,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.preflight.checks import MOST_PLACES, check_logs, dead_channels, mistakes_in, not_finite, remarks
 from discrepancy.preflight.findings import Mistake, Preflight
 from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
-from discrepancy.preflight.reading import Reading
-from discrepancy.preflight.sanity import (
-    Named,
-    check_logs,
-    dead_channels,
-    not_finite,
-    remarks,
-    time_mistakes,
-    wrapped_counts,
-)
+from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.search import MUCH, YAW, Candidate, Found, search
 
 __all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
@@ -31,11 +22,9 @@ __all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
 OUTLIER, OUTLIER_PART = 8.0, 0.2
 """A pose is off if the error of odometry there exceeds this multiple of the median, and this part of the way."""
 
-CONTRADICTED = 0.05
-"""Least unexplained part (rms) of a motion that is reported."""
-
-AGREED = 0.1
-"""The part (rms) up to which encoders and reference agree well enough to say how the reference is turned."""
+CONTRADICTED, AGREED = 0.05, 0.1
+"""Least unexplained part (rms) of a motion that is reported; the part up to which encoders and reference agree well
+enough to say how the reference is turned."""
 
 
 def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str] = ()) -> Preflight:
@@ -43,20 +32,16 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
 
     names: of the logs; "log 1" and so on if left out. Small effects are ignored here.
     """
-    called = [Named(name, log) for name, log in zip(names or _numbered(logs), logs, strict=True)]
-    broken = [mistake for named_log in called for mistake in not_finite(robot, named_log)]
+    numbered = ["the log"] if len(logs) == 1 else [f"log {k}" for k in range(1, len(logs) + 1)]
+    named = list(zip(names or numbered, logs, strict=True))
+    broken = [Mistake(f"{name}: {what}") for name, log in named for what in not_finite(robot, log)]
     if broken:
         return Preflight(tuple(broken))
-    reported = [remark for named_log in called for remark in remarks(robot, named_log)]
-    mistakes = [
-        mistake
-        for named_log in called
-        for kind in (time_mistakes, wrapped_counts)
-        for mistake in kind(robot, named_log)
-    ]
+    reported = [f"{name}: {remark}" for name, log in named for remark in remarks(robot, log)]
+    mistakes = [Mistake(f"{name}: {what}") for name, log in named for what in mistakes_in(robot, log)]
     if mistakes:
         return Preflight(tuple(mistakes), tuple(reported))
-    dead = dead_channels(robot, logs)
+    dead = dead_channels(logs)
     misfits = Misfits(robot, logs, dead)
     if not misfits.sees:
         reported.append(
@@ -64,46 +49,35 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
         )
         return Preflight((), tuple(reported))
     found = search(robot, misfits)
-    mistakes = [*_dead(robot, logs, misfits, found, dead), *_mistakes(robot, misfits, found)]
-    reported += _poses_off(called, misfits, found.best.reading)
+    mistakes = [*_dead(robot, logs, found, dead), *_mistakes(misfits, found)]
+    reported += _poses_off(named, misfits, found.best.reading)
     left = found.best.misfit
     if left.rms > CONTRADICTED and not mistakes:
         reported.append(f"{_contradiction(left)}, which is no mistake of wiring or units alone")
     return Preflight(tuple(mistakes), tuple(reported))
 
 
-def _numbered(logs: Sequence[Log]) -> list[str]:
-    return ["the log"] if len(logs) == 1 else [f"log {k + 1}" for k in range(len(logs))]
-
-
-def _mistakes(robot: RobotDescription, misfits: Misfits, found: Found) -> Iterator[Mistake]:
+def _mistakes(misfits: Misfits, found: Found) -> Iterator[Mistake]:
     """Yield the mistakes found; of a combination each mistake separately."""
-    nominal, best = found.nominal, found.best
-    for hypothesis in best.mistakes:
-        alternatives = [candidate for candidate in found.alike if hypothesis not in candidate.mistakes]
-        evidence = f"{_contradiction(nominal.misfit)}, and by {_parts(best.misfit)} if so"
-        if len(best.mistakes) > 1:
-            evidence += f" ({len(best.mistakes)} mistakes together)"
-        sentence = f"{hypothesis.what}: {evidence}; {hypothesis.remedy}"
-        yield Mistake(sentence, hypothesis.effects, tuple(_named(candidate) for candidate in alternatives))
-    yaw = best.misfit.yaw
-    if misfits.poses is not None and abs(yaw) > YAW and best.misfit.rms < AGREED:
-        straight = [candidate for candidate in found.alike if abs(candidate.misfit.yaw) < YAW]
+    best, yaw = found.best, found.best.misfit.yaw
+    evidence = f"{_contradiction(found.nominal.misfit)}, and by {_parts(best.misfit)} if so"
+    evidence += f" ({len(best.mistakes)} mistakes together)" if len(best.mistakes) > 1 else ""
+    for mistake in best.mistakes:
+        alternatives = tuple(_named(rival) for rival in found.alike if mistake not in rival.mistakes)
+        yield Mistake(f"{mistake.what}: {evidence}; {mistake.remedy}", mistake.effects, alternatives)
+    if misfits.sees_poses and abs(yaw) > YAW and best.misfit.rms < AGREED:
         side = "left" if yaw > 0 else "right"
         yield Mistake(
             f"the reference's heading points {abs(np.degrees(yaw)):.0f} degrees to the {side} of the robot's front: it "
             "then agrees with the encoders, and is taken so; if it is not mounted so, correct ref_psi",
-            alternatives=tuple(_named(candidate) for candidate in straight),
+            alternatives=tuple(_named(rival) for rival in found.alike if rival.straight),
             taken=True,
         )
 
 
-def _dead(
-    robot: RobotDescription, logs: Sequence[Log], misfits: Misfits, found: Found, dead: frozenset[int]
-) -> Iterator[Mistake]:
+def _dead(robot: RobotDescription, logs: Sequence[Log], found: Found, dead: frozenset[int]) -> Iterator[Mistake]:
     """Yield channels that never change although the other channels require that they do."""
-    columns = LogColumns.of(robot)
-    names = (*columns.wheel, *columns.pivot)
+    names = Channels(robot).names
     for channel in sorted(dead):
         without = Misfits(robot, logs, dead - {channel}).of(found.best.reading)
         if max(without.total, SEEN) > max(MUCH, 4 * found.best.left):
@@ -113,27 +87,23 @@ def _dead(
             )
 
 
-def _poses_off(called: Sequence[Named], misfits: Misfits, reading: Reading) -> list[str]:
-    """Return the reference's jumps and outliers: where odometry misses a pose far more than elsewhere."""
-    poses = misfits.poses
-    if poses is None or not misfits.sees_poses:
-        return []
+def _poses_off(named: Sequence[tuple[str, Log]], misfits: Misfits, reading: Reading) -> Iterator[str]:
+    """Yield the reference's jumps and outliers: where odometry misses a pose far more than elsewhere."""
+    if misfits.stretches is None or not misfits.sees_poses:
+        return
     residual, way = misfits.residuals(reading)
-    usual = 1.4826 * float(np.median(residual))
+    usual = 1.4826 * float(np.median(residual))  # of a normal distribution's median, its standard deviation
     off = np.flatnonzero((residual > OUTLIER * usual) & (residual > OUTLIER_PART * np.median(way)))
-    reported = []
-    for number, named_log in enumerate(called):
+    rows, log_of = misfits.stretches.rows, misfits.stretches.log
+    for number, (name, log) in enumerate(named):
         places = [
-            f"{1e3 * residual[k]:.0f} mm between rows {poses.rows[k, 0] + 1} and {poses.rows[k, 1] + 1} "
-            f"(t {named_log.log.t[poses.rows[k, 0]]:.6g} to {named_log.log.t[poses.rows[k, 1]]:.6g} s)"
-            for k in off[poses.log[off] == number]
+            f"{1e3 * residual[k]:.0f} mm between rows {rows[k, 0] + 1} and {rows[k, 1] + 1} "
+            f"(t {log.t[rows[k, 0]]:.6g} to {log.t[rows[k, 1]]:.6g} s)"
+            for k in off[log_of[off] == number]
         ]
         if places:
-            remainder = f"; and {len(places) - 3} more" if len(places) > 3 else ""
-            reported.append(
-                f"{named_log.name}: the reference jumps, or wheels slide: {'; '.join(places[:3])}{remainder}"
-            )
-    return reported
+            remainder = f"; and {len(places) - MOST_PLACES} more" if len(places) > MOST_PLACES else ""
+            yield f"{name}: the reference jumps, or wheels slide: {'; '.join(places[:MOST_PLACES])}{remainder}"
 
 
 def _named(candidate: Candidate) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from castor_envs.effects.dimensions import PivotBias
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.logs.columns import LogColumns
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -44,52 +45,33 @@ class Reading:
         """Return the reading with these pivots turned by an angle."""
         return dataclasses.replace(self, shift=tuple(s + by if k in channels else s for k, s in enumerate(self.shift)))
 
-    def referred(self, lengths: float = 1.0, headings: float = 1.0, across: float = 1.0) -> "Reading":
-        """Return the reading with positions, headings and y of the reference multiplied."""
-        return dataclasses.replace(
-            self,
-            lengths=self.lengths * lengths,
-            headings=self.headings * headings,
-            across=self.across * across,
-        )
-
 
 class Channels:
-    """The channels of a robot: where each castor's wheels and pivot are."""
+    """The channels of a robot. wheels, pivots: their numbers. names: of their columns. wheel_at: the channel of each
+    wheel by its castor and number; pivot_of: of each pivot by its castor; both from 1. castor: that of each channel."""
 
     def __init__(self, robot: RobotDescription) -> None:
-        self.robot = robot
-        driven = list(robot.driven_wheels)
-        self.count = len(driven) + len(robot.pivot_encoders)
+        columns, driven = LogColumns.of(robot), list(robot.driven_wheels)
+        self.names = (*columns.wheel, *columns.pivot)
         self.wheels = tuple(range(len(driven)))
-        self.pivots = tuple(range(len(driven), self.count))
-        self._wheel: dict[tuple[int, int], int] = {}
-        numbers: dict[int, int] = {}
-        for k, i in enumerate(robot.wheel_castors):
-            numbers[i] = numbers.get(i, 0) + 1
-            if k in driven:
-                self._wheel[i + 1, numbers[i]] = driven.index(k)
-        self._pivot = {i + 1: len(driven) + j for j, i in enumerate(robot.pivot_encoders)}
+        self.pivots = tuple(range(len(driven), len(self.names)))
+        places = [(i, j) for i, castor in enumerate(robot.castors, 1) for j in range(1, len(castor.wheels) + 1)]
+        self.wheel_at = {place: driven.index(k) for k, place in enumerate(places) if k in driven}
+        self.pivot_of = {i + 1: channel for i, channel in zip(robot.pivot_encoders, self.pivots, strict=True)}
+        self.castor = (*(i for i, _ in self.wheel_at), *self.pivot_of)
 
     def nominal(self) -> Reading:
         """Return the reading in which the log agrees with the description."""
-        return Reading(tuple(range(self.count)), (1.0,) * self.count, (0.0,) * self.count)
+        n = len(self.names)
+        return Reading(tuple(range(n)), (1.0,) * n, (0.0,) * n)
 
     def of_castor(self, castor: int) -> tuple[int, ...]:
         """Return the channels of the wheels of castor `castor` (from 1)."""
-        return tuple(channel for (i, _), channel in self._wheel.items() if i == castor)
-
-    def pivot_of(self, castor: int) -> tuple[int, ...]:
-        """Return the channel of the pivot of castor `castor`, none where there is no encoder."""
-        return (self._pivot[castor],) if castor in self._pivot else ()
-
-    def has(self, castor: int, wheel: int) -> bool:
-        """Whether a wheel (both from 1) has an encoder."""
-        return (castor, wheel) in self._wheel
+        return tuple(k for k in self.wheels if self.castor[k] == castor)
 
     def at(self, castor: int, wheel: int | None) -> int:
         """Return the channel of a wheel (from 1), or of the pivot where wheel is None."""
-        return self._pivot[castor] if wheel is None else self._wheel[castor, wheel]
+        return self.pivot_of[castor] if wheel is None else self.wheel_at[castor, wheel]
 
     def read(self, reading: Reading, effect: Effect) -> Reading:
         """Return the reading after an effect of wiring, or a turned pivot; raises ValueError for other effects."""
@@ -101,11 +83,11 @@ class Channels:
                 return reading.scaled((self.at(effect.castor, effect.wheel),), -1.0)
             case CastorOrder():
                 first, second = (
-                    (*self.of_castor(castor), *self.pivot_of(castor))
+                    tuple(k for k, of in enumerate(self.castor) if of == castor)
                     for castor in (effect.castor, effect.exchanged_with)
                 )
                 return reading.exchanged(first, second)
             case PivotBias():
-                return reading.shifted(self.pivot_of(effect.castor), effect.value)
+                return reading.shifted((self.pivot_of[effect.castor],), effect.value)
             case _:
                 raise ValueError(f"{effect.name} is no effect of wiring")

@@ -9,19 +9,16 @@ from scipy.optimize import minimize_scalar
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, pivots_to_scale, places_to_scale, scale, wiring
-from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
+from discrepancy.preflight.misfit import ALIKE, SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading
 
 MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
 """A mistake must explain nearly the whole misfit: at most a tenth may remain, or a quarter where it exceeded `MUCH`, as
-the motion of a robot that was steered by wrong readings is rough."""
+the motion of a robot that was steered by wrong readings is rough. There half suffices, if every other mistake leaves
+more than twice as much (`ALIKE`): wheels then slide at every turn."""
 
-ALONE = 2.0
-"""There a reduction of the misfit by this factor suffices, if every other mistake leaves a misfit larger by this
-factor: wheels then slide at every turn."""
-
-FLOOR, ALIKE, SAME = 2e-5, 2.0, 1.2
-"""Shares below the first number count as equal; so do shares within the factors, as similar or as the same."""
+FLOOR, SAME = 2e-5, 1.2
+"""Shares below the first number count as equal; so do shares within the factor."""
 
 GROSS = 1.5
 """Smaller factors of counts per turn are no gross mistake."""
@@ -51,9 +48,22 @@ class Candidate:
         return max(self.misfit.total, FLOOR)
 
     @property
+    def straight(self) -> bool:
+        """Whether the reference is not turned."""
+        return abs(self.misfit.yaw) < YAW
+
+    @property
     def rank(self) -> tuple[bool, int]:
         """Sort key of simplicity; the simplest first."""
-        return abs(self.misfit.yaw) > YAW, sum(not mistake.plain for mistake in self.mistakes)
+        return not self.straight, sum(not mistake.plain for mistake in self.mistakes)
+
+    def like(self, rival: "Candidate") -> bool:
+        """Whether it explains about as much as a rival, or more."""
+        return self.left <= ALIKE * rival.left
+
+    def explains(self, rival: "Candidate") -> bool:
+        """Whether it explains nearly all that a rival leaves."""
+        return rival.left >= (BETTER_OF_MUCH if rival.left > MUCH else BETTER) * self.left
 
 
 @dataclass(frozen=True)
@@ -71,76 +81,65 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
     explains it."""
     plain = Channels(robot).nominal()
     nominal = Candidate((), plain, misfits.of(plain))
-    if nominal.left < SEEN and abs(nominal.misfit.yaw) < YAW:
+    if nominal.left < SEEN and nominal.straight:
         return Found(nominal, nominal)
     single = [_with(misfits, nominal, hypothesis) for hypothesis in hypotheses(robot)]
     single += [_scaled(misfits, nominal, robot, *place, GRID) for place in places_to_scale(robot).items()]
     level = _different(single)
-    if nominal.left < SEEN:
+    if nominal.left < SEEN:  # the reference alone is turned
         return Found(
-            nominal,
-            nominal,
-            tuple(candidate for candidate in level if _alike(candidate, nominal) and _straight(candidate)),
+            nominal, nominal, tuple(mistake for mistake in level if mistake.like(nominal) and mistake.straight)
         )
     best, chosen, partners = nominal, level, wiring(robot)
     for depth in range(TOGETHER):
         if depth > 0:
-            by_rest = sorted(level, key=lambda candidate: candidate.left)
-            # Two mistakes may mask each other, so that neither of them helps alone.
-            names = {partner.what for partner in partners}
-            starts = [
-                candidate
-                for k, candidate in enumerate(by_rest)
-                if k < KEPT or (depth == 1 and candidate.mistakes[0].what in names)
-            ]
-            level = _different(
-                _with(misfits, start, partner)
-                for start in starts
-                for partner in partners
-                if partner.what not in [mistake.what for mistake in start.mistakes]
-            )
+            level = _extended(misfits, level, partners, depth)
         first = min(level, key=lambda candidate: candidate.left, default=nominal)
-        if _explains(first, best) or (depth == 0 and _alone(first, [nominal, *level])):
-            near = [candidate for candidate in level if _alike(candidate, first)]
+        if first.explains(best) or (depth == 0 and _alone(first, [nominal, *level])):
+            near = [candidate for candidate in level if candidate.like(first)]
             best = _simplest(near)
             # An explanation that also needs a turned reference counts as one mistake more.
-            chosen = [candidate for candidate in near if _straight(candidate) or not _straight(best)]
+            chosen = [candidate for candidate in near if candidate.straight or not best.straight]
         if best.left < SEEN:
             break
     if best.left > MUCH:
         pivots = [_scaled(misfits, nominal, robot, *place, FINE_GRID) for place in pivots_to_scale(robot).items()]
         first = min(pivots, key=lambda candidate: candidate.left, default=nominal)
-        if _explains(first, best):
-            best, chosen = first, [candidate for candidate in pivots if _alike(candidate, first)]
-    return Found(
-        nominal, best, tuple(candidate for candidate in chosen if candidate is not best) if best is not nominal else ()
+        if first.explains(best):
+            best, chosen = first, [candidate for candidate in pivots if candidate.like(first)]
+    if best is nominal:
+        return Found(nominal, nominal)
+    return Found(nominal, best, tuple(candidate for candidate in chosen if candidate is not best))
+
+
+def _extended(misfits: Misfits, level: list[Candidate], partners: list[Hypothesis], depth: int) -> list[Candidate]:
+    """Return the best combinations with one mistake of wiring more; of single mistakes those of wiring, too, as two
+    mistakes may mask each other, so that neither of them helps alone."""
+    names = [partner.what for partner in partners]
+    by_rest = sorted(level, key=lambda candidate: candidate.left)
+    starts = by_rest[:KEPT]
+    starts += [start for start in by_rest[KEPT:] if depth == 1 and start.mistakes[0].what in names]
+    return _different(
+        _with(misfits, start, partner)
+        for start in starts
+        for partner in partners
+        if partner.what not in [mistake.what for mistake in start.mistakes]
     )
 
 
 def _simplest(near: list[Candidate]) -> Candidate:
     """Return the simplest candidate; among equally simple ones the candidate that explains most or, where they hardly
     differ, the first."""
-    simple = [candidate for candidate in near if candidate.rank == min(rival.rank for rival in near)]
+    rank = min(candidate.rank for candidate in near)
+    simple = [candidate for candidate in near if candidate.rank == rank]
     least = min(candidate.left for candidate in simple)
     return next(candidate for candidate in simple if candidate.left <= SAME * least)
-
-
-def _explains(candidate: Candidate, rival: Candidate) -> bool:
-    return rival.left >= (BETTER_OF_MUCH if rival.left > MUCH else BETTER) * candidate.left
 
 
 def _alone(candidate: Candidate, candidates: list[Candidate]) -> bool:
     """Whether a candidate stands out where much contradicts the robot: all other candidates, and no mistake, leave far
     more."""
-    return all(rival.left > max(MUCH, ALONE * candidate.left) for rival in candidates if rival is not candidate)
-
-
-def _alike(candidate: Candidate, rival: Candidate) -> bool:
-    return candidate.left <= ALIKE * rival.left
-
-
-def _straight(candidate: Candidate) -> bool:
-    return abs(candidate.misfit.yaw) < YAW
+    return all(rival.left > max(MUCH, ALIKE * candidate.left) for rival in candidates if rival is not candidate)
 
 
 def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:
@@ -157,14 +156,10 @@ def _scaled(
     def left(log_factor: float) -> float:
         return misfits.of(start.reading.scaled(channels, float(np.exp(log_factor)))).total
 
-    grid = [np.log(factor) for factor in factors if abs(np.log(factor)) > np.log(GROSS)]
-    at = min(grid, key=left)
-    step = np.log(factors[1] / factors[0])
-    bounds = (at - step, at + step)
-    fine = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
-    factor = float(np.exp(fine.x))
-    if abs(np.log(factor)) < np.log(GROSS):
-        factor = float(np.exp(at))
+    logs, gross, step = np.log(factors), np.log(GROSS), np.log(factors[1] / factors[0])
+    at = min(logs[np.abs(logs) > gross], key=left)
+    fine = minimize_scalar(left, bounds=(at - step, at + step), method="bounded", options={"xatol": 1e-3})
+    factor = float(np.exp(fine.x if abs(fine.x) >= gross else at))
     return _with(misfits, start, scale(robot, place, channels, factor))
 
 

@@ -1,7 +1,7 @@
 """Logs cut into stretches: enough of a log for a quick check, in steps long enough that rounding of counts is small."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,39 +15,25 @@ STEP = 0.05
 WINDOW = 8
 """Steps whose residuals are added up."""
 
-STRETCH = 4.0
-"""s."""
+STRETCH, STEPS = 4.0, 1600
+"""s, and about the most steps that are used, spread over all motion."""
 
-STEPS = 1600
-"""About the most steps that are used, spread over all motion."""
-
-REFERENCE_WINDOW = 1.5
-"""s: the least time between two poses that are compared."""
-
-SPARSE = 2.5
-"""s: between poses further apart than this, headings are too uncertain."""
+REFERENCE_WINDOW, SPARSE = 1.5, 2.5
+"""s: the least time between two poses that are compared; between poses further apart than the second, headings are too
+uncertain."""
 
 
 class Stretches(NamedTuple):
-    """S steps, in windows of `WINDOW`.
+    """S steps, in windows of `WINDOW`, and V windows between two reference poses.
 
-    counted (S, driven wheels): counts. start, end (S, pivot encoders): of each step, counts. reference: None where
-    there are no poses to compare.
+    counted (S, driven wheels): counts. start, end (S, pivot encoders): of each step, counts. heading (S,): by the
+    reference, halfway through each step, rad. first, last (V,): the steps, last exclusive, of each window between
+    poses; before, after (V, 3): the poses; log, rows (V,), (V, 2): whose they are.
     """
 
     counted: Array
     start: Array
     end: Array
-    reference: "Poses | None"
-
-
-class Poses(NamedTuple):
-    """Reference poses of `Stretches`.
-
-    heading (S,): halfway through each step. first, last (V,): the steps, last exclusive, of each of V windows between
-    two poses; before, after (V, 3): the poses; log, rows (V,), (V, 2): whose they are.
-    """
-
     heading: Array
     first: NDArray[np.intp]
     last: NDArray[np.intp]
@@ -69,86 +55,52 @@ def stretches_of(logs: Sequence[Log], turn: Array) -> Stretches | None:
     limit = max(1, round(STEPS / np.mean([len(piece.counted) for piece in moving])))
     if len(moving) > limit:
         moving = [moving[k] for k in np.unique(np.linspace(0, len(moving) - 1, limit).astype(int))]
-    starts = np.cumsum([0, *(len(piece.counted) for piece in moving)])
-    with_poses = [(at, piece.poses) for at, piece in zip(starts[:-1], moving, strict=True) if piece.poses is not None]
-    poses = None
-    if with_poses:
-        heading = np.zeros(starts[-1])
-        for at, piece_poses in with_poses:
-            heading[at : at + len(piece_poses.heading)] = piece_poses.heading
-        poses = Poses(
-            heading,
-            np.concatenate([at + piece_poses.first for at, piece_poses in with_poses]),
-            np.concatenate([at + piece_poses.last for at, piece_poses in with_poses]),
-            *(
-                np.concatenate([getattr(piece_poses, name) for _, piece_poses in with_poses])
-                for name in ("before", "after", "log", "rows")
-            ),
-        )
-        if not len(poses.first):
-            poses = None
-    counted, start, end = (np.concatenate([getattr(piece, name) for piece in moving]) for name in _COUNTS)
-    return Stretches(counted, start, end, poses)
+    joined = Stretches(*(np.concatenate(parts) for parts in zip(*moving, strict=True)))
+    begins = np.cumsum([0, *(len(piece.counted) for piece in moving[:-1])])
+    begin = np.repeat(begins, [len(piece.first) for piece in moving])
+    return joined._replace(first=begin + joined.first, last=begin + joined.last)
 
 
-_COUNTS = ("counted", "start", "end")
+def unwrapped(pivot: Array, turn: Array) -> Array:
+    """Return pivot counts (N, s) that go on where encoders begin again after `turn` (s,) counts."""
+    columns = [np.unwrap(column, period=float(counts)) for column, counts in zip(pivot.T, turn, strict=True)]
+    return np.array(columns).reshape(pivot.T.shape).T
 
 
-class _Piece(NamedTuple):
-    counted: Array
-    start: Array
-    end: Array
-    poses: Poses | None
+def poses_taken(log: Log) -> NDArray[np.intp]:
+    """Return the rows of a log in which there is a whole reference pose."""
+    return np.flatnonzero(np.zeros(0) if log.reference is None else np.isfinite(log.reference).all(axis=1))
 
 
-def _pieces(number: int, log: Log, turn: Array) -> list[_Piece]:
-    """Return the stretches of one log."""
+def _pieces(number: int, log: Log, turn: Array) -> Iterator[Stretches]:
+    """Yield the stretches of one log."""
     period = float(np.median(np.diff(log.t)))
-    stride = max(1, round(STEP / period)) if period < STEP else 1
-    at = np.arange(0, len(log), stride)
-    taken = np.empty(0, dtype=np.intp)
-    if log.reference is not None:
-        taken = np.flatnonzero(np.isfinite(log.reference).all(axis=1))
-        if len(taken) > 1 and np.median(np.diff(log.t[taken])) > SPARSE:
-            taken = taken[:0]
-    pivots = np.array([np.unwrap(column, period=counts) for column, counts in zip(log.pivot.T, turn, strict=True)])
-    pivots = pivots.reshape(len(turn), len(log)).T
+    stride = max(1, round(STEP / period))
     size = max(WINDOW, int(STRETCH / (period * stride)) // WINDOW * WINDOW)
-    pieces = []
+    pivots, taken = unwrapped(log.pivot, turn), poses_taken(log)
+    if len(taken) > 1 and np.median(np.diff(log.t[taken])) > SPARSE:
+        taken = taken[:0]
+    at = np.arange(0, len(log), stride)
     for begin in range(0, len(at) - 1, size):
         rows = at[begin : begin + size + 1]
-        n = (len(rows) - 1) // WINDOW * WINDOW
-        rows = rows[: n + 1]
-        if n == 0:
-            continue
-        poses = _poses(number, log, rows, taken) if len(taken) > 1 else None
-        wheel, pivot = log.wheel[rows], pivots[rows]
-        pieces.append(_Piece(np.diff(wheel, axis=0), pivot[:-1], pivot[1:], poses))
-    return pieces
+        rows = rows[: (len(rows) - 1) // WINDOW * WINDOW + 1]
+        if len(rows) > 1:
+            pivot = pivots[rows]
+            yield Stretches(np.diff(log.wheel[rows], axis=0), pivot[:-1], pivot[1:], *_poses(number, log, rows, taken))
 
 
-def _poses(number: int, log: Log, rows: NDArray[np.intp], taken: NDArray[np.intp]) -> Poses | None:
-    """Return the reference poses within these rows of a log that are far enough apart."""
-    assert log.reference is not None
-    inside = taken[(taken >= rows[0]) & (taken <= rows[-1])]
+def _poses(number: int, log: Log, rows: NDArray[np.intp], taken: NDArray[np.intp]) -> tuple[Any, ...]:
+    """Return the headings in these rows of a log, and the reference poses within them that are far enough apart, as the
+    last fields of `Stretches`."""
     chosen: list[int] = []
-    for row in inside:
+    for row in taken[(taken >= rows[0]) & (taken <= rows[-1])].tolist():
         if not chosen or log.t[row] - log.t[chosen[-1]] >= REFERENCE_WINDOW - 1e-9:
-            chosen.append(int(row))
-    if len(chosen) < 2:
-        return None
-    ends = np.array(chosen)
-    step = np.clip(np.searchsorted(rows, ends), 0, len(rows) - 1)
-    half_way = (log.t[rows[:-1]] + log.t[rows[1:]]) / 2
-    heading = np.interp(half_way, log.t[taken], log.reference[taken, 2])
+            chosen.append(row)
+    step = np.searchsorted(rows, chosen).clip(0, len(rows) - 1)
     keep = np.diff(step) > 0
-    pair = np.stack([ends[:-1], ends[1:]], axis=-1)[keep]
-    return Poses(
-        heading,
-        step[:-1][keep],
-        step[1:][keep],
-        log.reference[pair[:, 0]],
-        log.reference[pair[:, 1]],
-        np.full(len(pair), number),
-        pair,
-    )
+    pair = np.column_stack([chosen[:-1], chosen[1:]]).astype(np.intp)[keep]
+    heading, poses = np.zeros(len(rows) - 1), np.zeros((len(log), 3)) if log.reference is None else log.reference
+    if len(chosen) > 1:
+        heading = np.interp((log.t[rows[:-1]] + log.t[rows[1:]]) / 2, log.t[taken], poses[taken, 2])
+    of = np.full(len(pair), number)
+    return heading, step[:-1][keep], step[1:][keep], poses[pair[:, 0]], poses[pair[:, 1]], of, pair

@@ -1,12 +1,12 @@
-"""Pictures for the report: traces and replays as SVG to embed in a page.
+"""Pictures for the report: traces and replays as SVG.
 
 The same input gives the same bytes. Grey: the robot file as given; the accent colour: with the effects found.
 """
 
 import io
-import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -25,7 +25,14 @@ from discrepancy.validation.replay import Replay
 
 Shown = TypeVar("Shown", Traces, Replay)
 
-_ANGLES = {"own angle": "angle of the encoder's shaft", "castor angle": "angle of the castor"}
+ABSCISSAE = {
+    "own angle": "angle of the encoder's shaft, degrees",
+    "castor angle": "angle of the castor, degrees",
+    "speed": "speed of the encoder's shaft, rad/s",
+}
+"""What a learned curve depends on."""
+
+STATES = ("as described", "with robot.json")
 
 WIDTH = 5.6
 """Inches; text of 9 points can then be read on a phone."""
@@ -38,7 +45,7 @@ def _hex(color: Color) -> str:
     return "#{:02x}{:02x}{:02x}".format(*color)
 
 
-BEFORE, AFTER = "#9b978c", _hex(TRUTH)
+BEFORE, AFTER, OTHERS = "#9b978c", _hex(TRUTH), "#c9c6bd"
 SIGNED = LinearSegmentedColormap.from_list("signed", [_hex(color) for color in (ESTIMATE, WHITE, TRUTH)])
 PLAIN = LinearSegmentedColormap.from_list("plain", ["#e9e7e0", _hex(TRUTH)])
 
@@ -69,7 +76,7 @@ STYLE: Any = {
 
 @dataclass(frozen=True)
 class Picture:
-    """name: which section of the report it belongs to. svg: an <svg> element. alt: what it shows, for who cannot see
+    """name: which section of the report it belongs to. svg: a whole SVG file. alt: what it shows, for who cannot see
     it. caption: what to read from it."""
 
     name: str
@@ -86,31 +93,28 @@ def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Pi
     seen = {title: pair for title, pair in groups.items() if any(len(errors.off) for errors in pair[0])}
     if not seen:
         return None
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    rms = {title: [f"{_rms_mm(errors):.2f} mm" for errors in pair if errors] for title, pair in seen.items()}
+    with _drawing(3.8) as figure:
         grid = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
         for (title, pair), (position, heading) in zip(seen.items(), grid.T, strict=True):
-            for several, color, label in zip(pair, (BEFORE, AFTER), ("as described", "with robot.json"), strict=True):
+            for several, color, label in zip(pair, (BEFORE, AFTER), STATES, strict=True):
                 for k, (way, off) in enumerate(several):
                     away = 1e3 * np.hypot(off[:, 0], off[:, 1])
                     position.plot(way, away, color=color, label="_" if k else label)
                     heading.plot(way, 1e3 * off[:, 2], color=color)
             heading.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
+            position.set_title(f"rms {', then '.join(rms[title])}", loc="right", fontsize=8.0, color=_hex(FADED))
         grid[0, 0].set_ylim(bottom=0)
         grid[0, 0].set_ylabel("position off by, mm")
         grid[1, 0].set_ylabel("heading, mrad")
-        _legend_above(grid[0, 0])
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, handlelength=1.4)
         svg = _svg(figure, "drift")
     found = any(mended for _, mended in seen.values())
-    said = [
-        f"{title}, {' and '.join(f'{_rms_mm(errors):.2f} mm' for errors in pair if errors)} rms"
-        for title, pair in seen.items()
-    ]
+    said = "; ".join(f"{title}, {' and '.join(values)} rms" for title, values in rms.items())
     return Picture(
         "drift",
         svg,
-        f"How far odometry is off the reference along the way, as described{' and with robot.json' * found}: "
-        f"{'; '.join(said)}.",
+        f"How far odometry is off the reference along the way, as described{' and with robot.json' * found}: {said}.",
         "How far odometry with predicted creep is off the reference, against the distance driven: a line for each log; "
         "their rms is in the table. Vertical strokes are turns on the spot. Odometry begins at the likeliest pose, "
         "which need not be the reference's first." + " Grey: the robot file as given; blue: with robot.json." * found,
@@ -119,23 +123,19 @@ def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Pi
 
 def slip(before: Traces, after: Traces | None = None) -> Picture:
     """Return which channel slips when, as a map of channels and time."""
-    shown = list(_both(before, after, "as described", "with robot.json"))
-    rows = len(before.channels)
+    shown, rows = _both(before, after), len(before.channels)
     top = float(max(np.percentile(np.abs(before.slip), 99), 1e-6))
-    with mpl.rc_context({**STYLE, "axes.grid": False}):
-        figure, rows_of_axes = _figure(0.5 + (0.35 + 0.19 * rows) * len(shown), len(shown))
+    with _drawing(0.5 + (0.35 + 0.19 * rows) * len(shown), grid=False) as figure:
+        maps = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
         scale = ScalarMappable(Normalize(-1e3 * top, 1e3 * top), SIGNED)
-        for axes, (traces, _, label) in zip(rows_of_axes, shown, strict=True):
-            colors = scale.to_rgba(1e3 * traces.slip.T)
-            axes.pcolorfast(_edges(traces.middle), np.arange(rows + 1.0), colors)
+        for axes, (traces, _, label) in zip(maps, shown, strict=True):
+            axes.pcolorfast(_edges(traces.middle), np.arange(rows + 1.0), scale.to_rgba(1e3 * traces.slip.T))
             axes.set_yticks(np.arange(rows) + 0.5, traces.channels, fontsize=7.5)
             axes.invert_yaxis()
             axes.tick_params(length=0)
             axes.set_title(label)
-        rows_of_axes[-1].set_xlabel("time, s")
-        bar = figure.colorbar(scale, ax=rows_of_axes, shrink=0.8, pad=0.02, aspect=30)
-        bar.set_label("mm of slip in a second")
-        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        maps[-1].set_xlabel("time, s")
+        _color_bar(figure, scale, list(maps), "mm of slip in a second")
         svg = _svg(figure, "slip")
     worst = before.worst()
     return Picture(
@@ -151,18 +151,15 @@ def slip(before: Traces, after: Traces | None = None) -> Picture:
 def floor(before: Traces) -> Picture:
     """Return where on the floor wheels slip."""
     size = 1e3 * np.sqrt(np.mean(before.slip**2, axis=1))
-    with mpl.rc_context(STYLE):
-        figure, (axes,) = _figure(3.4, 1)
+    with _drawing(3.4) as figure:
+        axes, order = figure.subplots(), np.argsort(size)
         axes.plot(before.path[:, 0], before.path[:, 1], color=_hex(GRID), linewidth=0.8, zorder=1)
-        order = np.argsort(size)
         x, y = before.place[order].T
         points = axes.scatter(x, y, c=size[order], s=18, cmap=PLAIN, linewidths=0, vmin=0, zorder=2)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
-        bar = figure.colorbar(points, ax=axes, shrink=0.8, pad=0.02, aspect=30)
-        bar.set_label("mm of slip in a second (rms)")
-        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        _color_bar(figure, points, [axes], "mm of slip in a second (rms)")
         svg = _svg(figure, "floor")
     worst = before.worst()
     return Picture(
@@ -179,12 +176,24 @@ def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] 
     named: the names that are given to what is missing.
     """
     best = sorted(names, key=lambda entry: -entry[1])[:SHOWN]
-    svg = _bars("probabilities", [(name, 100 * part, said) for name, part, said in best], named, "probability, %", 100)
-    told = ", ".join(f"{name} {said}" for name, _, said in best)
+    labels, rows = [_short(name) for name, _, _ in best], np.arange(len(best))
+    with _drawing(0.55 + 0.2 * len(best) + 0.11 * sum(label.count("\n") for label in labels), grid=False) as figure:
+        axes = figure.subplots()
+        colors = [AFTER if name in named else OTHERS for name, _, _ in best]
+        bars = axes.barh(rows, [100 * part for _, part, _ in best], color=colors, height=0.62)
+        axes.bar_label(bars, [said for _, _, said in best], padding=3, fontsize=7.5)
+        axes.set_yticks(rows, labels, fontsize=7.5)
+        axes.invert_yaxis()
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlabel("probability, %")
+        axes.set_xlim(0, 115)
+        axes.set_xticks(np.arange(0, 101, 20))
+        svg = _svg(figure, "probabilities")
     return Picture(
         "probabilities",
         svg,
-        f"Bars of the probability of every name: {told}.",
+        f"Bars of the probability of every name: {', '.join(f'{name} {said}' for name, _, said in best)}.",
         "How likely it is that each of these is among what is missing."
         + (" Blue: what is named." if any(name in named for name, _, _ in best) else ""),
     )
@@ -197,32 +206,30 @@ def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
     it is straight; by angle it goes on after a turn as it began.
     """
     at, *heights = (np.array(curve[key]) for key in ("knots", "values", "low", "high"))
-    by_speed = curve["unit"] == "rad/s"
-    label = "speed of the encoder's shaft, rad/s" if by_speed else f"{_ANGLES[curve['of']]}, degrees"
-    if not by_speed:
+    quantity, unit = ABSCISSAE[curve["of"]].split(", ")
+    if unit == "degrees":
         at = np.degrees(np.append(at, at[0] + 2 * np.pi))
         heights = [np.append(height, height[0]) for height in heights]
     value, low, high = (100 * height for height in heights)
-    with mpl.rc_context(STYLE):
-        figure, (axes,) = _figure(2.6, 1)
+    with _drawing(2.6) as figure:
+        axes = figure.subplots()
         axes.axhline(0, color=BEFORE, linewidth=0.8)
         axes.fill_between(at, low, high, color=AFTER, alpha=0.2, linewidth=0, label="95 % band")
         axes.plot(at, value, "o-", color=AFTER, markersize=3.5, label="learned from the logs")
-        if not by_speed:
+        if unit == "degrees":
             axes.set_xticks(at[0] + np.arange(0, 361, 60))
         axes.margins(x=0.02)
-        axes.set_xlabel(label)
+        axes.set_xlabel(f"{quantity}, {unit}")
         axes.set_ylabel("reads too much by, %")
         _legend_above(axes)
         svg = _svg(figure, "curve")
     top, bottom = int(np.argmax(value)), int(np.argmin(value))
-    unit = "rad/s" if by_speed else "degrees"
     return Picture(
         "curve",
         svg,
-        f"A curve against {label}: {what} reads too much by {value[bottom]:+.2f} % at {at[bottom]:.3g} {unit} up to "
-        f"{value[top]:+.2f} % at {at[top]:.3g} {unit}.",
-        f"By how much the encoder reads too much, against the {label.partition(',')[0]}, as learned from the logs: "
+        f"A curve against {quantity}, {unit}: {what} reads too much by {value[bottom]:+.2f} % at {at[bottom]:.3g} "
+        f"{unit} up to {value[top]:+.2f} % at {at[top]:.3g} {unit}.",
+        f"By how much the encoder reads too much, against the {quantity}, as learned from the logs: "
         "points at the knots that are in the robot file, and the band that holds it with 95 %. Where the band is wide, "
         "the logs hardly show it.",
     )
@@ -230,15 +237,10 @@ def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
 
 def replays(before: Replay, after: Replay | None = None) -> Picture:
     """Return by how much the simulation misses the measurement in every window: motion and encoders."""
-    shown = list(_both(before, after, "as described", "with robot.json"))
-    posed = bool(np.isfinite(before.body).any())
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 3.4 if posed else 2.0), layout="constrained")
-        kinds = {
-            "wheels": ("wheel counts, mm", before.wheel_names),
-            "pivots": ("pivot counts, mrad", before.pivot_names),
-        }
-        kinds = {kind: told for kind, told in kinds.items() if told[1]}
+    shown, posed = _both(before, after), bool(np.isfinite(before.body).any())
+    kinds = {"wheels": ("wheels, mm", before.wheel_names), "pivots": ("pivots, mrad", before.pivot_names)}
+    kinds = {kind: told for kind, told in kinds.items() if told[1]}
+    with _drawing(3.4 if posed else 2.0) as figure:
         rows = figure.add_gridspec(2 if posed else 1, 1)
         lower = rows[-1].subgridspec(1, len(kinds), width_ratios=[1 + len(names) for _, names in kinds.values()])
         encoder_axes = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
@@ -252,13 +254,11 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
             top.xaxis.set_major_locator(MaxNLocator(integer=True))
             top.set_ylim(bottom=0)
         for axes, (kind, (label, names)) in zip(encoder_axes, kinds.items(), strict=True):
-            width = 0.8 / len(shown)
+            width, places = 0.8 / len(shown), np.arange(len(names))
             for k, (replay, color, replay_label) in enumerate(shown):
                 gaps = 1e3 * np.sqrt(np.mean(getattr(replay, kind) ** 2, axis=0))
-                axes.bar(
-                    np.arange(len(names)) - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=replay_label
-                )
-            axes.set_xticks(np.arange(len(names)), [name.partition("_")[2] for name in names])
+                axes.bar(places - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=replay_label)
+            axes.set_xticks(places, [name.partition("_")[2] for name in names])
             axes.grid(visible=False, axis="x")
             axes.set_ylabel(label)
         _legend_above(top)
@@ -272,31 +272,8 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
     )
 
 
-def _bars(
-    name: str, bars: Sequence[tuple[str, float, str]], named: Sequence[str], label: str, longest: float | None = None
-) -> str:
-    """Return bars, each with what it is of, its length and what is written at its end; the named in colour."""
-    with mpl.rc_context({**STYLE, "axes.grid": False}):
-        names = [_plain(bar_name) for bar_name, _, _ in bars]
-        figure, (axes,) = _figure(0.55 + 0.2 * len(bars) + 0.11 * sum(bar_name.count("\n") for bar_name in names), 1)
-        colors = [AFTER if bar_name in named else "#c9c6bd" for bar_name, _, _ in bars]
-        axes.barh(np.arange(len(bars)), [length for _, length, _ in bars], color=colors, height=0.62)
-        axes.set_yticks(np.arange(len(bars)), names, fontsize=7.5)
-        for row, (_, length, said) in enumerate(bars):
-            axes.annotate(said, (length, row), (3, 0), textcoords="offset points", va="center", fontsize=7.5)
-        axes.invert_yaxis()
-        axes.spines["left"].set_visible(False)
-        axes.tick_params(axis="y", length=0)
-        axes.set_xlabel(label)
-        axes.margins(x=0.1)
-        if longest is not None:
-            axes.set_xlim(0, 1.15 * longest)
-            axes.set_xticks(np.linspace(0, longest, 6))
-        return _svg(figure, name)
-
-
-def _both(before: Shown, after: Shown | None, first: str, second: str) -> list[tuple[Shown, str, str]]:
-    return [(before, BEFORE, first)] + ([] if after is None else [(after, AFTER, second)])
+def _both(before: Shown, after: Shown | None) -> list[tuple[Shown, str, str]]:
+    return [(before, BEFORE, STATES[0])] + ([] if after is None else [(after, AFTER, STATES[1])])
 
 
 def _also(after: object) -> str:
@@ -308,44 +285,37 @@ def _rms_mm(errors: Sequence[Errors]) -> float:
     return 1e3 * float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))
 
 
-def _plain(text: str) -> str:
+def _short(text: str) -> str:
     """Return text that matplotlib does not take for mathematics, in short lines."""
     lines = textwrap.wrap(text, 34, max_lines=2, placeholder=" \N{HORIZONTAL ELLIPSIS}")
     return "\n".join(lines).replace("$", r"\$")
 
 
 def _edges(middle: Array) -> Array:
-    if len(middle) < 2:
-        return np.array([middle[0] - 0.5, middle[0] + 0.5])
-    half_way = (middle[1:] + middle[:-1]) / 2
-    return np.concatenate([[2 * middle[0] - half_way[0]], half_way, [2 * middle[-1] - half_way[-1]]])
+    """Return the edges (n + 1,) of windows by their middles (n,)."""
+    half = np.diff(middle, append=2 * middle[-1] - middle[-2] if len(middle) > 1 else middle[-1] + 1) / 2
+    return np.append(middle[0] - half[0], middle + half)
 
 
-def _figure(height: float, rows: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = figure.subplots(rows, 1, squeeze=False)
-    return figure, list(axes[:, 0])
+def _color_bar(figure: Figure, scale: ScalarMappable, axes: list[Axes], label: str) -> None:
+    bar = figure.colorbar(scale, ax=axes, shrink=0.8, pad=0.02, aspect=30)
+    bar.set_label(label)
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
 
 
 def _legend_above(axes: Axes) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.4)
 
 
+@contextmanager
+def _drawing(height: float, grid: bool = True) -> Iterator[Figure]:
+    with mpl.rc_context({**STYLE, "axes.grid": grid}):
+        yield Figure(figsize=(WIDTH, height), layout="constrained")
+
+
 def _svg(figure: Figure, name: str) -> str:
-    """Return a figure as an element to stand in a page: its ids begin with a name of their own, no address in it."""
+    """Return a figure as an SVG file: the same bytes for the same figure."""
     out = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": name}):
         figure.savefig(out, format="svg", metadata={"Date": None}, transparent=True)
-    svg = out.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r"<!--.*?-->", "", svg, flags=re.DOTALL)
-    svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg)
-    svg = svg.replace("xlink:href", "href")
-    svg = re.sub(r'\bid="', f'id="{name}-', svg)
-    svg = re.sub(r'href="#', f'href="#{name}-', svg)
-    svg = svg.replace("url(#", f"url(#{name}-")
-    # The page sets the width; the view box keeps the proportions.
-    svg = re.sub(r'^<svg([^>]*?) width="[^"]*"', r"<svg\1", svg)
-    svg = re.sub(r'^<svg([^>]*?) height="[^"]*"', r"<svg\1", svg)
-    return svg.strip()
+    return out.getvalue()

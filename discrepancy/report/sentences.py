@@ -11,16 +11,17 @@ HALF = 0.5
 """The part of a gap from which on the part that stays is reported first."""
 
 LEAST_REPORTED, MOST = 0.01, 3
-"""Probability from which on another name is reported, and the most that are."""
-
-WHOLE = 3
-"""Most answers that one sentence names; of more, it names the costliest of each verdict."""
+"""Probability from which on another name is reported; most such names of an answer, and most answers, that a sentence
+names: of more answers, it names the costliest of each verdict."""
 
 SHOWN = 0.05
 """Probability from which on a name stands in the picture: many are as likely as they were before logs were seen."""
 
 COSTS = (("mm", "after 10 m"), ("mrad", "after a turn"))
 """Of what an effect costs: units, and of what."""
+
+GAPS = (("", "gap"), (" on the held-out logs", "held_out_gap"))
+"""On which logs, and the key of the gap on these."""
 
 SAYS = {
     "named": "The robot's file lacks {}.",
@@ -38,7 +39,7 @@ def sentence(data: Data) -> str:
     for verdict, says in SAYS.items():
         of = [answer for answer in answers if answer.get("verdict") == verdict]
         of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer.get("cost") or ()), default=0.0))
-        several = [_told(data, answer) for answer in (of if len(answers) <= WHOLE else of[:1])]
+        several = [_told(data, answer) for answer in (of if len(answers) <= MOST else of[:1])]
         several += [f"{len(of) - len(several)} more"] if len(several) < len(of) else []
         parts += [says.format("; and ".join(several))] if several else []
     if not answers and mistakes:
@@ -55,20 +56,16 @@ def as_lines(data: Data) -> list[str]:
     lines, file = [line for line in (stays(data),) if line], data.get("file", "robot.json")
     lines += [f"{data['robot']}: {data['verdict']}", *(f"pre-flight: {line}" for line in data["preflight"])]
     for answer in material(data):
-        lines.append(f"{answer['verdict']}: {answer['what']}, {percent(answer['probability'])} sure")
-        if size := size_of(answer):
-            lines[-1] += f": {size}"
-        if answer["verdict"] != "named":
-            lines.append(f"  {reason_of(data, answer)}")
-        if same := same_of(data, answer):
-            lines.append(f"  the same on this robot, whatever it does: {same}")
-        if rivals := others_of(data, answer):
-            lines.append(f"  or: {listed(rivals)}")
-        if drive := drive_of(answer):
-            lines.append(f"  to distinguish them, drive {drive}")
-        lines.append(f"  costs {cost_of(answer) or 'nothing on these drives'}")
-        if answer["check"]:
-            lines[-1] += f"; to check: {answer['check']}"
+        size, check = size_of(answer), answer["check"]
+        told = f"{answer['verdict']}: {answer['what']}, {percent(answer['probability'])} sure"
+        below = {
+            "": reason_of(data, answer) if answer["verdict"] != "named" else "",
+            "the same on this robot, whatever it does: ": same_of(data, answer),
+            "or: ": listed(others_of(data, answer)),
+            "to distinguish them, drive ": drive_of(answer),
+            "costs ": (cost_of(answer) or "nothing on these drives") + (f"; to check: {check}" if check else ""),
+        }
+        lines += [told + (f": {size}" if size else ""), *(f"  {name}{said}" for name, said in below.items() if said)]
     if not material(data) and not data["mistakes"]:
         lines.append(sentence(data))
     elif trifles := [answer["what"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
@@ -84,11 +81,12 @@ def as_lines(data: Data) -> list[str]:
 def gaps_of(data: Data) -> list[str]:
     """Return how far odometry is off the reference, on these and on held-out logs, before and after."""
     lines, file = [], data.get("file", "robot.json")
-    for log_set, of in (("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))):
-        if of is not None:
-            before, after = (None if gap is None else off(gap) for gap in of)
-            now = f"; with {file} {after}, {_part(*of)} stays" if after is not None else ""
-            lines.append(f"odometry with predicted creep is off the reference{log_set} by {before} (rms){now}")
+    for log_set, of in GAPS:
+        if data.get(of) is not None:
+            before, after = data[of]
+            part = f"{100 * after[0] / before[0]:.0f} %" if after is not None and before[0] > 0 else "all"
+            now = "" if after is None else f"; with {file} {off(after)}, {part} stays"
+            lines.append(f"odometry with predicted creep is off the reference{log_set} by {off(before)} (rms){now}")
     return lines
 
 
@@ -97,12 +95,12 @@ def stays(data: Data) -> str:
     if (staying := _staying(data)) is None:
         return ""
     log_set, before, after, noise = staying
+    share, of = f"{100 * after / before:.0f} % of the gap{log_set} stays", f"{after:.3g} of {before:.3g} mm (rms)"
     if noise:
-        share = f"{100 * after / before:.0f} % of the gap{log_set} stays, {after:.3g} of {before:.3g} mm (rms)"
-        return f"{share}; the reference's own noise is about {noise:.2g} mm."
+        return f"{share}, {of}; the reference's own noise is about {noise:.2g} mm."
     if after >= before:
         return f"What is named does not shrink the gap{log_set}: {after:.3g} instead of {before:.3g} mm (rms)."
-    return f"{100 * after / before:.0f} % of the gap{log_set} stays unexplained: {after:.3g} of {before:.3g} mm (rms)."
+    return f"{share} unexplained: {of}."
 
 
 def unexplained(data: Data) -> bool:
@@ -228,8 +226,9 @@ def _staying(data: Data) -> tuple[str, float, float, float] | None:
     """Return the first gap of which half or more stays: where, mm before and after, and the reference's own noise, mm,
     if that is half of it or more; None if there is none."""
     replays, position = mapping(data.get("replay")), mapping(data.get("noise")).get("position_m")
-    gaps = [("", data.get("gap")), (" on the held-out logs", data.get("held_out_gap"))]
-    gaps = [(log_set, [None if of is None else 1e3 * of[0] for of in pair]) for log_set, pair in gaps if pair]
+    gaps = [
+        (log_set, [None if gap is None else 1e3 * gap[0] for gap in data[of]]) for log_set, of in GAPS if data.get(of)
+    ]
     if not gaps:
         counted = [mapping(replays.get(state)).get("wheels_rms_mm") for state in ("before", "after")]
         gaps, position = [(" between simulated and measured wheel counts", counted)], None
@@ -245,10 +244,6 @@ def _title(mistake: Data) -> str:
     rivals = [str(rival) for rival in mistake.get("alternatives") or ()]
     title = str(mistake.get("what") or "").partition(":")[0]
     return f"{title}, or else {'; or '.join(rivals)}" if rivals else title
-
-
-def _part(before: Sequence[float], after: Sequence[float]) -> str:
-    return f"{100 * after[0] / before[0]:.0f} %" if before[0] > 0 else "all"
 
 
 def _figures(value: float) -> str:

@@ -15,6 +15,7 @@ one step too long and the next too short. So an error of half a percent of a rad
 samples, is nine times the rounding in sums over a second (`Parity.rolling_drift`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,64 +28,56 @@ from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 
-#: Length, s, of the sums in which a wrong description adds up and rounding does not.
-WINDOW = 1.0
-#: The fewest sums for an rms.
-WINDOWS = 5
+WINDOW, WINDOWS = 1.0, 5
+"""Length, s, of the sums in which a wrong description adds up and rounding does not; the fewest sums for an rms."""
 
 BLIND = (
     "this robot's encoders cannot contradict each other (no redundancy): nothing is observable without reference poses"
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Parity:
-    """The parity residual of one log. All lengths in m, a sample.
-
-    wheels (w,) and castors (c,): the indices (from 0) of the wheels whose rolling and of the castors whose side slip
-    could be used. redundancy: number of rows beyond the unknowns of the motion; at 0 no error is visible. rolling (N -
-    1, w) and side_slip (N - 1, c): the residual of each row after least squares with equal weights. moving (N - 1,):
-    whether any count changed. rolling_rounding (w,) and side_slip_rounding (c,): the rms that rounded counts alone
-    would leave while moving. window: the samples in a sum of residuals, up to `WINDOW` s and a fifth of the log; 0 for
-    a log of fewer than `WINDOWS` steps. rolling_drift (w,) and side_slip_drift (c,): the rms of those sums, in units of
-    their expected rms from rounding and curved motion between samples; about 1 or less where the description is right,
-    0 without motion. explained (castors of the robot,): the part of those sums that errors in the rows of this castor
-    alone can explain.
-    """
+class Rows(NamedTuple):
+    """The constraints in use, first the rolling of wheels (w,), then the side slip of castors (c,), by their indices
+    (from 0). place, castor (w + c,): the row in `constraint_matrix`, and whose it is."""
 
     wheels: NDArray[np.intp]
     castors: NDArray[np.intp]
+    place: NDArray[np.intp]
+    castor: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Parity:
+    """The parity residual of one log, of each row in use. All lengths in m, a sample.
+
+    redundancy: number of rows beyond the unknowns of the motion; at 0 no error is visible. residual (N - 1, rows):
+    after least squares with equal weights. moving (N - 1,): whether any count changed. rounding (rows,): the rms that
+    rounded counts alone would leave while moving. window: the samples in a sum of residuals, up to `WINDOW` s and a
+    fifth of the log; 0 for a log of fewer than `WINDOWS` steps. drift (rows,): the rms of those sums, in units of their
+    expected rms from rounding and curved motion between samples; about 1 or less where the description is right, 0
+    without motion. explained (castors of the robot,): the part of those sums that errors in the rows of this castor
+    alone can explain.
+    """
+
+    rows: Rows
     redundancy: int
-    rolling: Array
-    side_slip: Array
+    residual: Array
     moving: NDArray[np.bool_]
-    rolling_rounding: Array
-    side_slip_rounding: Array
+    rounding: Array
     window: int
-    rolling_drift: Array
-    side_slip_drift: Array
+    drift: Array
     explained: Array
 
     @property
-    def rolling_rms(self) -> Array:
-        """The rms (w,) of each wheel's rolling while moving, m; 0 for a log without motion."""
-        return _rms(self.rolling[self.moving])
-
-    @property
-    def side_slip_rms(self) -> Array:
-        """The rms (c,) of each castor's side slip while moving, m; 0 for a log without motion."""
-        return _rms(self.side_slip[self.moving])
+    def rms(self) -> Array:
+        """The rms (rows,) while moving, m; 0 for a log without motion."""
+        return _rms(self.residual[self.moving])
 
 
 def parity_residual(robot: RobotDescription, log: Log) -> Parity:
-    """Return the misfit of a log to the motion of a rigid body on the wheels of `robot`.
-
-    A castor's rows are used where its angle is known: it is fixed or has a pivot encoder. The side slip of a
-    castor's wheels is one row, as they stand on one axle, and is left out where all of them are omni wheels.
-    """
+    """Return the misfit of a log to the motion of a rigid body on the wheels of `robot`."""
     geometry = Geometry.of(robot)
-    rows = _usable_rows(geometry)
-    w = len(rows.wheels)
+    rows = rows_in_use(geometry)
     steps = _steps(geometry, rows, robot.driven_wheels, log.wheel, log.pivot)
     rounding = _rms(np.sqrt(np.sum(steps.start**2 + steps.end**2, axis=-1) / 12)[steps.moving])
     window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(steps.residual) // WINDOWS)
@@ -93,47 +86,27 @@ def parity_residual(robot: RobotDescription, log: Log) -> Parity:
         second = _steps(geometry, rows, robot.driven_wheels, log.wheel[::2], log.pivot[::2])
         drift = _drift(steps, second, window)
         explained = _explained(steps, rows, window, geometry.n_castors)
-    return Parity(
-        wheels=rows.wheels,
-        castors=rows.castors,
-        redundancy=steps.redundancy,
-        rolling=steps.residual[:, :w],
-        side_slip=steps.residual[:, w:],
-        moving=steps.moving,
-        rolling_rounding=rounding[:w],
-        side_slip_rounding=rounding[w:],
-        window=window,
-        rolling_drift=drift[:w],
-        side_slip_drift=drift[w:],
-        explained=explained,
-    )
+    return Parity(rows, steps.redundancy, steps.residual, steps.moving, rounding, window, drift, explained)
 
 
-class _Rows(NamedTuple):
-    """The rows in use: wheels and castors as in `Parity`, place in `constraint_matrix`, and each row's castor."""
+def rows_in_use(geometry: Geometry, without_wheels: Sequence[int] = (), without_castors: Sequence[int] = ()) -> Rows:
+    """Return the constraints that encoders determine, but for encoders of these wheels and pivots of these castors.
 
-    wheels: NDArray[np.intp]
-    castors: NDArray[np.intp]
-    place: NDArray[np.intp]
-    castor: NDArray[np.intp]
-
-
-def _usable_rows(geometry: Geometry) -> _Rows:
-    known = (geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev))[geometry.wheel_castor]
-    wheels = np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev))
+    A castor's rows are used where its angle is known: it is fixed or has a pivot encoder. The side slip of a
+    castor's wheels is one row, as they stand on one axle, and is left out where all of them are omni wheels.
+    """
+    pointed = geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev)
+    pointed[list(without_castors)] = False
+    known = pointed[geometry.wheel_castor]
+    wheels = np.setdiff1d(np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev)), without_wheels)
     standard = np.flatnonzero(known & geometry.standard)
     castors, first = np.unique(geometry.wheel_castor[standard], return_index=True)
-    return _Rows(
+    return Rows(
         wheels=wheels,
         castors=castors,
         place=np.concatenate([wheels, len(geometry.radius) + standard[first]]),
         castor=np.concatenate([geometry.wheel_castor[wheels], castors]),
     )
-
-
-def _length_of_count(geometry: Geometry) -> Array:
-    """Return the distance that each wheel (w,) rolls per count, m; NaN without encoder."""
-    return 2 * np.pi * geometry.radius / geometry.counts_per_rev
 
 
 class _Steps(NamedTuple):
@@ -155,30 +128,29 @@ class _Steps(NamedTuple):
     left: Array
 
 
-def _steps(geometry: Geometry, rows: _Rows, driven: tuple[int, ...], wheel: Array, pivot: Array) -> _Steps:
+def _steps(geometry: Geometry, rows: Rows, driven: tuple[int, ...], wheel: Array, pivot: Array) -> _Steps:
     """Return the steps between counts wheel (N, driven wheels) and pivot (N, pivot encoders)."""
-    w = len(rows.wheels)
-    angle = castor_angles(geometry, pivot)
+    w, angle = len(rows.wheels), castor_angles(geometry, pivot)
     turned = np.diff(angle, axis=0)
     turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
     half_way = angle[:-1] + turned / 2
     counted = np.diff(wheel, axis=0)
     rolled = np.zeros((len(counted), len(geometry.radius)))
     rolled[:, driven] = counted
-    length = _length_of_count(geometry)[rows.wheels]
+    length = (2 * np.pi * geometry.radius / geometry.counts_per_rev)[rows.wheels]  # of a count, m
 
-    a, b = (matrix[:, rows.place] for matrix in constraint_matrix(geometry, half_way))
+    a_all, b_all = constraint_matrix(geometry, half_way)
+    a, b = a_all[:, rows.place], b_all[:, rows.place]
     inverse = np.linalg.pinv(a, rcond=1e-10)
     left = np.eye(len(rows.place)) - a @ inverse
     measured = np.pad(rolled[:, rows.wheels] * length, ((0, 0), (0, len(rows.castors)))) - b * turned[:, rows.castor]
 
     count = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev)
     of_castor = (rows.castor[:, None] == np.arange(geometry.n_castors)) * count
-    rolling = left[:, :, :w] * length
-    turning = left @ (b[..., None] * of_castor)
+    rolling, turning = left[:, :, :w] * length, left @ (b[..., None] * of_castor)
     # A(theta) is a part that turns with theta and one that stays; half a turn on, the first is reversed.
-    at_angle, opposite, quarter = (constraint_matrix(geometry, half_way + by)[0] for by in (0.0, np.pi, np.pi / 2))
-    derivative = (quarter - (at_angle + opposite) / 2)[:, rows.place]
+    opposite, quarter = (constraint_matrix(geometry, half_way + by)[0] for by in (np.pi, np.pi / 2))
+    derivative = (quarter - (a_all + opposite) / 2)[:, rows.place]
     motion = np.einsum("kij,kj->ki", inverse, measured)
     pointing = left @ (np.einsum("kij,kj->ki", derivative, motion)[..., None] * of_castor)
     return _Steps(
@@ -224,7 +196,7 @@ def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
     return np.divide(_rms(sums[moving]), expected, out=np.zeros(rows), where=expected > 0)
 
 
-def _explained(steps: _Steps, rows: _Rows, window: int, castors: int) -> Array:
+def _explained(steps: _Steps, rows: Rows, window: int, castors: int) -> Array:
     """Return for each castor the part of the sums over `window` steps that errors in its rows alone can explain, 0 to
     1.
 

@@ -34,6 +34,7 @@ from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.likelihood.log_likelihood import GAP
 
 Drive = Literal["commands", "counts"]
 
@@ -48,9 +49,6 @@ REMEMBERED = 10.0
 
 LONGEST = 2.0
 """Longest duration, in windows, to which a window is extended to end at a reference pose."""
-
-GAP = 3.5
-"""Steps longer than this many median steps are gaps: no window spans a gap."""
 
 HANDED_ON = ("speed", "integral", "stretch_long", "stretch_lat")
 """State variables of wheels that are carried over from window to window."""
@@ -98,7 +96,7 @@ class Replay:
             "window_s": float(np.mean(self.end - self.start)),
             "windows": len(self.start),
             "windows_with_reference": int(np.isfinite(self.body[:, 0]).sum()),
-            "driven_m": _finite(np.sum(self.driven)),
+            "driven_m": float(np.sum(self.driven)),
             "position_rms_mm": _root(np.sum(self.body[:, :2] ** 2, axis=1)),
             "along_rms_mm": _root(self.body[:, 0] ** 2),
             "across_rms_mm": _root(self.body[:, 1] ** 2),
@@ -106,7 +104,7 @@ class Replay:
             "wheels_rms_mm": _root(self.wheels**2),
             "pivots_rms_mrad": _root(self.pivots**2),
             "channels": [
-                {"name": name, "unit": unit, "rms": _root(gap**2), "mean": _mean(gap)}
+                {"name": name, "unit": unit, "rms": _root(gap**2), "mean": 1e3 * float(np.mean(gap))}
                 for name, unit, gap in zip(names, units, gaps.T, strict=True)
             ],
         }
@@ -124,16 +122,14 @@ class Replay:
         }
 
 
-class Measured(NamedTuple):
-    """A log on an even clock. t (K,). wheel (K, w), castor (K, n): true angles, as estimated from the encoders, rad,
-    unwrapped. read_wheel, read_castor: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering
-    (K, driven castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap of the log."""
+class _Measured(NamedTuple):
+    """A log on an even clock. t (K,). true (K, w + n): angles of wheels and castors, as estimated from the encoders,
+    rad, unwrapped; read: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering (K, driven
+    castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
 
     t: Array
-    wheel: Array
-    castor: Array
-    read_wheel: Array
-    read_castor: Array
+    true: Array
+    read: Array
     twist: Array
     command: Array | None
     steering: Array | None
@@ -141,7 +137,7 @@ class Measured(NamedTuple):
 
 
 class _Window(NamedTuple):
-    """start, end: s. known: whether reference poses (3,), of the body, stand at both, else both are NaN."""
+    """start, end: s. first, last (3,): poses of the body at both by the reference, NaN where one is unknown."""
 
     start: float
     end: float
@@ -157,7 +153,6 @@ def replay(
     *,
     clock: ArrayLike = (0.0, 0.0),
     mount: ArrayLike = (0.0, 0.0, 0.0),
-    floor: Floor | None = None,
 ) -> Replay:
     """Return the gap between the simulation of a robot, with the effects in its file, and a log.
 
@@ -170,10 +165,10 @@ def replay(
     if window <= 0:
         raise ValueError(f"a window lasts more than 0 s, got {window}")
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
-    measured = measured_in(robot, log)
+    measured = _measured_in(robot, log)
     chosen, notes = _drive(robot, measured, drive)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
-    runs = list(_runs(robot, floor or Floor(), measured, chosen, windows))
+    runs = list(_runs(robot, measured, chosen, windows))
     if not runs:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
     motion, wheels, pivots = (np.array(part) for part in zip(*runs, strict=True))
@@ -206,7 +201,7 @@ def joined(replays: Sequence[Replay]) -> Replay:
     )
 
 
-def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
+def _drive(robot: RobotDescription, measured: _Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
     """Return how to drive, and notes about it."""
     commanded = measured.command is not None
     if requested == "commands" and not commanded:
@@ -218,51 +213,36 @@ def _drive(robot: RobotDescription, measured: Measured, requested: Drive | None)
     return chosen, notes
 
 
-def measured_in(robot: RobotDescription, log: Log) -> Measured:
+def _measured_in(robot: RobotDescription, log: Log) -> _Measured:
     """Return a log of a robot with its effects on an even clock; raises InputError for castors without an encoder."""
-    described, geometry = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+    described, geometry, w = Geometry.of(robot.as_described()), Geometry.of(robot.as_built()), len(robot.wheels)
     blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
     if blind.size:
         raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
     period = float(np.median(np.diff(log.t)))
     t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
-
-    def even(values: Array) -> Array:
-        return np.array([np.interp(t, log.t, column) for column in values.T]).reshape(-1, len(t)).T
-
-    driven, sensed = np.array(robot.driven_wheels, dtype=np.intp), np.array(robot.pivot_encoders, dtype=np.intp)
-    wheel = np.zeros((len(t), len(robot.wheels)))
-    wheel[:, driven] = even(log.wheel * (2 * np.pi / described.counts_per_rev[driven]))
-    castor = np.tile(described.angle, (len(t), 1))
-    castor[:, sensed] = even(np.unwrap(castor_angles(described, log.pivot), axis=0)[:, sensed])
-    castor[:, sensed] -= 2 * np.pi * np.round(castor[0, sensed] / (2 * np.pi))  # a run begins within half a turn of 0
+    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+    seen = np.column_stack([np.zeros((len(log), w)), np.unwrap(castor_angles(described, log.pivot), axis=0)])
+    seen[:, driven] = log.wheel * (2 * np.pi / described.counts_per_rev[driven])
+    read = np.column_stack([np.interp(t, log.t, column) for column in seen.T])
+    read[:, w:][:, sensed] -= 2 * np.pi * np.round(read[0, w:][sensed] / (2 * np.pi))  # within half a turn of 0
 
     # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated at
     # the smoothed angles.
-    w = wheel.shape[1]
-    plain = true = _undone(robot, described, geometry, t, np.column_stack([wheel, castor]))
+    sensing = _Sensing(robot)
+    plain = true = sensing.undone(t, read)
     for _ in range(2):
         about = _smooth(true)
-        read = _read(robot, described, geometry, t, about)
-        true = plain - (_undone(robot, described, geometry, t, read) - about)
-    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
+        true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
     rates = np.gradient(_smooth(true), t, axis=0)
-    return Measured(
-        t,
-        true[:, :w],
-        true[:, w:],
-        wheel,
-        castor,
-        forward(geometry, true[:, w:], rates[:, w:], rates[:, :w]),
-        _known(log.command, before),
-        _known(log.steering_command if len(robot.driven_castors) else None, before),
-        np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period,
+    twist = forward(geometry, true[:, w:], rates[:, w:], rates[:, :w])
+    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
+    command, steering = (
+        None if part is None or not np.isfinite(part).any() else part[before]
+        for part in (log.command, log.steering_command if len(robot.driven_castors) else None)
     )
-
-
-def _known(commands: Array | None, at: NDArray[np.intp]) -> Array | None:
-    """Return commands at these rows of the log; None where it has none."""
-    return None if commands is None or not np.isfinite(commands).any() else commands[at]
+    unbroken = np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period
+    return _Measured(t, true, read, twist, command, steering, unbroken)
 
 
 def _smooth(angle: Array) -> Array:
@@ -271,57 +251,62 @@ def _smooth(angle: Array) -> Array:
     return np.asarray(savgol_filter(angle, SMOOTHED, 2, axis=0), float) if len(angle) >= SMOOTHED else angle
 
 
-def _read(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
-    """Return angles (K, w + n) of wheels and castors as the robot's encoders read them and its description converts
-    them."""
-    w = len(robot.wheels)
-    wheel, castor = readings(robot, t, angle[:, :w], angle[:, w:])
-    gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
-    return np.column_stack([wheel * gain, castor + built.pivot_zero - described.pivot_zero])
+class _Sensing:
+    """Encoders of a robot with its effects: angles (K, w + n) of wheels and castors, rad, as its description converts
+    their counts."""
 
+    def __init__(self, robot: RobotDescription) -> None:
+        described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+        self._robot, self._w = robot, len(robot.wheels)
+        self._gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
+        self._zero = built.pivot_zero - described.pivot_zero
 
-def _undone(robot: RobotDescription, described: Geometry, built: Geometry, t: Array, angle: Array) -> Array:
-    """Return angles (K, w + n) as encoders read them with wrong counts per turn, zeros and wiring put right."""
-    w = len(robot.wheels)
-    gain = np.nan_to_num(built.counts_per_rev / described.counts_per_rev, nan=1.0)
-    wheel, castor = angle[:, :w] / gain, angle[:, w:] - (built.pivot_zero - described.pivot_zero)
-    plain = robot.as_described()
-    for effect in reversed(robot.effects):
-        if effect.wiring:  # done twice, it is undone
-            wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
-    return np.column_stack([wheel, castor])
+    def read(self, t: Array, angle: Array) -> Array:
+        """Return true angles as the encoders read them."""
+        wheel, castor = readings(self._robot, t, angle[:, : self._w], angle[:, self._w :])
+        return np.column_stack([wheel * self._gain, castor + self._zero])
+
+    def undone(self, t: Array, angle: Array) -> Array:
+        """Return angles as encoders read them with wrong counts per turn, zeros and wiring put right."""
+        wheel, castor = angle[:, : self._w] / self._gain, angle[:, self._w :] - self._zero
+        plain = self._robot.as_described()
+        for effect in reversed(self._robot.effects):
+            if effect.wiring:  # done twice, it is undone
+                wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
+        return np.column_stack([wheel, castor])
 
 
 def _windows(
-    robot: RobotDescription, log: Log, measured: Measured, window: float, clock: Array, mount: Array, notes: list[str]
+    robot: RobotDescription, log: Log, measured: _Measured, window: float, clock: Array, mount: Array, notes: list[str]
 ) -> list[_Window]:
     """Return windows one after another: from reference pose to reference pose where these lie close enough, else of the
     length asked for."""
     t, unknown = measured.t, np.full(3, np.nan)
-    times, poses = poses_in(robot, log, clock, mount)
+    times, poses = _poses_in(robot, log, clock, mount)
     if len(times) < 2:
         notes.append("no reference poses: only what the encoders count is compared")
-    slack = 0.5 * (t[1] - t[0])
+    slack, needed = 0.5 * (t[1] - t[0]), [part for part in (measured.command, measured.steering) if part is not None]
     windows, begin = [], float(times[0]) if len(times) else float(t[0])
     while begin + window <= t[-1] + slack:
-        nearest = int(np.argmin(np.abs(times - begin))) if len(times) else 0
-        posed = len(times) > 0 and abs(times[nearest] - begin) < 1e-9
+        posed = np.flatnonzero(np.abs(times - begin) < 1e-9)
         later = np.flatnonzero((times >= begin + window - slack) & (times <= begin + LONGEST * window))
-        if posed and len(later):
-            stretch = _Window(begin, float(times[later[0]]), poses[nearest], poses[later[0]])
+        if len(posed) and len(later):
+            stretch = _Window(begin, float(times[later[0]]), poses[posed[0]], poses[later[0]])
         else:
-            stretch = _Window(begin, float(min(begin + window, t[-1])), unknown, unknown)
-            ahead = times[(times > begin + slack) & (times <= stretch.end)]
-            if len(ahead) and not posed:  # go on where a pose is known, with a shorter window before it
-                stretch = stretch._replace(end=float(ahead[0]))
+            end = float(min(begin + window, t[-1]))
+            ahead = times[(times > begin + slack) & (times <= end)]
+            if len(ahead) and not len(posed):  # go on where a pose is known, with a shorter window before it
+                end = float(ahead[0])
+            stretch = _Window(begin, end, unknown, unknown)
         first, last = _samples(t, stretch)
-        if last > first and measured.unbroken[first:last].all() and _commanded(measured, first, last):
+        commanded = all(np.isfinite(part[first:last]).all() for part in needed)
+        if last > first and measured.unbroken[first:last].all() and commanded:
             windows.append(stretch)
         begin = stretch.end
     return windows
 
 
-def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
+def _poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
     """Return the times within a log (k,) and poses of the body (k, 3) by the reference; see `replay`."""
     if log.reference is None:
         return np.zeros(0), np.zeros((0, 3))
@@ -331,25 +316,14 @@ def poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLi
     for effect in robot.effects:
         times = effect.reference_time(times)
     inside = (times >= log.t[0] - 1e-9) & (times <= log.t[-1] + 1e-9)
-    body = _body_of(robot, compose(log.reference[rows[inside]], inverse(mount)))
-    return np.clip(times[inside], log.t[0], log.t[-1]), body
-
-
-def _body_of(robot: RobotDescription, shown: Array) -> Array:
-    """Return the body's poses (k, 3) for which the reference, with the robot's effects on it, shows `shown` (k, 3)."""
+    shown = compose(log.reference[rows[inside]], inverse(mount))
     body = shown
     for _ in range(4 if len(shown) else 0):  # one is enough for another point, another scale takes more
         seen = body
         for effect in robot.effects:
             seen = effect.reference_pose(seen)
         body = compose(body, relative_pose(seen, shown))
-    return body
-
-
-def _commanded(measured: Measured, first: int, last: int) -> bool:
-    return all(
-        part is None or bool(np.isfinite(part[first:last]).all()) for part in (measured.command, measured.steering)
-    )
+    return np.clip(times[inside], log.t[0], log.t[-1]), body
 
 
 def _samples(t: Array, window: _Window) -> tuple[int, int]:
@@ -360,12 +334,12 @@ def _samples(t: Array, window: _Window) -> tuple[int, int]:
 
 
 def _runs(
-    robot: RobotDescription, floor: Floor, measured: Measured, drive: Drive, windows: list[_Window]
+    robot: RobotDescription, measured: _Measured, drive: Drive, windows: list[_Window]
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Yield the body's motion (3,) in each window, and the excess of encoder readings: wheels (m) and pivots (rad)."""
     t = measured.t
     period = float(t[1] - t[0])
-    plant, kept = _Plant(robot, floor, period, measured, drive), {}
+    plant, kept = _Plant(robot, period, measured, drive), {}
     for window in windows:
         first, last = _samples(t, window)
         pose = np.where(np.isfinite(window.first), window.first, 0.0)
@@ -379,16 +353,15 @@ def _runs(
         world = plant.world(first, pose, twist)
         for part in HANDED_ON:
             world.wheels[part] = wheels[part]
-        states = [(world.pose.copy(), world.wheel_angles, world.castor_angles)]
-        for k in range(first, last):
-            if k == last - 1:
-                kept = {k: _moving(world)}
-            plant.advance(world, k)
-            states.append((world.pose.copy(), world.wheel_angles, world.castor_angles))
-        kept[last] = _moving(world)
-        poses, turned, castors = (np.array(part) for part in zip(*states, strict=True))
+        states, kept = [], {}
+        for k in range(first, last + 1):
+            states.append((world.pose.copy(), np.concatenate([world.wheel_angles, world.castor_angles])))
+            kept[k] = _moving(world)
+            if k < last:
+                plant.advance(world, k)
+        poses, angles = (np.array(part) for part in zip(*states, strict=True))
         began, ended = (_at(poses, (time - t[first]) / period) for time in (window.start, window.end))
-        yield relative_pose(began, ended), *_beyond(robot, measured, first, turned, castors)
+        yield relative_pose(began, ended), *_beyond(robot, measured, first, angles)
 
 
 def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
@@ -399,20 +372,22 @@ def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
 class _Plant:
     """A robot that is driven as in a log, from any of its samples on."""
 
-    def __init__(self, robot: RobotDescription, floor: Floor, period: float, measured: Measured, drive: Drive) -> None:
+    def __init__(self, robot: RobotDescription, period: float, measured: _Measured, drive: Drive) -> None:
         self._parts = PARTS if drive == "counts" else 1
         self._period = period / self._parts
         self._robot = dataclasses.replace(robot, sample_period=self._period)
-        self._floor, self._measured, self._drive = floor, measured, drive
+        self._measured, self._drive = measured, drive
         self._driven, self._steered = np.array(robot.driven_wheels), np.array(robot.driven_castors, dtype=np.intp)
         samples = np.arange(len(measured.t))
         parts = np.linspace(0, samples[-1], self._parts * samples[-1] + 1)
-        self._wheel = CubicSpline(samples, _smooth(measured.wheel))(parts)
-        self._castor = np.stack([np.interp(parts, samples, angle) for angle in measured.castor.T], axis=-1)
+        self._w = w = len(robot.wheels)
+        self._wheel = CubicSpline(samples, _smooth(measured.true[:, :w]))(parts)
+        self._castor = np.column_stack([np.interp(parts, samples, angle) for angle in measured.true[:, w:].T])
 
     def world(self, at: int, pose: Array, twist: Array) -> RobotWorld:
         """Return the robot at a pose, its castors as at a sample, moving with a twist."""
-        world = RobotWorld(self._robot, self._floor, pose=pose, castor_angles=self._measured.castor[at], twist=twist)
+        castors = self._measured.true[at, self._w :]
+        world = RobotWorld(self._robot, Floor(), pose=pose, castor_angles=castors, twist=twist)
         if self._drive == "counts":
             world.wheels["inertia"][self._driven] = HEAVY
         return world
@@ -437,35 +412,21 @@ def _at(poses: Array, sample: float) -> Array:
     return poses[k] + (sample - k) * (poses[k + 1] - poses[k])
 
 
-def _beyond(
-    robot: RobotDescription, measured: Measured, first: int, wheels: Array, castors: Array
-) -> tuple[Array, Array]:
-    """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad)."""
-    described, built = Geometry.of(robot.as_described()), Geometry.of(robot.as_built())
+def _beyond(robot: RobotDescription, measured: _Measured, first: int, angles: Array) -> tuple[Array, Array]:
+    """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad).
+
+    angles (n, w + n): of wheels, which begin at 0, and castors, as simulated.
+    """
+    w, radius = len(robot.wheels), Geometry.of(robot.as_described()).radius
     since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
-    before = np.column_stack([measured.wheel[since:first], measured.castor[since:first]])
-    angles = np.column_stack([measured.wheel[first] + wheels, castors])
-    t = measured.t[since : first + len(angles)]
-    read = _read(robot, described, built, t, np.concatenate([before, angles]))
-    last = first + len(angles) - 1
-    seen = np.column_stack([measured.read_wheel, measured.read_castor])
-    excess = (read[-1] - read[first - since]) - (seen[last] - seen[first])
-    w = len(robot.wheels)
-    driven, sensed = np.array(robot.driven_wheels), np.array(robot.pivot_encoders, dtype=np.intp)
-    return (excess[:w] * described.radius)[driven], excess[w:][sensed]
+    turned = angles + np.pad(measured.true[first, :w], (0, len(robot.castors)))
+    simulated = np.concatenate([measured.true[since:first], turned])
+    read = _Sensing(robot).read(measured.t[since : since + len(simulated)], simulated)
+    excess = (read[-1] - read[first - since]) - (measured.read[since + len(simulated) - 1] - measured.read[first])
+    return (excess[:w] * radius)[list(robot.driven_wheels)], excess[w:][list(robot.pivot_encoders)]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _mean(values: Array) -> float | None:
-    """Return 1000 times the mean of finite values; None where there are none."""
-    known = values[np.isfinite(values)]
-    return float(1e3 * np.mean(known)) if known.size else None
-
-
-def _root(squares: Array | Sequence[float]) -> float | None:
+def _root(squares: Array) -> float | None:
     """Return 1000 times the root of the mean of finite values; None where there are none."""
-    known = np.asarray(squares)[np.isfinite(squares)]
+    known = squares[np.isfinite(squares)]
     return float(1e3 * np.sqrt(np.mean(known))) if known.size else None

@@ -24,7 +24,7 @@ CONTRADICTION = (
 def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:
     """Raise InputError for a robot whose motion its encoders leave open, or logs without the poses that it needs."""
     parity = parity_residual(robot, log_sets[0][0])
-    held = len(parity.wheels) + len(parity.castors) - parity.redundancy
+    held = len(parity.rows.place) - parity.redundancy
     if held < 3:
         raise InputError(UNSEEN.format(robot.name, held))
     for logs in log_sets:

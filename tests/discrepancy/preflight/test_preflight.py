@@ -22,9 +22,9 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.preflight import preflight
-from discrepancy.preflight.misfit import Misfits
+from discrepancy.preflight.misfit import ALIKE, SEEN, Misfits
 from discrepancy.preflight.reading import Channels
-from discrepancy.preflight.search import ALONE, BETTER_OF_MUCH, SEEN, search
+from discrepancy.preflight.search import BETTER_OF_MUCH, search
 from discrepancy.trials.pymunk_generator import drive
 
 WIRING = ("encoders_swapped", "encoder_reversed", "castor_order")
@@ -228,7 +228,7 @@ def test_a_mistake_that_stands_out_alone_is_reported_though_wheels_slide():
     sliding = dataclasses.replace(log, wheel=np.round(log.wheel + np.cumsum(slip, axis=0)))
     found = search(ASOC, Misfits(ASOC, [sliding]))
     assert [mistake.effects for mistake in found.best.mistakes] == [(effect,)]
-    assert found.nominal.left / BETTER_OF_MUCH < found.best.left < found.nominal.left / ALONE
+    assert found.nominal.left / BETTER_OF_MUCH < found.best.left < found.nominal.left / ALIKE
 
 
 def test_what_no_mistake_explains_is_reported_and_not_named():

@@ -1,0 +1,145 @@
+"""What was found about a robot, with all that its report holds: as data and as a page."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.discriminating_drive import SeparatingDrive
+from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.linearise import Linearised
+from discrepancy.preflight.undo import Undone
+from discrepancy.report import answers, pictures, plain_data, sentences
+from discrepancy.report.parts import names_apart
+from discrepancy.report.plain_data import Data
+from discrepancy.report.traces import Errors, along_the_way, traces_of
+from discrepancy.validation.replay import Replay
+
+Replays = tuple[Replay, Replay | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Logs, linearised and replayed without the named effects and, if there are any, with them.
+
+    nominal, explained: the robot without and with these, as logs with their wiring undone show it, but for effects on
+    time. replays: None where there are none.
+    """
+
+    logs: Mapping[str, Log]
+    nominal: RobotDescription
+    before: Linearised
+    explained: RobotDescription
+    after: Linearised | None
+    replays: Replays | None
+
+    @property
+    def best(self) -> tuple[RobotDescription, Linearised]:
+        """The robot with the named effects, if there are any, and the logs linearised with it."""
+        return (self.nominal, self.before) if self.after is None else (self.explained, self.after)
+
+    def errors(self) -> tuple[list[Errors], list[Errors]]:
+        """Return by how much odometry is off the reference in each log, without and with the named effects."""
+
+        def of(seen: Linearised | None) -> list[Errors]:
+            if seen is None:
+                return []
+            fitted = zip(self.logs.values(), seen.state.states, seen.state.clocks, seen.errors, strict=True)
+            return [along_the_way(*log) for log in fitted]
+
+        return of(self.before), of(self.after)
+
+    def most_slip(self) -> Data:
+        """Return where most slip is left: its channel, time and place, of the log that has most."""
+        robot, seen = self.best
+        worst = [
+            {"log": name, **traces_of(robot, log, state).worst()}
+            for (name, log), state in zip(self.logs.items(), seen.state.states, strict=True)
+        ]
+        return max(worst, key=lambda entry: entry["most_slip_m"])
+
+    def maps(self, name: str) -> list[pictures.Picture]:
+        """Return maps of slip in the log with this name: over time and, if there is a reference, on the floor."""
+        k, called = list(self.logs).index(name), f"{names_apart(self.logs)[name]}: " if len(self.logs) > 1 else ""
+        plain, *mended = (
+            traces_of(robot, self.logs[name], seen.state.states[k])
+            for robot, seen in ((self.nominal, self.before), (self.explained, self.after))
+            if seen is not None
+        )
+        left = [plain, *mended][-1]
+        maps = [pictures.slip(plain, *mended), *([pictures.floor(left)] if left.posed else [])]
+        return [dataclasses.replace(picture, caption=f"{called}{picture.caption}") for picture in maps]
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """The diagnosis: as data (castor-diagnosis/2), and the robot with the named effects; None if none is named.
+
+    seen: these logs, and held-out ones if there are any. drives: those that would separate ambiguous answers.
+    """
+
+    data: Data
+    found: RobotDescription | None
+    seen: Mapping[str, Fit]
+    drives: tuple[SeparatingDrive, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        undone: Undone,
+        diagnosis: Diagnosis[RobotDescription, Linearised],
+        seen: Mapping[str, Fit],
+        drives: Sequence[SeparatingDrive | None],
+    ) -> "Examined":
+        """Return what is told. drives: for each answer, None where there is none."""
+        checked, described, these = undone.checked, undone.described, seen["these logs"]
+        found = undone.found(diagnosis.found.effects[len(diagnosis.robot.effects) :])
+        data = plain_data.as_data(diagnosis, checked.mistakes, *(fit.after for fit in seen.values())) | {
+            "robot_hash": described.hash(),
+            "logs": list(undone.logs),
+            "held_out_logs": list(undone.held_out),
+            "clean_logs": list(undone.clean),
+            "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
+            "effects": [] if found is None else found.to_dict()["effects"][len(described.effects) :],
+            "replay": _replay_data(*seen.values()),
+            "where": None,
+        }
+        for answer, drive in zip(data["answers"], drives, strict=True):
+            answer["separating_drive"] = None if drive is None else plain_data.drive_data(drive)
+        if sentences.unexplained(data):
+            data["where"] = these.most_slip()
+        return cls(_finite(data), found, seen, tuple(drive for drive in drives if drive is not None))
+
+    def page(self) -> str:
+        """Return the report as one HTML page."""
+        data, these = self.data, self.seen["these logs"]
+        shown: list[pictures.Picture | None] = [*answers.drawn(data)]
+        shown += [] if these.replays is None else [pictures.replays(*these.replays)]
+        shown.append(pictures.drift({title: fit.errors() for title, fit in self.seen.items()}))
+        shown += [] if data["where"] is None else these.maps(data["where"]["log"])
+        return answers.html_of(data, [picture for picture in shown if picture is not None])
+
+
+def _replay_data(these: Fit, held_out: Fit | None = None) -> Data | None:
+    """Return summaries of replays, with the gap that the reference's noise alone leaves."""
+    if these.replays is None:
+        return None
+    pairs = these.replays, (None if held_out is None else held_out.replays) or (None, None)
+    keys = ("before", "after", "held_out_before", "held_out_after")
+    replays = [None if replay is None else replay.summary() for pair in pairs for replay in pair]
+    data: Data = dict(zip(keys, replays, strict=True))
+    if (best := these.best[1]).gap is not None:
+        data["before"]["expected"] = these.replays[0].expected(best.noise.position, best.noise.heading)
+    return data
+
+
+def _finite(data: Any) -> Any:
+    """Return plain data with null for numbers that JSON does not have."""
+    if isinstance(data, Mapping):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
