@@ -121,13 +121,13 @@ def _kinds(seen: Seen) -> int:
 def _usual(seen: Seen) -> Array:
     """Return the standard deviations in good order of the shown amounts, then of the masked amounts, of C effects."""
     kinds = _kinds(seen)
-    return np.kron(SHOWN_AND_MASKED if kinds > 1 else np.ones(1), tolerances(seen))
+    return np.kron(SHOWN_AND_MASKED if kinds > 1 else np.ones(1), tolerances(seen)).astype(np.float64)
 
 
 def _basis(seen: Seen) -> Array:
     """Return the matrix from shown and masked amounts to sizes: an amplitude is their sum."""
     kinds = _kinds(seen)
-    return np.kron(np.triu(np.ones((kinds, kinds))), np.eye(len(seen.usual)))
+    return np.kron(np.triu(np.ones((kinds, kinds))), np.eye(len(seen.usual))).astype(np.float64)
 
 
 def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:

@@ -157,10 +157,11 @@ class _Scattered(NamedTuple):
 
         With R, the root of their covariance, and I, the information, all follows from the inverse of 1 + R' I R.
         """
-        from scipy.linalg.lapack import dpotri  # slow to import
+        from scipy.linalg import get_lapack_funcs  # slow to import
 
-        root = np.sqrt(variance)
-        kept = np.tril(dpotri(_root_of_grown(log, variance), lower=True)[0])
+        root, factor = np.sqrt(variance), _root_of_grown(log, variance)
+        (inverse_of_product,) = get_lapack_funcs(("potri",), (factor,))
+        kept = np.tril(inverse_of_product(factor, lower=True)[0])
         kept = kept + np.tril(kept, -1).T
         lost = np.eye(len(kept)) - kept
         of_mean = Statistics(lost / np.outer(root, root), (kept @ (root * log.score)) / root)
@@ -187,4 +188,5 @@ def log_likelihood_of(logs: Sequence[Statistics], tolerance: Array) -> float:
 def _root_of_grown(log: Statistics, variance: Array) -> Array:
     """Return the lower Cholesky factor of 1 + R' I R, of the information I and the root R of variances (m,)."""
     root = np.sqrt(variance)
-    return np.linalg.cholesky(np.eye(len(root)) + root[:, None] * log.information * root)
+    grown: Array = (np.eye(len(root)) + root[:, None] * log.information * root).astype(np.float64)
+    return np.asarray(np.linalg.cholesky(grown), dtype=np.float64)

@@ -180,8 +180,8 @@ class SingleEffects:
         log_evidence = float(np.logaddexp.reduce(np.append(log_each, np.log(NOTHING))))
         probability = np.exp(log_each - log_evidence)
         weight = probability[:, None, None] * np.exp(mixture)[:, :, None]
-        along = np.einsum("hij,hsj->hi", turned, weight * mean)
-        squares = np.einsum("hsi,hsj->hij", weight * mean, mean)
+        along = np.einsum("hij,hkj->hi", turned, weight * mean)
+        squares = np.einsum("hki,hkj->hij", weight * mean, mean)
         squares[:, [0, 1], [0, 1]] += np.sum(weight * variance, axis=1)
         squares = turned @ squares @ np.swapaxes(turned, 1, 2)
         return Component(

@@ -79,7 +79,7 @@ def _judgement(
         log_odds = _log_odds(answer, named, held_out[1], order) if answer.confirmed is None else answer.confirmed
         if log_odds < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {description}"
-        if grows or (answer.confirmed is None and not _better(named, *held_out, order, material)):
+        if grows or (answer.confirmed is None and not _better(named, held_out[0], held_out[1], order, material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
     return "named", description
 
