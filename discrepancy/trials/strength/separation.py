@@ -27,6 +27,7 @@ from castor_envs.effects.catalogue import (
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import compose
 from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
@@ -44,6 +45,9 @@ SMALL = 1e-4
 
 FAINT = 1e-3
 """Standard deviations per s, m or rad: a nuisance with a smaller signal is unobservable."""
+
+MOUNT_STEPS = 4
+"""Gauss-Newton steps to fit the tracked point and yaw: from 0.5 rad off to rounding."""
 
 LEAST = 1e-6
 """Standard deviations: an effect whose signal at its step's size is smaller is unobservable."""
@@ -72,12 +76,22 @@ class StrengthMetric:
         windows = windows_of(self._geometry, self._layout, exact)
         self._whitening = Whitening(self._geometry, self._layout, windows, exact, noise_model or NoiseModel())
         self._base = self._residuals(windows, exact)
-        nuisances = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
-        self._nuisances = basis(nuisances[:, np.linalg.norm(nuisances, axis=0) > FAINT])
+        self._by_nuisance = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
+        seen = np.linalg.norm(self._by_nuisance, axis=0) > FAINT
+        self._by_nuisance[:, ~seen] = 0.0
+        self._nuisances = basis(self._by_nuisance[:, seen])
 
     def signal(self, log: Log) -> Array:
-        """Return the whitened residuals of a log less those of the metric's run, nuisances projected out."""
-        return self._cleared(np.nan_to_num(self._of(log) - self._base))
+        """Return the whitened residuals of a log less those of the metric's run, nuisances projected out.
+
+        The tracked point and the tracker's yaw are fitted first: they may be far from their linear range, as where a
+        pivot's bias turns the body of a robot with one castor.
+        """
+        mount = np.zeros(3)
+        for _ in range(MOUNT_STEPS if self._by_nuisance.any() and log.reference is not None else 0):
+            away = self._whitening.whitened(np.nan_to_num(self._of(_mounted(log, mount)) - self._base))
+            mount -= np.linalg.lstsq(self._by_nuisance, away, rcond=1e-9)[0][1:]
+        return self._cleared(np.nan_to_num(self._of(_mounted(log, mount)) - self._base))
 
     def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
         """Return the metric's run as sensors with these effects report it, the physics unchanged."""
@@ -176,15 +190,20 @@ class StrengthMetric:
     def _nuisance(self, k: int) -> Array:
         """Return whitened derivatives by the clock's offset (0) and the tracked point's x, y, and yaw (1, 2, 3)."""
         assert self.exact.reference is not None
-        t, pose = self.exact.t, self.exact.reference.copy()
-        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        t, pose = self.exact.t, self.exact.reference
         if k == 0:
-            pose = 2 * pose - np.stack([np.interp(t - SMALL, t, coordinate) for coordinate in pose.T], axis=-1)
+            later = 2 * pose - np.stack([np.interp(t - SMALL, t, coordinate) for coordinate in pose.T], axis=-1)
+            moved = dataclasses.replace(self.exact, reference=later)
         else:
-            by = [np.column_stack([c, s, 0 * c]), np.column_stack([-s, c, 0 * c]), np.array([0.0, 0.0, 1.0])]
-            pose += SMALL * by[k - 1]
-        moved = self._of(dataclasses.replace(self.exact, reference=pose))
-        return self._whitening.whitened(moved - self._base) / SMALL
+            moved = _mounted(self.exact, SMALL * np.eye(3)[k - 1])
+        return self._whitening.whitened(self._of(moved) - self._base) / SMALL
+
+
+def _mounted(log: Log, mount: Array) -> Log:
+    """Return a log whose reference is that of a tracker mounted at a pose (3,) on the body."""
+    if log.reference is None or not mount.any():
+        return log
+    return dataclasses.replace(log, reference=compose(log.reference, mount))
 
 
 def gaussian_strength(excess: Array) -> float:

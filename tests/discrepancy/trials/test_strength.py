@@ -9,7 +9,7 @@ import pytest
 from castor_envs.effects.catalogue import catalogue
 from castor_envs.effects.clocks import ClockOffset, SampleJitter
 from castor_envs.effects.dimensions import LoadRadius
-from castor_envs.effects.encoders import WheelEccentricity
+from castor_envs.effects.encoders import PivotBias, WheelEccentricity
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
@@ -149,6 +149,14 @@ def test_what_is_fitted_anyway_has_no_strength(metric, effect):
     raw = metric._whitening.whitened(metric._of(metric.read(effect)) - metric._base)
     assert np.linalg.norm(raw) > 0.5
     assert np.linalg.norm(metric.signal(metric.read(effect))) < 0.02 * np.linalg.norm(raw)
+
+
+@pytest.mark.parametrize("size", [0.01, 0.26])
+def test_the_pivot_of_a_robot_with_one_castor_turns_the_tracker(size):
+    robot = preset("1-castor")
+    course = wander(np.random.default_rng(1), duration=20.0, holonomic=moves_sideways(robot))
+    metric = StrengthMetric(robot, drive(robot, course, 1, duration=20.0, rounded=False, noise=EXACT))
+    assert np.linalg.norm(metric.signal(metric.read(PivotBias(castor=1, value=size)))) < 0.5
 
 
 def test_twice_the_size_is_twice_the_strength(metric):
