@@ -8,8 +8,8 @@ import pytest
 
 from castor_envs.effects.catalogue import catalogue
 from castor_envs.effects.clocks import ClockOffset, SampleJitter
-from castor_envs.effects.dimensions import LoadRadius
-from castor_envs.effects.encoders import PivotBias, WheelEccentricity
+from castor_envs.effects.dimensions import LoadRadius, PivotBias
+from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
