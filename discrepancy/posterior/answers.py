@@ -130,7 +130,8 @@ class Learned:
 class Answer:
     """The answer on one single effect.
 
-    probabilities: of names, the likeliest first, and of "nothing". credible: the 95 % credible set of names. unnamed:
+    probabilities: of names, the likeliest first, and of "nothing"; absent: that of "nothing", however small. credible:
+    the 95 % credible set of names. unnamed:
     whether this set contains an unnamed alternative. candidate: the likeliest candidate, with its amplitudes (c,),
     their covariance (c, c), and the part of it that wheel creep masks (`hidden`). explained: the deviance (twice the
     log-likelihood ratio) that the effect explains. cost (2,): odometry error that a unit of its amplitudes causes, m
@@ -149,6 +150,7 @@ class Answer:
     hidden: float
     explained: float
     cost: Array
+    absent: float = 0.0
     alike: tuple[str, ...] = ()
     confirmed: float | None = None
     curve: Learned | None = None
@@ -221,6 +223,7 @@ def answers_of(
         columns = seen.columns[places[best].candidate]
         answer = Answer(
             probabilities=shown | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
+            absent=component.nothing,
             credible=tuple(called.get(name, name) for name in credible),
             alike=tuple(dict.fromkeys(name for name in families if called and name != family)),
             unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),

@@ -14,11 +14,11 @@ LOG_ODDS = float(logit(CREDIBLE))
 """`CREDIBLE` as the natural logarithm of odds."""
 
 NOTHING = 0.8
-"""Prior probability that a single effect of the sum is absent. Of five, one is expected to be present: people diagnose
-robots that have a fault. Twice the odds change a log-likelihood ratio by 0.7."""
+"""Prior probability that a single effect of the sum is absent. Twice the odds change a log-likelihood ratio by 0.7."""
 
-MOST = 5
-"""Number of single effects in the sum: more than descriptions are expected to miss at once; each costs time."""
+MOST = round(1 / (1 - NOTHING))
+"""Number of single effects in the sum, of which one is expected to be present: people diagnose robots that have a
+fault. Descriptions are hardly expected to miss more than five at once; each costs time."""
 
 FAULT = 10.0
 """Prior scale of a fault's size, as a multiple of what robots in good order show (the effect's tolerance): the size is

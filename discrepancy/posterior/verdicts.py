@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logit
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
@@ -34,17 +35,27 @@ def judged(
     order: GoodOrder | None,
     material: Material,
 ) -> tuple[Answer, ...]:
-    """Return the answers with their verdicts.
+    """Return the answers with their verdicts, without those that held-out logs contradict so much that "nothing" is in
+    the credible set of all logs together.
 
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them.
     """
+    if held_out is not None and order is not None:
+        answers = [answer for answer in answers if not _contradicted(answer, named, held_out[1], order)]
     grows = held_out is not None and _grows(held_out[0], held_out[1], material)
     verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
     return tuple(
         dataclasses.replace(answer, verdict=verdict, reason=reason)
         for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
     )
+
+
+def _contradicted(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> bool:
+    """Whether an effect whose logs make it likely is, with the held-out logs, less likely than a credible set needs."""
+    if answer.effect is None or answer.confirmed is not None or answer.candidate not in held_out.candidates:
+        return False
+    return _log_odds(answer, named, held_out, order) < min(LOG_ODDS + float(logit(answer.absent)), 0.0)
 
 
 def verdict_of(answers: Sequence[Answer]) -> Verdict:

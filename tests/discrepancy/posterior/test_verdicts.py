@@ -77,3 +77,12 @@ def test_an_uncertain_size_is_no_excuse_for_a_larger_gap():
     unsure = dataclasses.replace(ANSWER, covariance=np.array([[1e-4]]))
     without, with_named = seen(0.0, (64e-3, 5e-3)), seen(500.0, (99e-3, 5e-3))
     assert verdict(without, with_named, answer=unsure) == "unconfirmed"
+
+
+@pytest.mark.parametrize(("absent", "expected"), [(1e-2, "no discrepancy"), (0.0, "unconfirmed")])
+def test_an_effect_that_all_logs_together_deny_is_no_discrepancy(absent, expected):
+    """By the formula the held-out logs are exp(50) times less likely with it."""
+    said = Statistics(np.array([[1e6]]), np.array([-1e4]))
+    held_out = seen(0.0, None)
+    held_out.logs = (said,)
+    assert verdict(seen(0.0, None), held_out, answer=dataclasses.replace(ANSWER, absent=absent)) == expected
