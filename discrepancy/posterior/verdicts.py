@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.special import logit
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
-from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE
 from discrepancy.posterior.priors import place_in_model, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
 from discrepancy.posterior.refit import Sized
@@ -41,21 +42,14 @@ def judged(
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them.
     """
-    if held_out is not None and order is not None:
-        answers = [answer for answer in answers if not _contradicted(answer, named, held_out[1], order)]
-    grows = held_out is not None and _grows(held_out[0], held_out[1], material)
-    verdicts = [_judgement(answer, named, held_out, order, material, grows) for answer in answers]
+    kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order)
+    if kept is not None:
+        answers = [answer for answer in answers if not kept.contradict(answer)]
+    verdicts = [_judgement(answer, kept, material) for answer in answers]
     return tuple(
         dataclasses.replace(answer, verdict=verdict, reason=reason)
         for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
     )
-
-
-def _contradicted(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> bool:
-    """Whether an effect whose logs make it likely is, with the held-out logs, less likely than a credible set needs."""
-    if answer.effect is None or answer.confirmed is not None or answer.candidate not in held_out.candidates:
-        return False
-    return _log_odds(answer, named, held_out, order) < min(LOG_ODDS + float(logit(answer.absent)), 0.0)
 
 
 def verdict_of(answers: Sequence[Answer]) -> Verdict:
@@ -66,14 +60,7 @@ def verdict_of(answers: Sequence[Answer]) -> Verdict:
     return "negligible" if answers else "no discrepancy"
 
 
-def _judgement(
-    answer: Answer,
-    named: Sequence[Sized],
-    held_out: Sequence[Seen] | None,
-    order: GoodOrder | None,
-    material: Material,
-    grows: bool,
-) -> tuple[Verdict, str]:
+def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) -> tuple[Verdict, str]:
     description, largest_cost = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
     if np.all(largest_cost < np.array(material)):
         return "negligible", f"{description} costs less than matters"
@@ -86,58 +73,83 @@ def _judgement(
         return verdict, f"these motions cannot distinguish: {'; '.join(answer.credible)}"
     if answer.effect is None:
         return "unexplained", f"{description} looks most like it, and cannot be as large"
-    if held_out is not None and order is not None:
-        log_odds = _log_odds(answer, named, held_out[1], order) if answer.confirmed is None else answer.confirmed
-        if log_odds < LOG_ODDS:
+    if held_out is not None:
+        if held_out.log_ratio(answer) < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {description}"
-        if grows or (answer.confirmed is None and not _better(named, held_out[0], held_out[1], order, material)):
+        if held_out.grows(material) or (answer.confirmed is None and not held_out.better(material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
     return "named", description
 
 
-def _better(named: Sequence[Sized], without: Seen, with_named: Seen, order: GoodOrder, material: Material) -> bool:
-    """Whether effects together make the held-out logs likelier, or make the gap smaller by what matters.
+@dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Held-out logs: their statistics without and with the named effects in the model. Log-likelihood ratios are
+    natural logarithms, beyond what robots in good order show.
 
-    Likelier by the fits with them and without, or by the linear formula about the fit without them. The fits follow
-    creep that is predicted from them, and so differ by tens of log-likelihood ratios by chance, which hides what a
-    small effect explains; the linear formula is wrong for large ones.
+    Fits with and without effects follow creep that is predicted from them, so their log evidences differ by tens by
+    chance, which hides what a small effect explains. Of a large effect the linear formula about the fit without it is
+    wrong.
     """
-    if with_named.log_evidence - without.log_evidence > LOG_ODDS:
-        return True
-    in_both = without.candidates == with_named.candidates  # which `order` is about
-    if in_both and all(effect.candidate in without.candidates for effect in named):
-        places = [place_in_model(without, effect.candidate) for effect in named]
-        size = sizes_of(places, [effect.amplitudes for effect in named], without)
-        if _log_ratio(size, without.logs, without, order) > LOG_ODDS:
+
+    named: Sequence[Sized]
+    without: Seen
+    with_named: Seen
+    order: GoodOrder
+
+    def log_ratio(self, answer: Answer) -> float:
+        """Return the log-likelihood ratio of an effect of the size found against none."""
+        if answer.confirmed is not None:
+            return answer.confirmed
+        if answer.candidate not in self.with_named.candidates:
+            return 0.0
+        effect = self._sized(answer)
+        others = [other for other in self.named if other.candidate != answer.candidate]
+        together, of_others = self._about_without([*others, effect]), self._about_without(others)
+        if together is not None and of_others is not None:
+            return together - of_others
+        size = sizes_of([place_in_model(self.with_named, effect.candidate)], [effect.amplitudes], self.with_named)
+        return self._log_ratio(size, [log.at(-size) for log in self.with_named.logs])
+
+    def contradict(self, answer: Answer) -> bool:
+        """Whether an effect that logs make likely is less likely with the held-out logs than a credible set needs."""
+        if answer.effect is None or answer.confirmed is not None:
+            return False
+        return self.log_ratio(answer) < min(LOG_ODDS + float(logit(answer.absent)), 0.0)
+
+    def better(self, material: Material) -> bool:
+        """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""
+        if self.with_named.log_evidence - self.without.log_evidence > LOG_ODDS:
             return True
-    if without.gap is None or with_named.gap is None:
-        return False
-    return any(
-        before - after > matters for before, after, matters in zip(without.gap, with_named.gap, material, strict=True)
-    )
+        ratio = self._about_without(self.named)
+        if ratio is not None and ratio > LOG_ODDS:
+            return True
+        before, after = self.without.gap, self.with_named.gap
+        if before is None or after is None:
+            return False
+        return any(was - now > matters for was, now, matters in zip(before, after, material, strict=True))
 
+    def grows(self, material: Material) -> bool:
+        """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what
+        makes odometry worse is not the cause, or not all of it."""
+        before, after = self.without.gap, self.with_named.gap
+        return before is not None and after is not None and after[0] - before[0] > material.position
 
-def _grows(without: Seen, with_named: Seen, material: Material) -> bool:
-    """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what makes
-    odometry worse is not the cause, or not all of it."""
-    if without.gap is None or with_named.gap is None:
-        return False
-    return with_named.gap[0] - without.gap[0] > material.position
+    def _sized(self, answer: Answer) -> Sized:
+        """Return the effect of an answer as it is in the model."""
+        found = (effect for effect in self.named if effect.candidate == answer.candidate)
+        return next(found, Sized(answer.candidate, answer.amplitudes))
 
+    def _about_without(self, effects: Sequence[Sized]) -> float | None:
+        """Return the log-likelihood ratio of effects together against none, by the fit without them; None for effects
+        so large that the error of their signatures exceeds noise."""
+        in_both = self.without.candidates == self.with_named.candidates  # which `order` is about
+        if not in_both or any(effect.candidate not in self.without.candidates for effect in effects):
+            return None
+        places = [place_in_model(self.without, effect.candidate) for effect in effects]
+        size = sizes_of(places, [effect.amplitudes for effect in effects], self.without)
+        explained = sum(float(size @ log.information @ size) for log in self.without.logs)
+        return self._log_ratio(size, self.without.logs) if explained * SIGNATURE**2 < 1 else None
 
-def _log_odds(answer: Answer, named: Sequence[Sized], held_out: Seen, order: GoodOrder) -> float:
-    """Return the log-likelihood ratio (natural logarithm) of held-out logs with an effect of the size found, and
-    without it."""
-    if answer.candidate not in held_out.candidates:
-        return 0.0
-    amplitudes = next(
-        (effect.amplitudes for effect in named if effect.candidate == answer.candidate), answer.amplitudes
-    )
-    size = sizes_of([place_in_model(held_out, answer.candidate)], [amplitudes], held_out)
-    return _log_ratio(size, [log.at(-size) for log in held_out.logs], held_out, order)
-
-
-def _log_ratio(size: Array, logs: Sequence[Statistics], seen: Seen, order: GoodOrder) -> float:
-    """Return the log-likelihood ratio of sizes (m,) against 0, beyond what robots in good order show."""
-    statistics = order.beyond(agreeing(logs, seen.lasting))
-    return float(statistics.score @ size - size @ statistics.information @ size / 2)
+    def _log_ratio(self, size: Array, logs: Sequence[Statistics]) -> float:
+        statistics = self.order.beyond(agreeing(logs, self.with_named.lasting))
+        return float(statistics.score @ size - size @ statistics.information @ size / 2)

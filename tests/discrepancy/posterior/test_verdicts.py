@@ -86,3 +86,11 @@ def test_an_effect_that_all_logs_together_deny_is_no_discrepancy(absent, expecte
     held_out = seen(0.0, None)
     held_out.logs = (said,)
     assert verdict(seen(0.0, None), held_out, answer=dataclasses.replace(ANSWER, absent=absent)) == expected
+
+
+@pytest.mark.parametrize(("truth", "expected"), [(0.01, "named"), (0.002, "unconfirmed")])
+def test_a_small_effect_is_confirmed_by_the_linear_formula(truth, expected):
+    """Of 0.01, by held-out logs that say 0.01 or 0.002, with an error of 0.003, whatever the fits' evidences are."""
+    without, with_named = seen(0.0, None), seen(-100.0, None)
+    without.logs = (Statistics(np.array([[1e5]]), np.array([1e5 * truth])),)
+    assert verdict(without, with_named) == expected
