@@ -76,6 +76,11 @@ class Seen(Protocol):
         ...
 
     @property
+    def redundant(self) -> bool:
+        """Whether encoders can contradict each other. Else an effect that is not in the model passes for noise."""
+        ...
+
+    @property
     def usual(self) -> Array:
         """Size (C,) that unnamed alternatives have in logs of a vehicle in good order; NaN for effects of the
         catalogue."""

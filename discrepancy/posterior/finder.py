@@ -6,6 +6,7 @@ where there are any (`priors`); a fault has to exceed that. The result is a prob
 that follows from it (`verdicts`).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic
@@ -19,10 +20,10 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
-from discrepancy.posterior.calibrated import SIGNATURE
+from discrepancy.posterior.calibrated import NOTHING, SIGNATURE
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
-from discrepancy.posterior.random_effects import GoodOrder, agreeing
+from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
 from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
@@ -209,13 +210,36 @@ def named_together(
         if families not in tried:
             better = refitted(vehicle, look, worse, named, new, seen)
         else:
-            better = exchanged(vehicle, look, worse, named, _large(answers), seen)
+            more = [] if seen.redundant else _unlikely(vehicle, posterior, seen, named)
+            odds = math.log((1 - NOTHING) / NOTHING / len(posterior.names))
+            better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds)
             families = frozenset(effect.candidate.family for effect in (named if better is None else better[0]))
         if better is None or families in tried:  # what is returned belongs to these answers
             return named, seen, posterior, answers
         named, seen = better
         tried.append(families)
         seen = look(named, seen, None)
+
+
+def _unlikely(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
+    """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives.
+
+    What encoders cannot contradict passes for noise, beside which the formula hardly sees it; if it is much more than
+    signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that.
+    """
+    in_model = {effect.candidate.family for effect in named}
+    statistics, found = summed(seen.logs), []
+    for name in posterior.inclusion():
+        candidate = next((cause for cause in seen.candidates if cause.family == name and cause.kinds), None)
+        if candidate is None or name in in_model or len(found) == BESIDE:
+            continue
+        columns = seen.columns[seen.candidates.index(candidate)]
+        information = statistics.information[np.ix_(columns, columns)]
+        size = np.linalg.lstsq(information, statistics.score[columns], rcond=1e-9)[0]
+        effect = Sized(candidate, np.zeros(len(columns))).moved(np.asarray(size, dtype=np.float64))
+        if possible(vehicle, [effect]) and np.any(effect.amplitudes):
+            found.append(effect)
+    return found
 
 
 def _large(answers: Sequence[Answer]) -> list[Cause]:

@@ -74,6 +74,11 @@ class Linearised:
     lasting: NDArray[np.intp]
 
     @property
+    def redundant(self) -> bool:
+        """Whether encoders can contradict each other: they determine more than the three directions of motion."""
+        return any(len(design.model.rows) > 3 for design in self.designs)
+
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Gap between odometry and reference, m and rad; None for logs without a reference."""
         return gap_of(self.errors)

@@ -23,6 +23,9 @@ REFITS, CONVERGED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
 
+STRETCH = 1.1
+"""Factor by which sizes are tried that Newton's method may have left too small."""
+
 RIVALS, SIMILAR = 2, 0.5
 """Most rivals with which a large effect is compared, those of the most similar signatures; and the least squared cosine
 of the signatures of a rival."""
@@ -116,21 +119,51 @@ def refitted(
         current, seen = _nearer(vehicle, look, best - worse, current, proposed, seen)
         if current == previous:  # no step is any better
             break
+    if not seen.redundant and seen.log_evidence > threshold:
+        current, seen = _stretched(vehicle, look, current, seen)
+    return current, seen
+
+
+def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S) -> tuple[tuple[Sized, ...], S]:
+    """Return effects of sizes multiplied or divided by `STRETCH` as often as that makes the logs likelier.
+
+    Where encoders cannot contradict each other, what a size leaves unexplained passes for noise, beside which Newton's
+    method takes it for right: noise and size would have to change together.
+    """
+    for k, effect in enumerate(current):
+        for factor in (STRETCH, 1 / STRETCH):
+            stretches = 0
+            while stretches < REFITS and not effect.candidate.kinds[0].binary:
+                longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
+                found = _fitted(vehicle, look, longer, seen)
+                if found is None or found.log_evidence <= seen.log_evidence:
+                    break
+                current, seen, stretches = longer, found, stretches + 1
+            if stretches:
+                break
     return current, seen
 
 
 def exchanged(
-    vehicle: Any, look: Look[S], worse: float, named: Sequence[Sized], large: Sequence[Cause], seen: S
+    vehicle: Any,
+    look: Look[S],
+    worse: float,
+    named: Sequence[Sized],
+    large: Sequence[Cause],
+    seen: S,
+    more: Sequence[Sized] = (),
+    odds: float = 0.0,
 ) -> tuple[tuple[Sized, ...], S] | None:
     """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
     there are none.
 
     Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
-    Here the whole model is fitted with each.
+    Here the whole model is fitted with each. more: effects of which each is also added, with prior log odds `odds`.
     """
     best, found = seen.log_evidence, None
-    for effects, advantage in _alternatives(named, large, seen):
+    added = [((*named, effect), LOG_ODDS - odds) for effect in more]
+    for effects, advantage in [*_alternatives(named, large, seen), *added]:
         refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
             continue
@@ -180,12 +213,18 @@ def _nearer(
     """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, until the log
     evidence exceeds `least`."""
     for _ in range(HALVINGS):
-        if possible(vehicle, proposed):
-            with suppress(np.linalg.LinAlgError, InputError):  # it does not fit at all
-                found = look(proposed, seen, [effect.candidate for effect in proposed])
-                if found.log_evidence > least:
-                    return proposed, found
+        found = _fitted(vehicle, look, proposed, seen)
+        if found is not None and found.log_evidence > least:
+            return proposed, found
         pairs = zip(current, proposed, strict=True)
         proposed = tuple(effect.moved((target.amplitudes - effect.amplitudes) / 2) for effect, target in pairs)
     current = tuple(effect for effect in current if np.any(effect.amplitudes))
     return current, look(current, seen, [effect.candidate for effect in current])
+
+
+def _fitted(vehicle: Any, look: Look[S], effects: tuple[Sized, ...], seen: S) -> S | None:
+    """Return the statistics beside these effects, of their candidates only; None if they do not fit at all."""
+    if possible(vehicle, effects):
+        with suppress(np.linalg.LinAlgError, InputError):
+            return look(effects, seen, [effect.candidate for effect in effects])
+    return None

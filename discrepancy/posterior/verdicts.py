@@ -141,9 +141,11 @@ class _HeldOut:
 
     def _about_without(self, effects: Sequence[Sized]) -> float | None:
         """Return the log-likelihood ratio of effects together against none, by the fit without them; None for effects
-        so large that the error of their signatures exceeds noise."""
+        so large that the error of their signatures exceeds noise, or where they pass for noise."""
         in_both = self.without.candidates == self.with_named.candidates  # which `order` is about
-        if not in_both or any(effect.candidate not in self.without.candidates for effect in effects):
+        if not (in_both and self.without.redundant) or any(
+            effect.candidate not in self.without.candidates for effect in effects
+        ):
             return None
         places = [place_in_model(self.without, effect.candidate) for effect in effects]
         size = sizes_of(places, [effect.amplitudes for effect in effects], self.without)

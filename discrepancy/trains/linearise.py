@@ -52,6 +52,11 @@ class Linearised:
         return np.array([np.nan if candidate.rival is None else candidate.rival.usual for candidate in self.candidates])
 
     @property
+    def redundant(self) -> bool:
+        """Whether encoders can contradict each other: axles are seen by posture sensors."""
+        return True
+
+    @property
     def lasting(self) -> NDArray[np.intp]:
         """None: of trains only single logs were compared."""
         return np.zeros(0, dtype=np.intp)

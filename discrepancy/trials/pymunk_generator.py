@@ -4,6 +4,7 @@ import numpy as np
 
 from castor_envs.effects.catalogue import reference, sensor_model_of
 from castor_envs.floor import Floor
+from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import KinematicController, trailing_angles
 from castor_envs.motion.kinematics import Geometry
@@ -36,6 +37,7 @@ def drive(
     phases, starts = (np.random.default_rng([seed, k]) for k in (2, 3))
     phase = Encoders.random_phase(built, phases)
     start = trailing_angles(geometry, motion.runs[0].legs[0].motion) + starts.uniform(-0.5, 0.5, geometry.n_castors)
+    start = wrap(start)  # as an absolute encoder is read from its first count on
     world = RobotWorld(robot, floor or Floor(), castor_angles=start)
     encoders, read, controller = (
         Encoders(built, phase),

@@ -15,6 +15,7 @@ import numpy as np
 from castor_envs.effects.catalogue import floor_of
 from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
@@ -174,7 +175,7 @@ def start_angles(build: Build, motion: Trajectory, random: np.random.Generator) 
     """Return the castors' angles (n,) at the start: free ones about half a radian off where they would trail."""
     trailing = build.trailing(np.array(motion.runs[0].legs[0].motion, dtype=float))
     off = random.uniform(-0.5, 0.5, len(trailing))
-    return np.where([kind == "free" for kind in build.steering], trailing + off, trailing)
+    return wrap(np.where([kind == "free" for kind in build.steering], trailing + off, trailing))
 
 
 def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
