@@ -3,9 +3,9 @@
 The log-likelihood of b (m,) is ``score . b - b . information b / 2``. b is a sum of a few single effects, each of which
 is one hypothesis of many, or nothing (SuSiE: Wang, Sarkar, Carbonetto and Stephens, J. R. Stat. Soc. B 2020). The prior
 of a size is a Cauchy distribution about 0, truncated at its bounds. The posterior is found one component at a time
-beside the other components (iterative Bayesian stepwise selection), from several starts. Other than in SuSiE, which
-takes components for independent, the sizes of the other components are integrated out: of correlated effects
-probabilities would be too sure and intervals too narrow. The result with the largest evidence is returned.
+given the other components (iterative Bayesian stepwise selection), from several starts; the result with the largest
+evidence lower bound is returned. Components are taken for independent; for the interval of a size, those of the other
+components are integrated out, as intervals of correlated effects would be too narrow.
 """
 
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Posterior of all components. bound: log evidence of what they are, by which several starts are compared."""
+    """Posterior of all components. bound: evidence lower bound, by which results of several starts are compared."""
 
     hypotheses: tuple[Hypothesis, ...]
     components: tuple[Component, ...]
@@ -152,7 +152,8 @@ class SingleEffects:
         for _ in range(ROUNDS):
             change = 0.0
             for j in range(len(found)):
-                new = self._component(score, [component for k, component in enumerate(found) if k != j])
+                remaining = sum((component.mean for k, component in enumerate(found) if k != j), np.zeros(len(score)))
+                new = self._component(score - self.information @ remaining)
                 change = max(change, float(np.abs(new.probability - found[j].probability).max(initial=0.0)))
                 found[j] = new
             if change < CONVERGED:
@@ -161,21 +162,18 @@ class SingleEffects:
         return Posterior(self.hypotheses, tuple(found), self._bound(score, found))
 
     def _bound(self, score: Array, found: Sequence[Component]) -> float:
-        """Return the expected log evidence of what components are, less the divergence from their priors: of each
-        component beside those before it, with the sizes of these integrated out."""
-        total = 0.0
-        for j, component in enumerate(found):
-            log_factor = self._given(score, found[:j])[1]
-            given = component.probability > 0
-            probability = component.probability[given]
-            total += float(probability @ (self._log_prior + log_factor)[given] - probability @ np.log(probability))
-            if component.nothing > 0:
-                total += component.nothing * float(np.log(NOTHING) - np.log(component.nothing))
-        return total
+        """Return the evidence lower bound: the expected log-likelihood less the divergences from the priors."""
+        total = sum((component.mean for component in found), np.zeros(len(score)))
+        bound = float(score @ total - total @ self.information @ total / 2)
+        for component in found:
+            bound -= (component.square - float(component.mean @ self.information @ component.mean)) / 2
+            left = score - self.information @ (total - component.mean)
+            bound += component.log_evidence - float(left @ component.mean) + component.square / 2
+        return bound
 
-    def _component(self, score: Array, others: Sequence[Component]) -> Component:
-        """Return the posterior of a component beside the other components."""
-        turned, log_factor, mixture, mean, variance = self._given(score, others)
+    def _component(self, score: Array) -> Component:
+        """Return the posterior of a component, given the score left by the other components."""
+        turned, log_factor, mixture, mean, variance = self._given(score)
         log_each = self._log_prior + log_factor
         log_evidence = float(np.logaddexp.reduce(np.append(log_each, np.log(NOTHING))))
         probability = np.exp(log_each - log_evidence)
@@ -217,10 +215,10 @@ class SingleEffects:
             return component.mean[None]
         return self._rays[2 * k : 2 * k + 2] * np.linalg.norm(component.mean)
 
-    def _given(self, score: Array, others: Sequence[Component]) -> tuple[Array, Array, Array, Array, Array]:
-        """Return for every hypothesis, beside other components, the principal axes of its sizes (h, 2, 2), the log
-        Bayes factor (h,) against nothing, the log probabilities (h, scales) of the normal distributions in its prior's
-        mixture, and means and variances (h, scales, 2) along the axes."""
+    def _given(self, score: Array, others: Sequence[Component] = ()) -> tuple[Array, Array, Array, Array, Array]:
+        """Return for every hypothesis, beside other components of any size, the principal axes of its sizes (h, 2, 2),
+        the log Bayes factor (h,) against nothing, the log probabilities (h, scales) of the normal distributions in its
+        prior's mixture, and means and variances (h, scales, 2) along the axes."""
         seen, slope = self._beside(score, others)
         turned, strength = np.tile(np.eye(2), (len(seen), 1, 1)), np.diagonal(seen, axis1=1, axis2=2).copy()
         strength[self._double], turned[self._double] = np.linalg.eigh(seen[self._double])

@@ -22,7 +22,7 @@ SCATTER = 0.2
 """Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
 clean logs each of seven bases with redundant encoders (MuJoCo, wander, 60 s) it is 0.02 to 0.16 along."""
 
-LEVEL = np.log(min(asdict(LEAST_NOISE).values())) + 0.15 * np.arange(60)
+LEVEL = np.log(min(asdict(LEAST_NOISE).values())) + 0.15 * np.arange(70)
 BELOW = LEVEL[0] - 0.3 * np.arange(6, 0, -1)
 SCATTERS = SCATTER * 2.0 ** np.arange(-2, 5)
 RAISED = np.linspace(0.0, 5.0, 51)

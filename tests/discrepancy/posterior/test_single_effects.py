@@ -91,6 +91,18 @@ def test_two_effects_that_look_like_a_third_together_are_found():
     assert surely == {"effect 0", "effect 1"}
 
 
+def test_intervals_of_two_correlated_effects_are_those_of_least_squares():
+    information = 1e4 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    truth, covariance = np.array([1.0, -2.0]), np.linalg.inv(information)
+    single = SingleEffects(hypotheses(2, 1.0), information)
+    found = single.posterior(information @ truth)
+    for component in (0, 1):
+        k = int(np.argmax(found.components[component].probability))
+        sizes, squares = single.sizes(found, information @ truth, component, k)
+        assert sizes[0] == pytest.approx(truth[k], rel=1e-3)
+        assert squares[0, 0] == pytest.approx(covariance[k, k], rel=0.01)
+
+
 def test_probabilities_are_calibrated_where_the_model_is_true():
     random = np.random.default_rng(1)
     told, right = [], []
