@@ -15,14 +15,19 @@ from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate, stacked
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
-from discrepancy.posterior.linearise import LEAST_NOISE, Linearised
+from discrepancy.posterior.linearise import Linearised
 from estimators.calibration.maximum_likelihood import PROBES
+from estimators.likelihood.log_likelihood import Noise
 
 SCATTER = 0.2
 """Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
 clean logs each of seven bases with redundant encoders (MuJoCo, wander, 60 s) it is 0.02 to 0.16 along."""
 
-LEVEL = np.log(min(asdict(LEAST_NOISE).values())) + 0.15 * np.arange(70)
+RESOLVED = 1e-4
+"""Least noise that is compared: m after 1 m, m and rad. Below it the rounding of counts hides slip, so that logs do not
+show how much there is; they count as having this much."""
+
+LEVEL = np.log(RESOLVED) + 0.15 * np.arange(60)
 BELOW = LEVEL[0] - 0.3 * np.arange(6, 0, -1)
 SCATTERS = SCATTER * 2.0 ** np.arange(-2, 5)
 RAISED = np.linspace(0.0, 5.0, 51)
@@ -106,14 +111,15 @@ def noise_of(seen: Linearised) -> list[dict[str, Found]]:
     found = []
     for design in seen.designs:
         unchanged = stacked(design.geometry, [])
+        noise = Noise(**{kind: max(size, RESOLVED) for kind, size in asdict(seen.noise).items()})
         at = design.geometry, unchanged, np.zeros(0), design.state, design.clock
-        reduced = design.model.reduce(*at, seen.shared.mount, seen.noise, PROBES)
+        reduced = design.model.reduce(*at, seen.shared.mount, noise, PROBES)
         _, _, left = reduced.finish(np.zeros((len(reduced.information), 1 + PROBES)))
         squares = {kind: left.squares.get(kind, 0.0) for kind in KINDS}
         freedom = {kind: left.expected.get(kind, 0.0) for kind in KINDS}
         found.append(
             {
-                kind: Found(getattr(seen.noise, kind) ** 2 * squares[kind] / max(freedom[kind], 1e-9), freedom[kind])
+                kind: Found(getattr(noise, kind) ** 2 * squares[kind] / max(freedom[kind], 1e-9), freedom[kind])
                 for kind in KINDS
             }
         )
@@ -128,7 +134,7 @@ def _pooled(logs: Sequence[Found]) -> float:
 
 def _answer(seen: Linearised, kind: str, found: float, usual: float, log_factor: float, probability: float) -> Answer:
     noise = float(np.sqrt(found))
-    times = noise / max(np.sqrt(usual), getattr(LEAST_NOISE, kind))
+    times = noise / max(np.sqrt(usual), RESOLVED)
     name = KINDS[kind].format(f"{times:.2g}")
     return Answer(
         probabilities={name: probability, "nothing": 1 - probability},

@@ -96,7 +96,8 @@ def test_a_refit_reaches_a_large_effect_that_creep_masks_in_a_step():
 
     near = (Sized(candidate, np.array([-0.09])),)
     found, seen = refitted(robot, look, 0.5 * len(log), (), near, linearise(robot, [log], among=[candidate]))
-    standard_error = np.sum(seen.logs[0].information) ** -0.5  # of a size that creep masks as predicted
-    assert standard_error < 3e-4
+    statistics, size = seen.logs[0], np.repeat(found[0].amplitudes, 2)  # creep masks it as predicted
+    assert np.sum(statistics.information) ** -0.5 < 3e-4
+    standard_error = np.sum(statistics.doubted(np.zeros(2), size).information) ** -0.5  # as answers state it
     assert abs(found[0].amplitudes[0] - RADIUS.value) < COVERAGE * standard_error
     assert looked[1][0].amplitudes[0] == pytest.approx(RADIUS.value, abs=1e-3)

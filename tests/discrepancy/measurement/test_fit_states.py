@@ -64,7 +64,7 @@ def test_a_large_effect_in_the_model_leaves_no_slip():
     described = preset("omnimate")
     robot = described.with_effects(PivotBacklash(castor=1, value=0.05))
     log = drive(robot, wander(np.random.default_rng([11, 0]), duration=20.0), 11, duration=20.0)
-    assert linearise(robot, [log], among=[]).noise.along == LEAST_NOISE.along
+    assert linearise(robot, [log], among=[]).noise.along < 5e-5
 
 
 def test_jitter_is_uncertainty_of_where_the_robot_was():

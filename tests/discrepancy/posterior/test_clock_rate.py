@@ -36,7 +36,8 @@ def test_an_offset_is_no_rate():
 def test_the_answer_on_a_rate_does_not_depend_on_the_model():
     """The score at 0 beside a rate in the model is that of all of it, less what the model has."""
     effect, log = ClockSkew(value=0.002), driven(3, ClockSkew(value=0.002))
-    without, beside = linearise(ROBOT, [log]), linearise(ROBOT.with_effects(effect), [log])
+    beside = linearise(ROBOT.with_effects(effect), [log])
+    without = linearise(ROBOT, [log]).at_noise(beside.noise)
     k, j = column(without), column(beside)
     (first,), (second,) = without.logs, beside.logs
     assert second.information[j, j] == pytest.approx(first.information[k, k], rel=1e-3)
