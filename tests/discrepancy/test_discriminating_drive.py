@@ -68,11 +68,11 @@ def only(monkeypatch, drive_name):
 
 
 def test_the_drive_with_the_largest_bayes_factor_is_proposed(monkeypatch):
-    told, alone = proposed(RADIUS, 3e-3, TRACK, driven="squares"), []
+    told, alone = proposed(RADIUS, 12e-3, TRACK, driven="squares"), []
     assert told is not None
     for name in list(discriminating_drive.DRIVES):
         only(monkeypatch, name)
-        alone += [drive for drive in [proposed(RADIUS, 3e-3, TRACK, driven="squares")] if drive is not None]
+        alone += [drive for drive in [proposed(RADIUS, 12e-3, TRACK, driven="squares")] if drive is not None]
     best = max(alone, key=lambda drive: drive.expected)
     assert (told.what, told.expected) == (best.what, best.expected)
     assert told.expected > np.log(19)
@@ -80,7 +80,7 @@ def test_the_drive_with_the_largest_bayes_factor_is_proposed(monkeypatch):
 
 @pytest.mark.parametrize(
     ("candidate", "size", "other", "driven"),
-    [(RADIUS, 3e-3, TRACK, "squares"), (ECCENTRIC[0], 0.05, ECCENTRIC[1], "random path")],
+    [(RADIUS, 12e-3, TRACK, "squares"), (ECCENTRIC[0], 0.05, ECCENTRIC[1], "random path")],
     ids=["one amplitude", "two amplitudes"],
 )
 def test_twice_the_effect_has_four_times_the_log_bayes_factor(monkeypatch, candidate, size, other, driven):
@@ -103,11 +103,11 @@ def test_a_drive_that_hides_one_of_the_effects_is_not_proposed(monkeypatch):
 
 def test_a_drive_of_the_logs_is_not_proposed(monkeypatch):
     only(monkeypatch, "on the spot")
-    assert proposed(RADIUS, 3e-3, TRACK, driven="squares") is not None
+    assert proposed(RADIUS, 12e-3, TRACK, driven="squares") is not None
     (turns,) = discriminating_drive.DRIVES.values()
     monkeypatch.setattr(discriminating_drive, "DRIVES", {"a turn": lambda robot: turns(robot)[:1]})
-    assert proposed(RADIUS, 3e-3, TRACK, driven="squares") is not None
-    assert proposed(RADIUS, 3e-3, TRACK, driven="on the spot") is None
+    assert proposed(RADIUS, 12e-3, TRACK, driven="squares") is not None
+    assert proposed(RADIUS, 12e-3, TRACK, driven="on the spot") is None
 
 
 def test_a_drive_is_recognised_at_any_speed_and_place():
@@ -131,12 +131,12 @@ def test_no_drive_separates_tiny_effects_or_effects_of_one_family():
     kind = CountsPerRev(castor=1, wheel=1, value=CountsPerRev.step)
     twin = Candidate(described(kind), (kind,))
     assert twin.family == RADIUS.family
-    assert proposed(RADIUS, 3e-3, twin, driven="squares") is None
-    assert proposed(RADIUS, 3e-3, twin, TRACK, driven="squares") is not None
+    assert proposed(RADIUS, 12e-3, twin, driven="squares") is None
+    assert proposed(RADIUS, 12e-3, twin, TRACK, driven="squares") is not None
 
 
 def test_nothing_is_proposed_for_a_single_effect():
-    assert proposed(RADIUS, 3e-3, among=[RADIUS, TRACK], driven="squares") is None
+    assert proposed(RADIUS, 12e-3, among=[RADIUS, TRACK], driven="squares") is None
 
 
 @pytest.mark.slow
