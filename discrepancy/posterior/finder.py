@@ -210,7 +210,7 @@ def named_together(
         if families not in tried:
             better = refitted(vehicle, look, worse, named, new, seen)
         else:
-            more = [] if seen.redundant else _unlikely(vehicle, posterior, seen, named)
+            more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
             odds = math.log((1 - NOTHING) / NOTHING / len(posterior.names))
             better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds)
             families = frozenset(effect.candidate.family for effect in (named if better is None else better[0]))
@@ -221,7 +221,7 @@ def named_together(
         seen = look(named, seen, None)
 
 
-def _unlikely(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
+def _likeliest_beyond_model(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
     """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives.
 
     What encoders cannot contradict passes for noise, beside which the formula hardly sees it; if it is much more than

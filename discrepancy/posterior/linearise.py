@@ -35,7 +35,7 @@ CREEP = 7e-5
 Real contacts are not as rigid as ideal rolling."""
 
 LEAST_NOISE = Noise(along=3e-5, across=3e-5, position=1e-4, heading=1e-4)
-"""Lower bounds of the noise of contacts and trackers: 0.1 mm after 1 m, 0.1 mm and 0.1 mrad."""
+"""Lower bounds of the noise of contacts and trackers: 0.03 mm after 1 m, as trials declare; 0.1 mm and 0.1 mrad."""
 
 COUNTS, SLIP = 0.2, 3e-5
 """Size of unnamed alternatives in a robot in good order: rms reading error in counts, or rms slip as a part of the
@@ -52,9 +52,9 @@ class Linearised:
     clock. parts: factors of predicted creep. log_evidence: log-likelihood of the logs with all sizes 0, nuisances
     integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference between
     odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms, None
-    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting:
-    columns of effects on the robot's dimensions, which add up over a log. designs, disagreements: of each
-    log; empty after `without_designs`.
+    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns of
+    effects on the robot's dimensions, which add up over a log. designs, disagreements: of each log; empty after
+    `without_designs`.
     """
 
     candidates: tuple[Candidate, ...]

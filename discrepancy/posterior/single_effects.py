@@ -121,6 +121,7 @@ class SingleEffects:
         for k, hypothesis in enumerate(self.hypotheses):
             self._rays[2 * k : 2 * k + hypothesis.direction.shape[1]] = hypothesis.direction.T
         self._seen = _blocks(self._rays @ information, self._rays)
+        self._axes = self._axes_of(self._seen)
         numbers = np.array(
             [(hypothesis.scale, hypothesis.prior, hypothesis.least, hypothesis.most) for hypothesis in self.hypotheses]
         ).reshape(h, 4)
@@ -208,6 +209,12 @@ class SingleEffects:
             seen = seen - _blocks(crossed @ solve, crossed)
         return seen, slope
 
+    def _axes_of(self, seen: Array) -> tuple[Array, Array]:
+        """Return the strengths (h, 2) and the principal axes (h, 2, 2) of the information (h, 2, 2) on sizes."""
+        turned, strength = np.tile(np.eye(2), (len(seen), 1, 1)), np.diagonal(seen, axis1=1, axis2=2).copy()
+        strength[self._double], turned[self._double] = np.linalg.eigh(seen[self._double])
+        return np.maximum(strength, 0.0), turned
+
     def _free(self, component: Component) -> Array:
         """Return the contributions to b (1 or 2, m) that a component may have in any multiple."""
         k = int(np.argmax(component.probability))
@@ -220,9 +227,7 @@ class SingleEffects:
         the log Bayes factor (h,) against nothing, the log probabilities (h, scales) of the normal distributions in its
         prior's mixture, and means and variances (h, scales, 2) along the axes."""
         seen, slope = self._beside(score, others)
-        turned, strength = np.tile(np.eye(2), (len(seen), 1, 1)), np.diagonal(seen, axis1=1, axis2=2).copy()
-        strength[self._double], turned[self._double] = np.linalg.eigh(seen[self._double])
-        strength = np.maximum(strength, 0.0)
+        strength, turned = self._axes if seen is self._seen else self._axes_of(seen)
         variance = 1 / (strength[:, None, :] + self._precision)
         slope = np.einsum("hij,hi->hj", turned, slope)[:, None, :]
         mean = slope * variance
