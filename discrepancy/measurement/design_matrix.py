@@ -1,5 +1,4 @@
-"""Design matrix of one log about a state: columns of candidates, of the amounts that creep masks of them, and of
-creep."""
+"""Design matrix of one log about a state: columns of candidates and of creep."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
@@ -9,23 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Signatures, rate_of, signatures_of, stacked
 from discrepancy.measurement.creep_prediction import Slipping
-from estimators.calibration.maximum_likelihood import MOUNT, PROBES, resized
+from estimators.calibration.maximum_likelihood import MOUNT, resized
 from estimators.likelihood.log_likelihood import (
     TIMED,
     Changes,
     ExtraColumns,
     LogLikelihood,
-    Masked,
     Noise,
     Reduced,
 )
 from estimators.likelihood.sparse_columns import SparseColumns
+
+PROBES = 16
+"""Draws of residuals by which noise is estimated. Four leave it 10 to 25 % off where few poses determine it (slip of a
+tricycle in 10 s: 0.0087 to 0.011 m after 1 m, by 256 draws 0.010)."""
 
 NOISE_ROUNDS, SAME = 20, 0.02
 """Most rounds in which noise beside given candidates is estimated, and the change at which they end."""
@@ -34,25 +35,26 @@ UNEVEN = 0.3
 """Relative standard deviation of each contact's creep about the prediction, where wheels disagree."""
 
 
-class Made(NamedTuple):
-    """Columns of C amplitudes, of which the first G change the geometry and the other R readings and slips (`changes`).
+CREEP = 7e-5
+"""Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.
+Real contacts are not as rigid as ideal rolling."""
 
-    masked (K - 1, rows, C): slips that mask each amplitude; for the robot's effects, as predicted. known_slips (K - 1,
-    rows, e): slips known up to a factor.
-    """
+
+class Made(NamedTuple):
+    """Columns of C amplitudes, of which the first G change the geometry and the other R readings and slips
+    (`changes`)."""
 
     readings: SparseColumns
     slips: SparseColumns
     changes: Changes
-    masked: Masked
-    known_slips: SparseColumns
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
     """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
     `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
-    of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine it."""
+    of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine it. creep (K -
+    1, rows, 1 + rows): known up to factors (`Shared`)."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -63,6 +65,7 @@ class Columns:
     steps: Array
     rates: Array
     rate: float | None
+    creep: SparseColumns
     make: Callable[[], Made]
     _made: list[Made]
 
@@ -75,14 +78,11 @@ class Columns:
         state: Array,
         clock: Array,
         slipping: Slipping,
-        known_slips: Array,
-        parts: Array,
         among: Sequence[Candidate] | None,
         places: Sequence[Candidate],
         of: str,
     ) -> "Columns":
-        """Return the columns of candidates, from `signatures_of`. known_slips: `Slipping.known()`, of which the first
-        kind may also be known up to a factor for each row alone; parts: factors of the kinds."""
+        """Return the columns of candidates, from `signatures_of`."""
         geometry = Geometry.of(robot.as_built())
 
         def signatures() -> Signatures:
@@ -90,21 +90,8 @@ class Columns:
 
         def make(found: Signatures) -> Made:
             slips = found.slips.in_rows(model.slip_rows)
-            for k in found.places:  # the state took this disagreement for creep, while no cable was in the model
-                slip = Slip(*np.split(found.slips.only([k])[:][..., 0], [len(robot.wheels)], axis=1))
-                slips = slips.less(k, parts[0] * slipping.seen_as_creep(slip))
             changed = stacked(geometry, found.geometries)
-            changes = Changes(geometry, changed, found.steps, state, found.readings, slips)
-            masked = model.masked_by_creep(changes, slipping.yields)
-            for candidate, columns in zip(found.candidates, columns_of(found.candidates), strict=True):
-                for effect in robot.effects:
-                    if candidate.is_of(effect) and not effect.binary and np.any(candidate.amplitudes(effect)):
-                        predicted = parts[0] * slipping.masking(effect, candidate)
-                        for column, slip in zip(columns.tolist(), np.moveaxis(predicted, -1, 0), strict=True):
-                            masked.give(column, slip)
-            known = SparseColumns.of(known_slips), SparseColumns.diagonal(known_slips[..., 0])
-            joined = SparseColumns.joined(known, known_slips.shape[:2])
-            return Made(found.readings, slips, changes, masked, joined)
+            return Made(found.readings, slips, Changes(geometry, changed, found.steps, state, found.readings, slips))
 
         found = signatures()
         return cls(
@@ -117,6 +104,7 @@ class Columns:
             steps=found.steps,
             rates=found.rates,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
+            creep=SparseColumns.of(slipping.columns()),
             make=lambda: make(signatures()),
             _made=[make(found)],
         )
@@ -133,10 +121,10 @@ class Columns:
         self._made.clear()
 
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
-        """Return the log's statistics of amplitudes, masked amounts, factors of known slips, and constant creep of
-        every wheel and castor; with `only`: of these candidates, without constant creep."""
+        """Return the log's statistics of amplitudes, factors of creep, and constant creep of every wheel and castor;
+        with `only`: of these candidates, without constant creep."""
         made, rates, always = self.made, self.rates, []
-        changes, masked = made.changes, made.masked
+        changes = made.changes
         if only is None:
             always = [SparseColumns.diagonal(self.model.rolled(self.geometry, self.state))]
         else:
@@ -150,8 +138,8 @@ class Columns:
                 readings=made.readings.only(of_readings.tolist()),
                 slips=made.slips.only(of_readings.tolist()),
             )
-            masked, rates = made.masked.only(changes, columns), rates[of_readings]
-        parts = (changes.slips, masked, made.known_slips, *always)
+            rates = rates[of_readings]
+        parts = (changes.slips, self.creep, *always)
         rates = np.pad(rates, (0, sum(part.shape[-1] for part in parts) - len(rates)))
         extra = ExtraColumns(changes.readings, parts, rates)
         at = self.geometry, changes.changed, changes.change, self.state, self.clock
@@ -168,24 +156,32 @@ def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
 class Shared:
     """Nuisances that all logs share, with their priors.
 
-    parts (e,): factors of known slips; expected, doubt (e,): their prior means and standard deviations. mount (3,):
-    place of the tracked point.
+    creep (1 + rows,): factors of predicted creep (`Slipping.columns`): that under forces, and by how much more than
+    predicted each row creeps where wheels disagree; expected, doubt (1 + rows,): their prior means and standard
+    deviations. mount (3,): place of the tracked point.
     """
 
-    parts: Array
+    creep: Array
     expected: Array
     doubt: Array
     mount: Array
 
+    @classmethod
+    def of(cls, creep: Array, forced: tuple[float, float], mount: Array) -> "Shared":
+        """Return these numbers, with the prior mean and standard deviation of the factor of creep under forces."""
+        expected, doubt = np.zeros(len(creep)), np.full(len(creep), UNEVEN)
+        expected[0], doubt[0] = forced
+        return cls(creep, expected, doubt, mount)
+
     def add_priors(self, information: Array, gradient: Array, first: int) -> None:
-        """Add the priors: of the factors of known slips, from number `first` on; of each contact's deviation from
-        predicted creep, if it is among the numbers; and of the tracked point, the last numbers."""
-        end, mount = first + len(self.parts), slice(-len(self.mount), None)
-        parts, uneven = slice(first, end), np.arange(end, len(information) - len(self.mount))
-        information[parts, parts] += np.diag(self.doubt**-2.0)
-        information[uneven, uneven] += UNEVEN**-2
-        information[mount, mount] += np.eye(len(self.mount)) / MOUNT**2
-        gradient[parts, 0] += (self.parts - self.expected) / self.doubt**2
+        """Add the priors of the numbers from `first` on: of the factors of creep; of each row's constant creep, if it
+        is among the numbers; and of the tracked point."""
+        constant, mount = first + len(self.creep), len(information) - len(self.mount)
+        creep, at, mount = range(first, constant), range(constant, mount), range(mount, len(information))
+        information[creep, creep] += self.doubt**-2.0
+        information[at, at] += CREEP**-2
+        information[mount, mount] += MOUNT**-2.0
+        gradient[creep, 0] += (self.creep - self.expected) / self.doubt**2
         gradient[mount, 0] += self.mount / MOUNT**2
 
 
@@ -193,17 +189,16 @@ def joint(
     reductions: Sequence[tuple[Sequence[Candidate], Reduced]],
 ) -> tuple[tuple[Candidate, ...], Array, Array, list[NDArray[np.intp]]]:
     """Return all candidates of several logs, and the joint information and gradient of their amplitudes, then of the
-    masked amounts, then of the numbers that all logs share; and the places of each log's numbers among these."""
+    numbers that all logs share; and the places of each log's numbers among these."""
     candidates = tuple(dict.fromkeys(candidate for log_candidates, _ in reductions for candidate in log_candidates))
     columns = dict(zip(candidates, columns_of(candidates), strict=True))
-    half = sum(candidate.columns for candidate in candidates)
-    shared = len(reductions[0][1].information) - 2 * sum(candidate.columns for candidate in reductions[0][0])
-    size = 2 * half + shared
+    count = sum(candidate.columns for candidate in candidates)
+    size = count + len(reductions[0][1].information) - sum(candidate.columns for candidate in reductions[0][0])
     information, gradient = np.zeros((size, size)), np.zeros((size, reductions[0][1].gradient.shape[1]))
     numbers = []
     for log_candidates, reduced in reductions:
         amplitudes = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[candidate] for candidate in log_candidates)])
-        at = np.concatenate([amplitudes, amplitudes + half, np.arange(2 * half, size)])
+        at = np.concatenate([amplitudes, np.arange(count, size)])
         information[np.ix_(at, at)] += reduced.information
         gradient[at] += reduced.gradient
         numbers.append(at)
@@ -224,7 +219,8 @@ def reestimated_noise(logs: Sequence[Columns], chosen: Sequence[Candidate], shar
         reductions = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
         log_candidates = [[candidate for candidate in log.candidates if candidate in chosen] for log in logs]
         candidates, information, gradient, numbers = joint(list(zip(log_candidates, reductions, strict=True)))
-        shared.add_priors(information, gradient, 2 * sum(candidate.columns for candidate in candidates))
+        first = sum(candidate.columns for candidate in candidates)
+        shared.add_priors(information, gradient, first)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
         best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
         moved: Array = (-best / scale[:, None]).astype(np.float64)

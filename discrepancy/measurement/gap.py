@@ -10,13 +10,15 @@ from estimators.calibration.maximum_likelihood import State
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 
-def errors_of(models: Sequence[LogLikelihood], geometry: Geometry, at: State) -> tuple[Array, ...]:
-    """Return for each log the difference between odometry and reference at every reference pose (poses, 3), m and
-    rad."""
-    logs = zip(models, at.states, at.clocks, strict=True)
+def errors_of(
+    models: Sequence[LogLikelihood], geometry: Geometry, at: State, slips: Sequence[Array]
+) -> tuple[Array, ...]:
+    """Return for each log the difference between odometry, with the slips (K - 1, rows) that are predicted, and
+    reference at every reference pose (poses, 3), m and rad."""
+    logs = zip(models, at.states, at.clocks, slips, strict=True)
     return tuple(
-        model.errors(geometry, state, clock, at.mount) if model.poses else np.zeros((0, 3))
-        for model, state, clock in logs
+        model.errors(geometry, state, clock, at.mount, predicted) if model.poses else np.zeros((0, 3))
+        for model, state, clock, predicted in logs
     )
 
 

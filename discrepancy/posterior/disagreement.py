@@ -16,12 +16,13 @@ from castor_envs.logs.log import Log
 from discrepancy.measurement.design_matrix import UNEVEN, Columns
 from estimators.likelihood.elimination import BLOCK, blocks
 
-WINDOW = 1.0
-"""s: window over which disagreement is summed. Errors of rounding, and of castors that turn between two commands,
-average out."""
+WINDOW, QUICK = 1.0, 0.2
+"""s: windows over which disagreement is summed. In the long ones errors of rounding, and of castors that turn between
+two commands, average out; how the short ones differ within a long one shows what repeats with each turn of a wheel, or
+comes with acceleration. Each kind has its own usual size."""
 
 LEAST = 4e-4
-"""Least size of disagreement in a window, as a part of the way. Rounding alone leaves as much."""
+"""Least size of disagreement in a long window, as a part of the way. Rounding alone leaves as much."""
 
 FARTHEST = 2.0
 """Disagreement, in its usual sizes, beyond which Huber's loss is linear and no more quadratic."""
@@ -48,7 +49,8 @@ class Disagreement:
     cause. by_size (W, rows, C): its change per unit of
     each candidate's size. counted (W,): windows that count. along (rows,): true for rolling constraints, false for side
     slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of
-    steps in each window.
+    steps in each window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ within
+    these.
     """
 
     seen: Array
@@ -59,6 +61,7 @@ class Disagreement:
     t: Array
     way: Array
     steps: NDArray[np.intp]
+    quick: tuple[Array, Array, float]
 
     @classmethod
     def of(cls, design: Columns, log: Log, caused: Array, released: NDArray[np.bool_]) -> "Disagreement":
@@ -73,22 +76,24 @@ class Disagreement:
         square = max(float(np.sum(caused**2)), 1e-30)
         caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
         way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
-        samples = max(round(WINDOW / np.median(np.diff(log.t))), 1)
-        starts = np.arange(0, len(way), samples)
-        rolled = np.add.reduceat(way, starts)
-        rolled = np.hypot(rolled, np.median(rolled) / 4) + 1e-9  # at rest, nothing says how far
-        by_size = []
-        for steps in blocks(len(way), max(BLOCK // samples, 1) * samples):
-            within = np.arange(0, steps.stop - steps.start, samples)
-            by_size.append(np.add.reduceat(model.agreement_by(design.made.changes, steps), within))
-        parts = (np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused)))
-        sums = [*parts, np.concatenate(by_size)]
-        of_way, doubt, by_size = (part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in sums)
-        steps = np.diff([*starts, len(way)])
-        along = model.rows < len(design.geometry.radius)
+        short = max(round(QUICK / np.median(np.diff(log.t))), 1)
+        parts = max(round(WINDOW / np.median(np.diff(log.t)) / short), 1)
+        starts = np.arange(0, len(way), parts * short)
+        rolled = _rolled(way, starts)
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
+        along = model.rows < len(design.geometry.radius)
+        quick, by_size = _Quick.of(seen - caused, way, short, parts, along, counted), []
+        for steps in blocks(len(way), max(BLOCK // (parts * short), 1) * parts * short):
+            by_step = model.agreement_by(design.made.changes, steps)
+            by_size.append(np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short)))
+            quick.add(by_step, steps)
+        sums = [np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused))]
+        of_way, doubt, by_size = (
+            part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in (*sums, np.concatenate(by_size))
+        )
+        steps = np.diff([*starts, len(way)])
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, doubt, by_size, counted, along, log.t[starts], way, steps)
+        return cls(of_way, doubt, by_size, counted, along, log.t[starts], way, steps, quick.statistics())
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
@@ -115,19 +120,86 @@ class Disagreement:
 
     def statistics(self, sizes: Sizes) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
-        where all of these are 0.
-
-        Beyond `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic.
-        """
-        size = np.where(self.along, *sizes)
-        off = np.abs(self.seen) / size
-        weight = self.counted[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
+        where all of these are 0."""
+        weight, likely = _weighed(self.seen, np.where(self.along, *sizes), self.counted)
         columns = (self.by_size * weight[..., None]).reshape(self.seen.size, -1)
         information, score = columns.T @ columns, columns.T @ (self.seen * weight).reshape(-1)
-        far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-        likely = -float(self.counted.sum() * np.sum(np.log(size))) - float(np.sum(far[self.counted]))
+        information, score, likely = information + self.quick[0], score + self.quick[1], likely + self.quick[2]
         masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
         return np.kron(masked, information).astype(np.float64), np.concatenate([score, -score]), likely
+
+
+class _Quick:
+    """How the disagreement in short windows differs within long ones, as a part of the way, and the statistics of
+    sizes by it, which are summed block by block: there are too many windows to keep how each changes by every size."""
+
+    def __init__(self, rolled: Array, way: Array, short: int, parts: int) -> None:
+        """rolled, way (V,): way of each of V short windows, and the same as a divisor. short: steps in a short window;
+        parts: short windows in a long one."""
+        self._rolled, self._way, self._short, self._parts = rolled, way, short, parts
+        self._seen = self._weight = np.zeros((0, 0))
+        self._sums: tuple[Array | float, Array | float] = (0.0, 0.0)
+        self._likely = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        disagreement: Array,
+        way: Array,
+        short: int,
+        parts: int,
+        along: NDArray[np.bool_],
+        counted: NDArray[np.bool_],
+    ) -> "_Quick":
+        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,); counted (W,): long windows
+        that count."""
+        starts = np.arange(0, len(way), short)
+        quick = cls(_rolled(way, starts), np.add.reduceat(way, starts), short, parts)
+        quick._seen = quick._differences(disagreement, slice(0, len(way)))
+        counts = np.repeat(counted, parts)[: len(starts)]
+        sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
+        quick._weight, quick._likely = _weighed(quick._seen, np.where(along, *sizes), counts)
+        return quick
+
+    def add(self, by_size: Array, steps: slice) -> None:
+        """Add a block of steps that begins with a long window; by_size (k, rows, C): change of disagreement, m."""
+        differences = self._differences(by_size, steps)
+        windows = slice(steps.start // self._short, steps.start // self._short + len(differences))
+        seen = (self._seen * self._weight)[windows].reshape(-1)
+        columns = (differences * self._weight[windows, :, None]).reshape(len(seen), by_size.shape[-1])
+        information, score = self._sums
+        self._sums = information + columns.T @ columns, score + columns.T @ seen
+
+    def statistics(self) -> tuple[Array, Array, float]:
+        """Return information (C, C) and score (C,) of sizes, and the log-likelihood where all are 0."""
+        information, score = self._sums
+        return np.asarray(information), np.asarray(score), self._likely
+
+    def _differences(self, by_step: Array, steps: slice) -> Array:
+        """Return sums over short windows (v, ...) beyond their share of the long window's sum, over the way."""
+        sums = np.add.reduceat(by_step, np.arange(0, len(by_step), self._short))
+        first = steps.start // self._short
+        way, rolled = (
+            of[first : first + len(sums)].reshape(-1, *[1] * (sums.ndim - 1)) for of in (self._way, self._rolled)
+        )
+        longs = np.arange(0, len(sums), self._parts)
+        whole = np.add.reduceat(sums, longs) / np.maximum(np.add.reduceat(way, longs), 1e-12)
+        return (sums - np.repeat(whole, self._parts, axis=0)[: len(sums)] * way) / rolled
+
+
+def _rolled(way: Array, starts: NDArray[np.intp]) -> Array:
+    """Return the way (W,) in windows, m; at rest, where nothing says how far, a part of what is usual."""
+    rolled = np.add.reduceat(way, starts)
+    return np.hypot(rolled, np.median(rolled) / 4) + 1e-9
+
+
+def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_]) -> tuple[Array, float]:
+    """Return the weights (W, rows) of disagreements of these usual sizes (rows,), and their log-likelihood; beyond
+    `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic."""
+    off = np.abs(seen) / size
+    weight = counted[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
+    far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
+    return weight, -float(counted.sum() * np.sum(np.log(size))) - float(np.sum(far[counted]))
 
 
 def of_row(design: Columns, row: int) -> tuple[Array, Array]:
@@ -140,12 +212,12 @@ def of_row(design: Columns, row: int) -> tuple[Array, Array]:
     return model.disagreement(geometry, state)[:, row], -by_slip[:, row]
 
 
-def _size(seen: Array) -> float:
+def _size(seen: Array, least: float = LEAST) -> float:
     """Return the size of disagreement (W, rows), inflated where neighbouring windows correlate, as these are fewer
     independent measurements."""
     if not seen.size:
-        return LEAST
-    size = max(float(np.median(np.abs(seen))) / MEDIAN, LEAST)
+        return least
+    size = max(float(np.median(np.abs(seen))) / MEDIAN, least)
     held = np.clip(seen / size, -FARTHEST, FARTHEST)
     alike = float(np.mean(held[1:] * held[:-1]) / max(np.mean(held**2), 1e-12)) if len(seen) > 1 else 0.0
     alike = min(max(alike, 0.0), 0.9)

@@ -58,8 +58,8 @@ class Diagnosis(Generic[V, S]):
     """The effects missing in a description, as logs show them. verdict: of the whole; answers: the most certain first.
 
     before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
-    held-out logs. inclusion: probability of every name to be among the missing effects. creep: proportions of predicted
-    creep in clean logs, if there are any.
+    held-out logs. inclusion: probability of every name to be among the missing effects. creep: factor of predicted
+    creep under forces in clean logs, if there are any.
     """
 
     robot: V
@@ -69,7 +69,7 @@ class Diagnosis(Generic[V, S]):
     before: S
     after: S
     held_out: tuple[S, S] | None
-    creep: Array | None = None
+    creep: float | None = None
 
     @property
     def found(self) -> V:
@@ -115,7 +115,7 @@ def _diagnosed(
     if clean:
         good = linearise(without(before or robot, SampleJitter), clean)
         usual, good = noise_of(good), replace(good, designs=())
-    creep = None if good is None else good.parts
+    creep = None if good is None else good.creep
     places = () if good is None else tuple(candidate for candidate in good.candidates if candidate.at_a_place)
     events, released, base, curve, looked = Events(), Released(), robot, None, False
     plain = linearise(base, logs, creep=creep, places=places)

@@ -19,7 +19,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.measurement.design_matrix import UNEVEN, Columns, Shared, columns_of, reestimated_noise
+from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, reestimated_noise, schur_complement
 from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.gap import errors_of, gap_of
 from discrepancy.posterior.disagreement import Disagreement
@@ -29,10 +29,6 @@ from estimators.calibration.maximum_likelihood import MOUNT, State
 from estimators.likelihood.elimination import blocks
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
 from estimators.likelihood.sparse_columns import SparseColumns
-
-CREEP = 7e-5
-"""Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.
-Real contacts are not as rigid as ideal rolling."""
 
 LEAST_NOISE = Noise(along=3e-5, across=3e-5, position=1e-4, heading=1e-4)
 """Lower bounds of the noise of contacts and trackers: 0.03 mm after 1 m, as trials declare; 0.1 mm and 0.1 mrad."""
@@ -49,13 +45,12 @@ class Linearised:
 
     usual (C,): size of unnamed alternatives in logs of a robot in good order; NaN for effects of the catalogue. cost
     (2, C): odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
-    clock. parts: factors of predicted creep. log_evidence: log-likelihood of the logs with all sizes 0, nuisances
-    integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference between
-    odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms, None
-    without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns of
+    clock. creep: factor of predicted creep under forces. log_evidence: log-likelihood of the logs with all sizes 0,
+    nuisances integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference
+    between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms,
+    None without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns of
     effects on the robot's dimensions, which add up over a log. designs, disagreements: of each log; empty after
-    `without_designs`.
-    """
+    `without_designs`."""
 
     candidates: tuple[Candidate, ...]
     columns: tuple[NDArray[np.intp], ...]
@@ -64,7 +59,7 @@ class Linearised:
     cost: Array
     state: State
     noise: Noise
-    parts: Array
+    creep: float
     log_evidence: float
     errors: tuple[Array, ...]
     designs: tuple[Columns, ...]
@@ -124,7 +119,7 @@ def linearise(
     logs: Sequence[Log],
     *,
     start: Linearised | None = None,
-    creep: Array | None = None,
+    creep: float | None = None,
     among: Sequence[Candidate] | None = None,
     places: Sequence[Candidate] = (),
     released: Sequence[NDArray[np.bool_]] = (),
@@ -132,11 +127,10 @@ def linearise(
 ) -> Linearised:
     """Return information and score of candidates in logs, linearised about the most likely states.
 
-    start: an earlier result for the same logs, as starting point. creep: proportions of predicted creep in clean logs
-    of the robot. among: candidates to consider; None: all of the catalogue and all unnamed alternatives. places:
-    further candidates, at places of the floor. released: steps of every log as `LogLikelihood.release` takes them;
-    empty: none. jitter: standard deviation of the times at which all encoders
-    were read, s.
+    start: an earlier result for the same logs, as starting point. creep: factor of predicted creep under forces in
+    clean logs of the robot. among: candidates to consider; None: all of the catalogue and all unnamed alternatives.
+    places: further candidates, at places of the floor. released: steps of every log as `LogLikelihood.release` takes
+    them; empty: none. jitter: standard deviation of the times at which all encoders were read, s.
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
@@ -147,16 +141,19 @@ def linearise(
         model.jitter(jitter)
     begin = None if start is None else (start.state, start.noise)
     at, noise, shared, slips = fit_states(robot, models, logs, begin, creep, LEAST_NOISE)
+    predicted = [slipping.sure() + shared.creep[0] * slipping.forced() for slipping in slips]
     beyond = tuple(
-        slips_of(robot, model, log, state, slip.certain + slip.known @ shared.parts)
-        for model, log, state, slip in zip(models, logs, at.states, slips, strict=True)
+        slips_of(robot, model, log, state, log_predicted + slipping.by_effects())
+        for model, log, state, log_predicted, slipping in zip(models, logs, at.states, predicted, slips, strict=True)
     )
     if among is None:
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        Columns.of(robot, model, log, state, clock, slip.slipping, slip.known, shared.parts, among, places, name)
-        for model, log, state, clock, slip, name in zip(models, logs, at.states, at.clocks, slips, names, strict=True)
+        Columns.of(robot, model, log, state, clock, slipping, among, places, name)
+        for model, log, state, clock, slipping, name in zip(
+            models, logs, at.states, at.clocks, slips, names, strict=True
+        )
     ]
     candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
     columns = columns_of(candidates)
@@ -176,8 +173,8 @@ def linearise(
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(design, log, shared.parts[0] * slip.slipping.by_effects(), steps)
-        for design, log, slip, steps in zip(designs, logs, slips, released, strict=True)
+        Disagreement.of(design, log, slipping.by_effects(), steps)
+        for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
     )
     statistics, log_evidence = _statistics_of(designs, disagreements, shared, noise, candidates, columns)
     return Linearised(
@@ -188,9 +185,9 @@ def linearise(
         cost=np.sqrt(np.mean(np.square(costs), axis=0)),
         state=at,
         noise=noise,
-        parts=shared.parts,
+        creep=float(shared.creep[0]),
         log_evidence=log_evidence,
-        errors=errors_of(models, geometry, at),
+        errors=errors_of(models, geometry, at, predicted),
         designs=tuple(designs),
         shared=shared,
         disagreements=disagreements,
@@ -233,30 +230,21 @@ def _of_sizes(
     integrated out by a Schur complement; and the log evidence with all sizes 0. disagreement: from
     `Disagreement.statistics`."""
     reduced = design.reduce(shared.mount, noise)
-    information, score = reduced.information.copy(), -reduced.gradient[:, 0]
-    n = 2 * sum(candidate.columns for candidate in design.candidates)
-    parts, mount = slice(n, n + len(shared.parts)), slice(-len(shared.mount), None)
-    information[:n, :n] += disagreement[0]
-    score[:n] += disagreement[1]
-    rows = len(design.model.rows)
-    uneven = np.arange(rows) + n + len(shared.parts)
-    creep = uneven + rows
-    information[parts, parts] += np.diag(shared.doubt**-2.0)
-    score[parts] -= (shared.parts - shared.expected) / shared.doubt**2
-    information[uneven, uneven] += UNEVEN**-2
-    information[creep, creep] += CREEP**-2
-    information[mount, mount] += np.eye(len(shared.mount)) / MOUNT**2
-    score[mount] -= shared.mount / MOUNT**2
-    solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], score[n:]]))
-    eliminated = information[:n, :n] - information[:n, n:] @ solved[:, :n]
-    likely = (
-        reduced.log_evidence
-        + disagreement[2]
-        + (score[n:] @ solved[:, n] - np.linalg.slogdet(information[n:, n:])[1]) / 2
+    information, gradient = reduced.information.copy(), reduced.gradient.copy()
+    n = sum(candidate.columns for candidate in design.candidates)
+    shared.add_priors(information, gradient, n)
+    shown, score = schur_complement(information, gradient[:, 0], n)
+    nuisances = information[n:, n:]
+    likely = reduced.log_evidence + disagreement[2] - float(np.linalg.slogdet(nuisances)[1]) / 2
+    likely += float(gradient[n:, 0] @ np.linalg.solve(nuisances, gradient[n:, 0])) / 2
+    likely -= float(np.sum(((shared.creep - shared.expected) / shared.doubt) ** 2)) / 2 + float(
+        np.sum(np.log(shared.doubt))
     )
-    likely -= np.sum(((shared.parts - shared.expected) / shared.doubt) ** 2) / 2 + np.sum(np.log(shared.doubt))
-    likely -= np.sum((shared.mount / MOUNT) ** 2) / 2
-    return Statistics((eliminated + eliminated.T) / 2, score[:n] - information[:n, n:] @ solved[:, n]), float(likely)
+    likely -= float(np.sum((shared.mount / MOUNT) ** 2)) / 2
+    information, both = disagreement[0].copy(), disagreement[1].copy()
+    information[:n, :n] += shown
+    both[:n] += score
+    return Statistics(information, both), likely
 
 
 def _spread(statistics: Statistics, indices: NDArray[np.intp], count: int) -> Statistics:

@@ -35,7 +35,7 @@ def sentence(data: Data) -> str:
     """Return what is missing, how sure, and what it costs; before that, if most of the gap stays."""
     answers = material(data)
     mistakes = [f"Gross mistake: {_title(mistake)}." for mistake in mappings(data.get("mistakes"))]
-    parts = [stays(data), *mistakes]
+    parts = [stays(data), left_out(data), *mistakes]
     for verdict, says in SAYS.items():
         of = [answer for answer in answers if answer.get("verdict") == verdict]
         of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer.get("cost") or ()), default=0.0))
@@ -53,7 +53,7 @@ def sentence(data: Data) -> str:
 
 def as_lines(data: Data) -> list[str]:
     """Return the same facts as the page in about ten lines."""
-    lines, file = [line for line in (stays(data),) if line], data.get("file", "robot.json")
+    lines, file = [line for line in (stays(data), left_out(data)) if line], data.get("file", "robot.json")
     lines += [f"{data['robot']}: {data['verdict']}", *(f"pre-flight: {line}" for line in data["preflight"])]
     for answer in material(data):
         size, check = size_of(answer), answer["check"]
@@ -101,6 +101,21 @@ def stays(data: Data) -> str:
     if after >= before:
         return f"What is named does not shrink the gap{log_set}: {after:.3g} instead of {before:.3g} mm (rms)."
     return f"{share} unexplained: {of}."
+
+
+def left_out(data: Data) -> str:
+    """Return the likeliest names that are not reported, if half or more of the gap stays unexplained; else nothing."""
+    staying, names = _staying(data), mapping(data.get("names"))
+    if staying is None or staying[3]:
+        return ""
+    reported = {name for answer in mappings(data.get("answers")) for name in answer.get("credible_set") or ()}
+    rivals = [
+        (str(names.get(name, name)), part)
+        for name, part in mapping(data.get("probabilities")).items()
+        if name not in reported and part >= LEAST_REPORTED
+    ]
+    best = sorted(rivals, key=lambda rival: -rival[1])[:MOST]
+    return f"The likeliest of what is left out: {listed(best)}." if best else ""
 
 
 def unexplained(data: Data) -> bool:

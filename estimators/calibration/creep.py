@@ -57,7 +57,7 @@ class Creep:
         """
         robot = robot_with(self._robot, self._parameters, values_of(geometry, self._parameters))
         found = [
-            _stiffness(robot, model, log, state) for model, log, state in zip(models, self._logs, states, strict=True)
+            stiffness_of(robot, model, log, state) for model, log, state in zip(models, self._logs, states, strict=True)
         ]
         last, self._calls = self._stiffness or found, self._calls + 1
         weight = 2 / (self._calls + 1)
@@ -66,7 +66,7 @@ class Creep:
         for model, state, stiffness in zip(models, states, self._stiffness, strict=True):
             no_readings, no_slips = np.zeros((*model.counts.shape, 0)), np.zeros((*stiffness.shape, 0))
             changes = Changes(geometry, changed, change, state, no_readings, no_slips)
-            by_number = model.masked_by_creep(changes, 1 / stiffness)[0 : len(stiffness)]
+            by_number = model.masked_by_creep(changes, stiffness)
             slips.append(by_number * [p.scale for p in self._parameters])
         return slips
 
@@ -83,9 +83,9 @@ def expect(models: Sequence[LogLikelihood], slips: Sequence[Array], errors: Arra
         model.expect(by_number @ errors)
 
 
-def _stiffness(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> Array:
+def stiffness_of(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> Array:
     """Return the force, N, per m/s of slip of each of a model's rows (K - 1, rows); of a side row that of all wheels of
-    its castor."""
+    its castor. Raises InputError for a robot that cannot stand by itself."""
     found = yields(robot, Channels(robot).motion(log, state), Floor())
     wheels, of_castor = len(robot.wheels), np.array(robot.wheel_castors)
     stiffness = np.divide(1.0, found, out=np.zeros_like(found), where=found > 0)

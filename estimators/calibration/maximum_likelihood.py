@@ -247,18 +247,19 @@ def fitted(
     placed: Array = MOUNT,
     least: Noise = LEAST,
     creep: Creep | None = None,
+    probes: int = PROBES,
 ) -> tuple[State, Noise, "_Solution"]:
     """Return the most likely state, the sizes of noise, and the last step, which is near 0 on convergence.
 
     noise: known sizes; None: they are fitted. start: state and noise of the same logs to begin with; None: state by
     counts. rounds: most steps. placed (3,): prior standard deviations of the mount. least: lower bounds of noise.
     creep: of wheels that are driven against each other, whose spread is fitted too; None: models expect what they are
-    told to.
+    told to. probes: number of draws of residuals (`LogLikelihood.reduce`) by which noise is fitted.
     """
     scale = _scales(parameters)
     at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
     at, sizes = start or (at, Noise())
-    sizes, probes = (sizes, PROBES) if noise is None else (noise, 0)
+    sizes, probes = (sizes, probes) if noise is None else (noise, 0)
     warm_up = WARM_UP if parameters and start is None else 0
     k = 0
     while True:

@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, relative_pose
-from castor_envs.geometry.steps import body_motion, even_steps, half_way, integrated
+from castor_envs.geometry.steps import body_motion, even_steps, half_way, integrated, smoothed
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
 from estimators.likelihood.elimination import LARGE, Rows, blocks, eliminated, information_on_states
 from estimators.likelihood.sparse_columns import ByBlocks
+from estimators.likelihood.whitening import Whitening
 
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
@@ -180,6 +181,7 @@ class LogLikelihood:
         self._expected = np.zeros((len(log) - 1, len(self._used)))
         self._released = np.zeros((len(log) - 1, len(self._used)), dtype=bool)
         self._jitter = 0.0
+        self._stiffness: Array | None = None
 
         self._rests = tuple(
             bool(np.ptp(counts, axis=0).max() <= 1) for counts in (self._counts[:REST], self._counts[-REST:])
@@ -201,10 +203,19 @@ class LogLikelihood:
         robot is not quite where the reference saw it."""
         self._jitter = duration
 
+    def balance(self, stiffness: Array) -> None:
+        """Let contacts creep freely where their wheels disagree. stiffness (K - 1, rows): of their creep, in any unit.
+
+        Each step then says only how the body, and castors that nothing drives, move by the balance of all contacts'
+        forces. What contradicts that, creep compensates: no matter how much, as wheels held at speeds that disagree
+        have to slip. How much they usually disagree is another question (`discrepancy.posterior.disagreement`).
+        """
+        self._stiffness = stiffness
+
     def in_deviations(self, slips: Array, geometry: Geometry, state: Array, noise: Noise) -> Array:
         """Return slips (K - 1, rows), m, in standard deviations of slip noise."""
-        weights, rolling = self._weights(geometry, state, noise), len(self._rolling)
-        return np.hstack([slips[:, :rolling] * weights["along"], slips[:, rolling:] * weights["across"]])
+        whitening = self._whitening(geometry, state, noise)
+        return whitening.applied(slice(None), slips[..., None])[..., 0]
 
     def release(self, steps: NDArray[np.bool_]) -> None:
         """Let contacts slip by as much as they roll in these steps (K - 1, rows)."""
@@ -233,6 +244,11 @@ class LogLikelihood:
         """Return the score (K, s + d): derivatives of the log-likelihood by an excess of counts, at the most likely
         state."""
         return self._readings**2 * (self._counts - state[:, 3:])
+
+    @property
+    def stiffness(self) -> Array | None:
+        """The stiffness of contacts (K - 1, rows) whose creep is free (`balance`); None: contacts do not creep."""
+        return self._stiffness
 
     @property
     def counts(self) -> Array:
@@ -292,19 +308,26 @@ class LogLikelihood:
         return self.odometry(geometry)[used], self._reference[used]
 
     def _twist(self, geometry: Geometry, slips: Array | float = 0.0) -> Array:
-        """Return the body's motion (K - 1, 3) in every step, in B, from counts and slips, by least squares."""
+        """Return the body's motion (K - 1, 3) in every step, in B, from counts and slips: by least squares or, where
+        contacts creep freely (`balance`), by the balance of their forces."""
         angle = self._angles(geometry, self._counts)
         a, b = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
         right = self._rolled(geometry, self._counts) - b * np.diff(angle, axis=0)[:, self._castor]
         right += slips / self._magnified(geometry)[..., 0]
-        return (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
+        motion = (np.linalg.pinv(a, rcond=1e-10) @ right[..., None])[..., 0]
+        if self._stiffness is None:
+            return motion
+        disagreeing = smoothed(right - (a @ motion[..., None])[..., 0])  # what rounding adds is no motion
+        stiff = np.sqrt(self._stiffness / self._stiffness.max(axis=1, keepdims=True))
+        balanced = np.linalg.pinv(stiff[..., None] * self._moved(geometry, a, b), rcond=1e-10)
+        return motion + (balanced[:, :3] @ (stiff * disagreeing)[..., None])[..., 0]
 
-    def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array) -> Array:
-        """Return the error at every reference pose (poses, 3) of odometry that accounts for the expected slips
-        (`expect`); it starts at the state's first pose."""
+    def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array, slips: Array | None = None) -> Array:
+        """Return the error at every reference pose (poses, 3) of odometry that accounts for slips (K - 1, rows), m,
+        None: those that are expected (`expect`); it starts at the state's first pose."""
         known = np.flatnonzero(self._posed)
         at, part = self._steps_of_poses(known, clock)
-        path = compose(self.odometry(geometry, self._expected), mount)
+        path = compose(self.odometry(geometry, self._expected if slips is None else slips), mount)
         truly = compose(state[:, :3], mount)
         part = np.clip(part, 0.0, 1.0)
         path, truly = ((1 - part) * poses[at] + part * poses[at + 1] for poses in (path, truly))
@@ -358,13 +381,15 @@ class LogLikelihood:
         """
         from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
 
-        weights = self._weights(geometry, state, noise)
-        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, extra)
+        weights, slipping = self._weights(state, noise), self._whitening(geometry, state, noise)
+        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, slipping, extra)
         size, p = state.shape[1], len(change) + (extra.parameters if extra else 0) + len(mount)
         n = p + len(clock)
         random = np.random.default_rng(self._number)
         for name, rows in kinds.items():
-            kinds[name] = rows._replace(drawn=random.normal(size=(*rows.values.shape, probes)))
+            groups = np.split(rows.values, [len(self._rolling)] if name == "slips" else [], axis=1)
+            drawn = [random.normal(size=(*group.shape, probes)) for group in groups]
+            kinds[name] = rows._replace(drawn=np.concatenate(drawn, axis=1))
         information = information_on_states(kinds.values(), len(state), size)
         factors = cholesky_banded(information, overwrite_ab=True, check_finite=False)
         numbers_block = eliminated(kinds.values(), factors, n, n + 1 + probes)
@@ -381,9 +406,9 @@ class LogLikelihood:
         least -= float(numbers_block[p:, n] @ clocks[:, p])
         log_evidence = -least / 2 - float(np.sum(np.log(factors[-1])))
         log_evidence -= float(np.linalg.slogdet(numbers_block[p:, p:n])[1]) / 2
-        for name, rows in kinds.items():
-            log_evidence += float(np.sum(np.log(np.broadcast_to(weights[name], rows.values.shape))))
-        log_evidence += self._log_volume(geometry, state)
+        for name, weight in weights.items():
+            log_evidence += float(np.sum(np.log(np.broadcast_to(weight, kinds[name].values.shape))))
+        log_evidence += slipping.log_density + self._log_volume(geometry, state)
 
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
@@ -398,16 +423,19 @@ class LogLikelihood:
             away = away.reshape(len(state), size, 1 + probes)
             if part < 1:
                 away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
-            squares, expected = {}, {}
+            total: dict[str, Array] = {}
             for name, rows in kinds.items():
-                chosen = (rows.within(block.start, block.stop) for block in blocks(len(state), LARGE))
-                lefts = (rows.left(some, all_by) + rows.by_state(some, away) for some in chosen)
-                total = np.sum([np.sum(left**2, axis=(0, 1)) for left in lefts], axis=0)
-                squares[name], expected[name] = float(total[0]), float(np.mean(total[1:])) if probes else 0.0
+                for block in blocks(len(state), LARGE):
+                    some = rows.within(block.start, block.stop)
+                    left = rows.left(some, all_by) + rows.by_state(some, away)
+                    for field, residuals in self._by_fields(name, left, slipping, some):
+                        total[field] = total.get(field, np.zeros(1 + probes)) + np.sum(residuals**2, axis=(0, 1))
+            squares = {field: float(sums[0]) for field, sums in total.items()}
+            expected = {field: float(np.mean(sums[1:])) if probes else 0.0 for field, sums in total.items()}
             return state + away[..., 0], clock + set_by[:, 0], Leftover(squares, expected)
 
         def squares_at(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
-            values = self._values(self.residuals(geometry, state), state, clock, mount, weights)
+            values = self._values(self.residuals(geometry, state), state, clock, mount, weights, slipping)
             return float(
                 sum(np.sum(part**2) for part in (*values.values(), (clock - expected_clock) / clock_deviation))
             )
@@ -421,28 +449,63 @@ class LogLikelihood:
             squares_at,
         )
 
-    def _weights(self, geometry: Geometry, state: Array, noise: Noise) -> dict[str, Array]:
-        """Return one over the standard deviation of every equation at a state, by the kinds of `_values`."""
-        farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
-        unsure, rolling = self._unsure(geometry, state), len(self._rolling)
+    def _by_fields(self, name: str, left: Array, slipping: Whitening, steps: slice) -> list[tuple[str, Array]]:
+        """Return the residuals (k, rows, c) of a kind of `_values` by the fields of `Noise`: of slips, those of
+        each contact."""
+        if name != "slips":
+            return [(name, left)]
+        left, rolling = slipping.of_contacts(steps, left), len(self._rolling)
+        return [("along", left[:, :rolling]), ("across", left[:, rolling:])]
+
+    def _weights(self, state: Array, noise: Noise) -> dict[str, Array]:
+        """Return one over the standard deviation of every equation at a state but for slips, by the kinds of
+        `_values`."""
         found = {"counts": self._readings}
-        for name, rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            free = np.where(self._released[:, rows], farthest[:, None], 0.0)
-            slip = (getattr(noise, name) ** 2 * farthest + FLOOR**2)[:, None]
-            found[name] = 1 / np.sqrt(slip + free**2 + unsure[:, rows] ** 2)
         if not self.poses:
             return found | {"pinned": np.full((1, 3), 1 / PINNED)}
         rate = self._jitter * np.gradient(state[:, :3], self._t, axis=0)[self._used_poses]
-        found["position"] = 1 / np.hypot(noise.position, np.linalg.norm(rate[:, :2], axis=1, keepdims=True))
+        found["position"] = 1 / np.hypot(noise.position, rate[:, :2])
         return found | {"heading": 1 / np.hypot(noise.heading, rate[:, 2:])}
 
+    def _whitening(self, geometry: Geometry, state: Array, noise: Noise) -> Whitening:
+        """Return how slips at a state are made independent, each of standard deviation 1."""
+        farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
+        sizes = np.repeat([noise.along, noise.across], [len(self._rolling), len(self._used) - len(self._rolling)])
+        slip = sizes**2 * farthest[:, None] + FLOOR**2
+        free = np.where(self._released, farthest[:, None], 0.0)
+        weight = 1 / np.sqrt(slip + free**2 + self._unsure(geometry, state) ** 2)
+        if self._stiffness is None:
+            return Whitening(weight, None, float(np.sum(np.log(weight))))
+        # contacts that slip for another reason hardly hold
+        stiffness = slip * weight**2 * self._stiffness / self._stiffness.max(axis=1, keepdims=True)
+        return Whitening.balanced(
+            weight,
+            stiffness,
+            lambda steps: self._moved(geometry, *self._matrices_in(geometry, state, steps)),
+        )
+
+    def _turning(self, geometry: Geometry) -> NDArray[np.bool_]:
+        """Return which castors (n,) turn freely."""
+        return ~geometry.fixed & ~geometry.driven
+
+    def _moved(self, geometry: Geometry, a: Array, b: Array) -> Array:
+        """Return how far every row's contact moves (k, rows, 3 + f) for a unit of the body's motion, and of the turning
+        of each castor that nothing drives, m. a, b: from `_matrices`."""
+        turning = self._castor[:, None] == np.flatnonzero(self._turning(geometry))
+        return np.concatenate([a, turning * b[..., None]], axis=-1)
+
     def _values(
-        self, in_constraints: Array, state: Array, clock: Array, mount: Array, weights: dict[str, Array]
+        self,
+        in_constraints: Array,
+        state: Array,
+        clock: Array,
+        mount: Array,
+        weights: dict[str, Array],
+        slipping: Whitening,
     ) -> dict[str, Array]:
-        """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "pinned", or the
-        field of `Noise` that weights them. in_constraints: from `residuals`."""
-        slips, rolling = in_constraints - self._expected, len(self._rolling)
-        residuals = {"counts": state[:, 3:] - self._counts, "along": slips[:, :rolling], "across": slips[:, rolling:]}
+        """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "slips",
+        "pinned", or the field of `Noise` that weights them. in_constraints: from `residuals`."""
+        residuals = {"counts": state[:, 3:] - self._counts}
         if self.poses:
             at, part, known = self._shown(clock)
             off = compose((1 - part) * state[at, :3] + part * state[at + 1, :3], mount)
@@ -450,7 +513,8 @@ class LogLikelihood:
             residuals |= {"position": off[:, :2], "heading": off[:, 2:]}
         else:
             residuals["pinned"] = state[:1, :3]
-        return {name: weights[name] * off for name, off in residuals.items()}
+        slips = slipping.applied(slice(None), (in_constraints - self._expected)[..., None])[..., 0]
+        return {name: weights[name] * off for name, off in residuals.items()} | {"slips": slips}
 
     def _shown(self, clock: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the sample after which each used reference pose was taken, the part (k, 1) of the step up to it, and
@@ -469,6 +533,7 @@ class LogLikelihood:
         clock: Array,
         mount: Array,
         weights: dict[str, Array],
+        slipping: Whitening,
         extra: ExtraColumns | None,
     ) -> dict[str, Rows]:
         """Return all equations linearised about a state, by the kinds of `_values`."""
@@ -480,7 +545,7 @@ class LogLikelihood:
         numbers_of = np.argsort(~touched, axis=1, kind="stable")[:, : touched.sum(axis=1).max(initial=1)]
         of_row = np.arange(len(numbers_of))[:, None]  # a row depends on few numbers of the state
         by_start, by_end = by_start[:, of_row, numbers_of], by_end[:, of_row, numbers_of]
-        values = self._values(residual, state, clock, mount, weights)
+        values = self._values(residual, state, clock, mount, weights, slipping)
 
         def read(chosen: slice) -> Array:
             by = np.zeros((*self._readings[chosen].shape, count))
@@ -489,11 +554,10 @@ class LogLikelihood:
                 np.multiply(self._readings[chosen, :, None], extra.readings[chosen], out=by[..., first:end])
             return by
 
-        def by_state(chosen: slice, wheel_rows: slice, weight: Array, derivatives: Array) -> Array:
-            weighted = weight[chosen, :, None] * derivatives[chosen, wheel_rows]
-            by = np.zeros((*weighted.shape[:2], len(eye)))
-            by[:, of_row[: len(weighted[0])], numbers_of[wheel_rows]] = weighted
-            return by
+        def by_state(chosen: slice, derivatives: Array) -> Array:
+            by = np.zeros((*derivatives[chosen].shape[:2], len(eye)))
+            by[:, of_row, numbers_of] = derivatives[chosen]
+            return slipping.applied(chosen, by)
 
         kinds = {
             "counts": Rows(
@@ -501,30 +565,18 @@ class LogLikelihood:
             )
         }
 
-        rolling, last = len(self._rolling), (slice(0), np.zeros(0))
         by_geometry = partial(self._by_change, geometry, changed, change, state)
         if extra is None:  # a fit of the geometry asks for its few columns again and again
             by_geometry = np.concatenate([by_geometry(steps) for steps in blocks(len(residual))]).__getitem__
 
-        def in_steps(steps: slice) -> Array:
-            nonlocal last  # rolling and side slip are asked for one after the other
-            if last[0] != steps:
-                last = steps, np.concatenate([by_geometry(steps), *(-part[steps] for part in slips)], axis=-1)
-            return last[1]
-
-        def by_slips(chosen: slice, wheel_rows: slice, weight: Array) -> Array:
-            by = np.zeros((*weight[chosen].shape, count))
-            columns = in_steps(chosen)[:, wheel_rows]
-            np.multiply(weight[chosen, :, None], columns, out=by[..., : columns.shape[-1]])
-            return by
-
-        for name, wheel_rows in (("along", slice(0, rolling)), ("across", slice(rolling, None))):
-            start, end = (
-                partial(by_state, wheel_rows=wheel_rows, weight=weights[name], derivatives=derivatives)
-                for derivatives in (by_start, by_end)
+        def by_slips(chosen: slice) -> Array:
+            columns = slipping.applied(
+                chosen, np.concatenate([by_geometry(chosen), *(-part[chosen] for part in slips)], axis=-1)
             )
-            by = partial(by_slips, wheel_rows=wheel_rows, weight=weights[name])
-            kinds[name] = Rows(samples[:-1], values[name], start, end, by)
+            return np.concatenate([columns, np.zeros((*columns.shape[:2], count - columns.shape[-1]))], axis=-1)
+
+        start, end = (partial(by_state, derivatives=derivatives) for derivatives in (by_start, by_end))
+        kinds["slips"] = Rows(samples[:-1], values["slips"], start, end, by_slips)
         if not self.poses:
             kinds["pinned"] = Rows(samples[:1], values["pinned"], (eye[None, :3] / PINNED).__getitem__)
             return kinds
@@ -583,22 +635,22 @@ class LogLikelihood:
         end *= self._magnified(geometry)
         return start, end
 
-    def masked_by_creep(self, changes: Changes, yields: Array) -> "Masked":
+    def masked_by_creep(self, changes: Changes, stiffness: Array) -> Array:
         """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts, per
         unit of changes of geometry and readings.
 
         Wheels whose held speeds contradict each other creep with the least loss of power: weighted least squares with
-        the compliance of each row (K - 1, rows), of the residuals that no motion of body and castors explains.
+        the stiffness of each row (K - 1, rows), of the residuals that no motion of body and castors explains.
         """
-        geometry, left = changes.geometry, np.empty((*yields.shape, yields.shape[1]))
-        for steps in blocks(len(yields)):
-            a, b = self._matrices_in(geometry, changes.state, steps)
-            turning = (self._castor[:, None] == np.flatnonzero(~geometry.fixed & ~geometry.driven)) * b[..., None]
-            stiff = np.sqrt(yields[steps].min(axis=1, keepdims=True) / yields[steps])
-            moved = np.concatenate([a, turning], axis=-1)
+        geometry, masked = changes.geometry, []
+        for steps in blocks(len(stiffness)):
+            stiff = np.sqrt(stiffness[steps] / stiffness[steps].max(axis=1, keepdims=True))
+            moved = self._moved(geometry, *self._matrices_in(geometry, changes.state, steps))
+            contradicting = self.contradicting(changes, steps)
             by_motion = np.linalg.pinv(stiff[..., None] * moved, rcond=1e-10)
-            left[steps] = np.eye(yields.shape[1]) - moved @ (by_motion * stiff[:, None, :])
-        return Masked(self, changes, left)
+            masked.append(contradicting - moved @ (by_motion @ (stiff[..., None] * contradicting)))
+            masked[-1][np.abs(masked[-1]) <= 1e-12 * np.abs(contradicting).max()] = 0.0  # without contradiction
+        return np.concatenate(masked)
 
     def missing(self, changes: Changes, steps: slice) -> Array:
         """Return the error of odometry in the body's motion in some steps (k, 3, G + R), in B, m and rad, per unit of
@@ -714,42 +766,6 @@ class LogLikelihood:
     def _magnified(self, geometry: Geometry) -> Array:
         """Return the factor (..., 1, 1) by which the wheels are smaller than described."""
         return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
-
-
-class Masked:
-    """The slips (K - 1, rows, C) that mask each of several changes, from `LogLikelihood.masked_by_creep`, made by
-    blocks."""
-
-    def __init__(self, model: LogLikelihood, changes: Changes, left: Array, largest: Array | None = None) -> None:
-        """left (K - 1, rows, rows): the part of contradictions for which wheels compensate. largest (C,): contradiction
-        of each change; None: not known yet."""
-        self._model, self._changes, self._left = model, changes, left
-        self.shape = (*left.shape[:2], len(changes.change) + changes.readings.shape[-1])
-        self._given: dict[int, Array] = {}
-        self._largest = np.zeros(self.shape[-1]) if largest is None else largest
-        for steps in blocks(len(left)) if largest is None else ():
-            there = np.abs(model.contradicting(changes, steps)).max(axis=(0, 1))
-            np.maximum(self._largest, there, out=self._largest)
-
-    def give(self, column: int, slips: Array) -> None:
-        """Set what masks a change to known slips (K - 1, rows)."""
-        self._given[column] = slips
-
-    def only(self, changes: Changes, columns: NDArray[np.intp]) -> "Masked":
-        """Return the slips that mask these columns; changes: of these columns alone."""
-        chosen = Masked(self._model, changes, self._left, self._largest[columns])
-        for place, column in enumerate(columns.tolist()):
-            if column in self._given:
-                chosen.give(place, self._given[column])
-        return chosen
-
-    def __getitem__(self, steps: slice) -> Array:
-        """Return the columns (k, rows, C) of a block of steps."""
-        masked = self._left[steps] @ self._model.contradicting(self._changes, steps)
-        masked[np.abs(masked) <= 1e-12 * self._largest] = 0.0  # changes without contradiction have no masked part
-        for column, slips in self._given.items():
-            masked[..., column] = slips[steps]
-        return masked
 
 
 def _samples_of(steps: slice) -> slice:

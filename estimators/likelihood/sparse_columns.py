@@ -74,12 +74,6 @@ class SparseColumns:
         shape = self.shape[0], len(chosen), self.shape[2]
         return SparseColumns(shape, [self._series[n] for n in kept], in_rows, self._at[kept].tolist())
 
-    def less(self, column: int, values: Array) -> "SparseColumns":
-        """Return the columns with values (K, rows) subtracted from one of them."""
-        changed = SparseColumns.of(self.only([column])[:] - values[..., None])
-        parts = [changed if k == column else self._column(k) for k in range(self.shape[-1])]
-        return SparseColumns.joined(parts, self.shape[:2])
-
     def __getitem__(self, block: slice) -> Array:
         """Return the columns (k, rows, C) of a block of samples or steps."""
         values = np.zeros((len(range(*block.indices(self.shape[0]))), *self.shape[1:]))

@@ -13,6 +13,7 @@ from scipy.special import expit
 
 from castor_envs.effects.encoders import LearnedTerm, Of
 from castor_envs.effects.parts import channel, pivot_encoders, wheel_encoders
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
@@ -44,11 +45,13 @@ def encoders_of(answers: Sequence[Answer]) -> list[str]:
     return [description.split()[0] for description in unnamed if description.startswith(("wheel_", "pivot_"))]
 
 
-def helps(robot: RobotDescription, curve: Learned, held_out: Sequence[Log], creep: Array | None) -> bool:
+def helps(robot: RobotDescription, curve: Learned, held_out: Sequence[Log], creep: float | None) -> bool:
     """Whether the likelihood ratio of held-out logs with a curve exceeds 19, and their gap shrinks."""
-    without, beside = (
-        linearise(vehicle, held_out, creep=creep, among=()) for vehicle in (robot, robot.with_effects(curve.effect))
-    )
+    without = linearise(robot, held_out, creep=creep, among=())
+    try:
+        beside = linearise(robot.with_effects(curve.effect), held_out, creep=creep, among=())
+    except (np.linalg.LinAlgError, InputError):  # these logs are not of a robot with such a curve
+        return False
     shrinks = without.gap is None or beside.gap is None or beside.gap[0] < without.gap[0]
     return shrinks and beside.log_evidence - without.log_evidence > LOG_ODDS
 

@@ -13,10 +13,10 @@ from scipy.special import expit, logit, ndtr
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate, stacked
+from discrepancy.measurement.design_matrix import PROBES
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
 from discrepancy.posterior.linearise import Linearised
-from estimators.calibration.maximum_likelihood import PROBES
 from estimators.likelihood.log_likelihood import Noise
 
 SCATTER = 0.2

@@ -157,6 +157,14 @@ def test_it_says_first_that_half_of_the_gap_or_more_stays(more, first):
     assert not sentences.stays(DATA)
 
 
+def test_where_half_of_the_gap_stays_it_names_the_likeliest_of_what_is_left_out():
+    stays = DATA | {"gap": [[0.0125, 0.01], [0.01, 0.001]]}
+    says = "The likeliest of what is left out: latency of one encoder, castor 3 (3 %)."
+    assert says in sentences.sentence(stays)
+    assert says in sentences.as_lines(stays)
+    assert not sentences.left_out(DATA)
+
+
 def test_of_a_gap_that_is_noise_it_says_so():
     data = DATA | {"gap": [[0.0013, 0.001], [0.0011, 0.001]], "noise": {"position_m": 0.0008, "heading_rad": 0.001}}
     says = "85 % of the gap stays, 1.1 of 1.3 mm (rms); the reference's own noise is about 1.1 mm."

@@ -124,7 +124,7 @@ def test_counts_lost_in_physics_are_named_and_confirmed():
     effect = TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
     found = diagnose(preset("swerve"), [driven(3, effect)], [driven(4, effect)])
     assert found.verdict == "named", [answer.reason for answer in found.answers]
-    (answer,) = found.answers
+    (answer,) = (answer for answer in found.answers if answer.verdict != "negligible")
     assert isinstance(answer.effect, TickLossBursts)
     assert (answer.effect.castor, answer.effect.wheel) == (2, 1)
     assert answer.effect.value == pytest.approx(0.2, rel=0.05)

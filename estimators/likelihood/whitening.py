@@ -1,0 +1,55 @@
+"""Slips of contacts as independent numbers: of each contact, or of the combinations that a balance of forces keeps."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from castor_envs.geometry.arrays import Array
+from estimators.likelihood.elimination import blocks
+
+SPANNED = 1e-8
+"""Least size of a direction in which contacts move, as a part of the largest."""
+
+
+class Whitening(NamedTuple):
+    """What makes slips independent, each of standard deviation 1: weight (K - 1, rows), over standard deviations; and
+    basis (K - 1, p, rows) of the combinations that contacts' balance keeps, None: all. log_density: of slips of 0."""
+
+    weight: Array
+    basis: Array | None
+    log_density: float
+
+    @classmethod
+    def balanced(cls, weight: Array, stiffness: Array, moved: Callable[[slice], Array]) -> "Whitening":
+        """Return what is kept of slips where contacts of a stiffness (K - 1, rows) creep freely against each other.
+
+        moved: how far every row's contact moves in some steps (k, rows, p) for a unit of each of p free motions, A. The
+        creep c is any with A' C c = 0, C the stiffness: what is left are the combinations A' C of slips.
+        """
+        basis, log_density = [], 0.0
+        for steps in blocks(len(weight)):
+            by_motion = moved(steps)
+            ways = _orthonormal(by_motion)
+            held = _orthonormal((stiffness[steps] / weight[steps])[..., None] * by_motion)
+            basis.append(np.swapaxes(held, 1, 2))
+            onto = basis[-1] @ (weight[steps][..., None] * ways)
+            onto += np.eye(onto.shape[-1]) * ~np.any(ways, axis=1)[:, None, :]
+            log_density += float(np.sum(np.linalg.slogdet(onto)[1]))
+        return cls(weight, np.concatenate(basis), log_density)
+
+    def applied(self, steps: slice, slips: Array) -> Array:
+        """Return slips (k, rows, c), m, as independent numbers (k, p, c)."""
+        slips = self.weight[steps, :, None] * slips
+        return slips if self.basis is None else self.basis[steps] @ slips
+
+    def of_contacts(self, steps: slice, independent: Array) -> Array:
+        """Return the most likely slips of contacts (k, rows, c), in standard deviations, given independent numbers."""
+        return independent if self.basis is None else np.swapaxes(self.basis[steps], 1, 2) @ independent
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Return orthonormal bases (k, rows, p) of what columns (k, rows, q) span, the first p of at most q; 0 for those
+    that are missing."""
+    ways, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return ways * (sizes > SPANNED * sizes[:, :1])[:, None, :]
