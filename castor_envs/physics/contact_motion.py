@@ -56,9 +56,9 @@ class ContactMotion:
         """Return `contact_places`."""
         return contact_places(self.robot, self.motion)
 
-    def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0, quick: bool = False) -> Slip:
+    def creep(self, floor: Floor | None = None, creep_compliance: float = 0.0) -> Slip:
         """Return `creep` of these contacts; floor None: an even floor."""
-        return creep(self.robot, self.motion, floor or Floor(), creep_compliance, quick)
+        return creep(self.robot, self.motion, floor or Floor(), creep_compliance)
 
 
 def contact_paths(robot: RobotDescription, motion: Motion) -> Array:
@@ -83,17 +83,14 @@ def contact_places(robot: RobotDescription, motion: Motion) -> Array:
     return np.stack(places, axis=1)
 
 
-def creep(
-    robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0, quick: bool = False
-) -> Slip:
+def creep(robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0) -> Slip:
     """Return by how much a robot's contacts creep in a motion on a floor, of which only the slope matters.
 
-    creep_compliance: m/s for each N, at which contacts slip in addition to their creep in rolling. quick: whether
-    disagreement between wheels that changes from step to step makes them creep at once, as it does sideways; along the
-    rolling direction bristles absorb it.
+    creep_compliance: m/s for each N, at which contacts slip in addition to their creep in rolling. Disagreement between
+    wheels that changes from step to step makes them creep less: bristles absorb it.
     """
     geometry, w = Geometry.of(robot), len(robot.wheels)
-    carrying, speed, _ = _slipping(robot, motion, floor, creep_compliance, quick)
+    carrying, speed, _ = _slipping(robot, motion, floor, creep_compliance)
     slip = np.zeros((len(speed), 2 * w))
     slip[:, carrying] = speed * motion.period[:, None]
     side = np.zeros_like(motion.half_way)
@@ -111,7 +108,7 @@ def yields(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:
 
 
 def _slipping(
-    robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0, quick: bool = False
+    robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Return the rows of `contact_paths` that carry forces; and how fast these slip, m/s, and how much they yield, m/s
     for each N (K - 1, rows). Arguments as of `creep`."""
@@ -133,7 +130,7 @@ def _slipping(
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
     seen = path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels)
-    seen = seen if quick else smoothed(seen)
+    seen = smoothed(seen)
     limits = (contact.friction * loads)[carrying % w]
     return carrying, *_within_friction(rows, seen, needed, yields, limits, carrying % w)
 
