@@ -91,6 +91,7 @@ def test_wheels_that_are_driven_against_each_other_do_not_move_the_body(name):
     robot, effect = preset(name), WheelRadius(castor=1, wheel=1, value=0.03)
     (design,) = linearise(robot, [driven(name, effect)], among=[candidate_of(robot, effect)]).designs
     path = design.model.odometry(design.geometry)
+    assert design.model.stiffness is not None
     creep = design.model.masked_by_creep(design.made.changes, design.model.stiffness)[..., 0]
     moved = design.model.odometry(design.geometry, effect.value * creep)
     assert np.abs(effect.value * creep).sum(axis=0).max() > 0.01
