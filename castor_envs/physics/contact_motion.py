@@ -129,8 +129,7 @@ def _slipping(
     yields = (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
-    seen = path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels)
-    seen = smoothed(seen)
+    seen = smoothed(path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels))
     limits = (contact.friction * loads)[carrying % w]
     return carrying, *_within_friction(rows, seen, needed, yields, limits, carrying % w)
 

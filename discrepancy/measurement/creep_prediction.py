@@ -6,6 +6,7 @@ slip of these effects is taken as predicted.
 """
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,21 +52,16 @@ class Slipping:
                 total = total if slip is None else total + slip
         return self._rows(total)
 
+    @cached_property
     def forced(self) -> Array:
-        """Return the creep (K - 1, rows) under the forces of the motion, which is known up to a factor."""
+        """The creep (K - 1, rows) under the forces of the motion, which is known up to a factor."""
         return self._rows(self._predicted(consistent=True))
-
-    def disagreeing(self) -> Array:
-        """Return the creep (K - 1, rows) by which wheels that are driven against each other agree."""
-        return self._rows(self._creep) - self.forced()
 
     def columns(self) -> Array:
         """Return the creep (K - 1, rows, 1 + rows) that is known up to factors: under forces, and of each row where
         wheels disagree."""
-        disagreeing = self.disagreeing()
-        return np.concatenate(
-            [self.forced()[..., None], disagreeing[..., None] * np.eye(disagreeing.shape[1])], axis=-1
-        )
+        disagreeing = self._rows(self._creep) - self.forced
+        return np.concatenate([self.forced[..., None], disagreeing[..., None] * np.eye(disagreeing.shape[1])], axis=-1)
 
     def by_effects(self) -> Array:
         """Return the predicted creep (K - 1, rows) that the robot's effects cause: the difference to that of a robot

@@ -2,8 +2,8 @@
 
 The most likely states of all logs are found first, with the robot's effects in place (`fit_states`); about these every
 candidate acts linearly (`design_matrix`). Wheels that are driven against each other creep until their speeds agree, and
-so mask a part of an effect: each candidate has two columns, its unmasked signature and the signature of the part that
-creep masks.
+so mask a part of an effect: each candidate has two sizes, its amplitude, and how much of it the wheels' disagreement
+does not show.
 """
 
 from collections.abc import Mapping, Sequence
@@ -141,7 +141,7 @@ def linearise(
         model.jitter(jitter)
     begin = None if start is None else (start.state, start.noise)
     at, noise, shared, slips = fit_states(robot, models, logs, begin, creep, LEAST_NOISE)
-    predicted = [slipping.sure() + shared.creep[0] * slipping.forced() for slipping in slips]
+    predicted = [slipping.sure() + shared.creep[0] * slipping.forced for slipping in slips]
     beyond = tuple(
         slips_of(robot, model, log, state, log_predicted + slipping.by_effects())
         for model, log, state, log_predicted, slipping in zip(models, logs, at.states, predicted, slips, strict=True)

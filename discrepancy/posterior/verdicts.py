@@ -86,8 +86,8 @@ class _HeldOut:
     """Held-out logs: their statistics without and with the named effects in the model. Log-likelihood ratios are
     natural logarithms, beyond what robots in good order show.
 
-    Fits with and without effects follow creep that is predicted from them, so their log evidences differ by tens by
-    chance, which hides what a small effect explains. Of a large effect the linear formula about the fit without it is
+    Fits with and without effects predict creep anew from their states, so their log evidences differ by chance as well,
+    which may hide what a small effect explains. Of a large effect the linear formula about the fit without it is
     wrong.
     """
 
