@@ -90,15 +90,22 @@ def refitted(
     worse: loss of log-likelihood (natural logarithm) within which logs count as explained no worse. before: effects
     that are in the model already, in which `seen` was computed. threshold: log evidence that is to be exceeded; sizes
     that cannot reach it after a step, by twice the gain that the linear formula predicts, are not refined. One step is
-    always taken, as the formula does not know by how much noises become smaller.
+    always taken, as the formula does not know by how much noises become smaller; but if the proposed sizes alone make
+    the logs less likely by more than `worse`, no effects are returned.
     """
     sizes = {effect.candidate: effect for effect in before}
     known = tuple(
         sizes.get(effect.candidate, dataclasses.replace(effect, amplitudes=np.zeros_like(effect.amplitudes)))
         for effect in named
     )
-    best = seen.log_evidence
-    current, seen = _nearer(vehicle, look, best - worse, known, tuple(named), seen)
+    best, current = seen.log_evidence, tuple(named)
+    if threshold == -np.inf:
+        current, seen = _nearer(vehicle, look, best - worse, known, current, seen)
+    else:
+        found = _fitted(vehicle, look, current, seen)
+        if found is None or found.log_evidence <= best - worse:
+            return (), seen
+        seen = found
     for step in range(REFITS):
         best = max(best, seen.log_evidence)
         current = tuple(effect for effect in current if np.any(effect.amplitudes))

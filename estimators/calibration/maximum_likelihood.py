@@ -257,10 +257,12 @@ def fitted(
     told to. probes: number of draws of residuals (`LogLikelihood.reduce`) by which noise is fitted.
     """
     scale = _scales(parameters)
-    at = State(before, np.zeros(3), [model.start(described) for model in models], np.zeros((len(models), 2)))
-    at, sizes = start or (at, Noise())
+    if afresh := start is None:
+        states = [model.start(described) for model in models]
+        start = State(before, np.zeros(3), states, np.zeros((len(models), 2))), Noise()
+    at, sizes = start
     sizes, probes = (sizes, probes) if noise is None else (noise, 0)
-    warm_up = WARM_UP if parameters and start is None else 0
+    warm_up = WARM_UP if parameters and afresh else 0
     k = 0
     while True:
         steps = _changed(described, parameters, at.found)
