@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
@@ -59,8 +60,7 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
     """
     delays = [delays_of(robot, log) for log in logs]
     late, expected, beside = (np.concatenate([of_log[k] for of_log in delays]) for k in range(3))
-    neighbours = sum(float(of_log.late[1:] @ of_log.late[:-1]) for of_log in delays)
-    if len(late) < 10 * ORDER or neighbours > ALIKE * float(late @ late):
+    if len(late) < 10 * ORDER or _correlation(delays) > ALIKE:
         return None
     if np.mean(beside - expected) > BESIDE * np.mean(late**2 - expected):
         return None
@@ -75,6 +75,16 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
     return Jitter(float(value), float(value * np.sqrt(ORDER / (2 * len(late)))), gain, seldom)
 
 
+def _correlation(delays: Sequence["Delays"]) -> float:
+    """Return the correlation of neighbouring differences; of samples with standstill between them it says nothing."""
+    product, square = 0.0, 1e-30
+    for of_log in delays:
+        after = np.flatnonzero(np.diff(of_log.row) == 1)
+        first, second = of_log.late[after], of_log.late[after + 1]
+        product, square = product + float(first @ second), square + float(first @ first + second @ second) / 2
+    return product / square
+
+
 def _when(delays: Sequence["Delays"]) -> str:
     """Return in words when the timing error is largest."""
     worst = [float(np.abs(of_log.late).max(initial=0.0)) for of_log in delays]
@@ -86,12 +96,14 @@ def _when(delays: Sequence["Delays"]) -> str:
 
 class Delays(NamedTuple):
     """Samples in which the robot moves. late: differences of the delay that all encoders share, s; rounding: expected
-    square of these from rounding, s^2; beside: mean square of the counts' part orthogonal to it, s^2; t: time, s."""
+    square of these from rounding, s^2; beside: mean square of the counts' part orthogonal to it, s^2; t: time, s; row: the
+    place of each difference among all."""
 
     late: Array
     rounding: Array
     beside: Array
     t: Array
+    row: NDArray[np.intp]
 
 
 def delays_of(robot: RobotDescription, log: Log) -> Delays:
@@ -100,7 +112,7 @@ def delays_of(robot: RobotDescription, log: Log) -> Delays:
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
     if len(log) <= 2 * ORDER:
-        return Delays(*np.zeros((4, 0)))
+        return Delays(*np.zeros((4, 0)), np.zeros(0, dtype=np.intp))
     weights = _weights(log.t)
     rows = len(weights)
     jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
@@ -111,7 +123,8 @@ def delays_of(robot: RobotDescription, log: Log) -> Delays:
     jumps, speed, squared = jumps[moving], speed[moving], squared[moving]
     late = np.sum(speed * jumps, axis=1) / squared
     beside = (np.sum(jumps**2, axis=1) / squared - late**2) / max(counts.shape[1] - 1, 1)
-    return Delays(late, np.sum(weights**2, axis=1)[moving] / 12 / squared, beside, log.t[ORDER // 2 :][:rows][moving])
+    rounding = np.sum(weights**2, axis=1)[moving] / 12 / squared
+    return Delays(late, rounding, beside, log.t[ORDER // 2 :][:rows][moving], np.flatnonzero(moving))
 
 
 def _weights(t: Array) -> Array:

@@ -11,11 +11,12 @@ ROBOT = preset("differential")
 PER_REV = 2000
 
 
-def log_of(times, stamps=None, jerk=0.0, seed=0):
-    """A log of two wheels that speed up and slow down smoothly, read at `times` and recorded as read at `stamps`."""
+def log_of(times, stamps=None, jerk=0.0, seed=0, rate=0.7, mean=8.0):
+    """A log of two wheels that speed up and slow down smoothly, at `rate` (rad/s) about a mean speed (rad/s), read at
+    `times` and recorded as read at `stamps`."""
     random = np.random.default_rng(seed)
     fine = np.linspace(-1, 61, 62001)
-    speed = 8 + 3 * np.sin(0.7 * fine)[:, None] * [1, -1]
+    speed = mean + 3 * np.sin(rate * fine)[:, None] * [1, -1]
     if jerk:
         speed = speed + jerk * np.repeat(random.normal(size=(1241, 2)), 50, axis=0)[: len(fine)]
     angle = np.cumsum(speed, axis=0) * (fine[1] - fine[0])
@@ -33,6 +34,16 @@ def test_jitter_is_as_large_as_it_was_made(size):
     assert found.value == pytest.approx(size, abs=4 * found.error)
     assert found.error < 0.1 * size
     assert found.gain > 100
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_jitter_is_seen_between_many_short_pauses(seed):
+    """A robot that swings to and fro pauses at every turning: differences before and after a pause are not alike."""
+    even = np.arange(0, 60, 0.05)
+    read = even + 0.01 * np.random.default_rng(seed).normal(size=len(even))
+    found = jitter_of(ROBOT, [log_of(read, even, rate=3.0, mean=0.0)])
+    assert found is not None
+    assert found.value == pytest.approx(0.01, abs=4 * found.error)
 
 
 def test_a_steady_log_has_none():
