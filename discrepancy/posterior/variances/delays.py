@@ -96,8 +96,8 @@ def _when(delays: Sequence["Delays"]) -> str:
 
 class Delays(NamedTuple):
     """Samples in which the robot moves. late: differences of the delay that all encoders share, s; rounding: expected
-    square of these from rounding, s^2; beside: mean square of the counts' part orthogonal to it, s^2; t: time, s; row: the
-    place of each difference among all."""
+    square of these from rounding, s^2; beside: mean square of the counts' part orthogonal to it, s^2; t: time, s; row:
+    the place of each difference among all."""
 
     late: Array
     rounding: Array

@@ -107,11 +107,9 @@ class TrialRun:
         return float(np.linalg.norm(self.metric.signal(self.drive(faster=FASTER))))
 
     def made(self, hidden: Hidden) -> Log:
-        """Return the exact log with one hidden effect: an effect on sensors on the nominal run; any other on a new
-        run."""
-        effects = () if hidden.effect is None else (hidden.effect,)
-        make = self.drive if self._moves(hidden) else self.metric.read
-        return make(*effects, outside=hidden.what if hidden.effect is None else None)
+        """Return the exact log with one hidden effect: on a new run if it changes the motion (`_moves`), else on the
+        nominal run."""
+        return self.drive(*_given(hidden), outside=_outside(hidden)) if self._moves(hidden) else self._read(hidden)
 
     def z(self, hidden: Hidden) -> float:
         """Return z of one hidden effect; 0 where it is not well above the floor."""
@@ -167,11 +165,23 @@ class TrialRun:
             return size
         return float(np.sqrt(size**2 - self.floor**2)) if size > OVER_FLOOR * self.floor else 0.0
 
+    def _read(self, hidden: Hidden) -> Log:
+        """Return the nominal run as sensors with an effect report it."""
+        return self.metric.read(*_given(hidden), outside=_outside(hidden))
+
     def _moves(self, hidden: Hidden) -> bool:
-        """Whether a hidden effect changes the motion."""
-        if hidden.effect is None:
-            return not isinstance(hidden.what, Outside)
-        return is_physical(self.robot, hidden.effect)
+        """Whether a hidden effect changes the motion: on the robot itself, or on what its castors are steered by.
+
+        A castor that is steered by a wrong reading points elsewhere, and the reading is as commanded: without a
+        reference nothing shows.
+        """
+        if hidden.effect is None and not isinstance(hidden.what, Outside):
+            return True
+        if hidden.effect is not None and is_physical(self.robot, hidden.effect):
+            return True
+        if not self.robot.driven_castors or _is_jitter(hidden):
+            return False
+        return not np.array_equal(self._read(hidden).pivot, self.metric.read().pivot)
 
 
 def solve_size(case: Case, trial_run: TrialRun) -> Case | None:
@@ -220,6 +230,14 @@ def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     if alone * abs(effect.value) <= 0.01:
         return hidden
     return hidden.scaled(float(np.copysign(target / alone, effect.value)))
+
+
+def _given(hidden: Hidden) -> tuple[Any, ...]:
+    return () if hidden.effect is None else (hidden.effect,)
+
+
+def _outside(hidden: Hidden) -> Any:
+    return hidden.what if hidden.effect is None else None
 
 
 def _is_jitter(hidden: Hidden) -> bool:

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
@@ -192,3 +192,18 @@ def test_an_impossible_target_has_no_size():
     for measure in ("z", "cost"):
         case = case_of(WheelEccentricity(castor=1, wheel=1, value=1e-3), 1e9, measure)
         assert solve_size(case, TrialRun(case, 0, OWN, 6.0)) is None
+
+
+def test_a_castor_steered_by_a_wrong_reading_reads_as_commanded():
+    """Without a reference little of the encoder's error shows in the log of a robot that is steered by it; on castors
+    that swing freely all of it does."""
+    bias = Hidden(PivotBias(castor=2, value=0.1))
+    shown = {}
+    for robot in ("swerve", "4-castor"):
+        case = dataclasses.replace(case_of(bias.what, 1.0, "z", robot), reference=False)
+        trial_run = TrialRun(case, 0, OWN, 8.0)
+        on_same_run = trial_run.metric.signal(trial_run.metric.read(bias.what))
+        shown[robot] = trial_run.z(bias) / float(np.linalg.norm(on_same_run))
+        assert trial_run.cost(bias) > 0.01
+    assert shown["swerve"] < 0.3
+    assert shown["4-castor"] == pytest.approx(1.0)
