@@ -60,7 +60,7 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
     """
     delays = [delays_of(robot, log) for log in logs]
     late, expected, beside = (np.concatenate([of_log[k] for of_log in delays]) for k in range(3))
-    if len(late) < 10 * ORDER or _correlation(delays) > ALIKE:
+    if len(late) < 10 * ORDER:
         return None
     if np.mean(beside - expected) > BESIDE * np.mean(late**2 - expected):
         return None
@@ -70,16 +70,22 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
     gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
     if value < LEAST_JITTER:
         return None
-    steadily = float(np.median(late**2)) / MEDIAN - float(np.mean(expected))
-    seldom = "" if steadily > STEADY * variance * SPREAD else _when(delays)
+    steady = float(np.median(late**2)) / MEDIAN - float(np.mean(expected)) > STEADY * variance * SPREAD
+    if _correlation(delays, beyond_pauses=not steady) > ALIKE:
+        return None
+    seldom = "" if steady else _when(delays)
     return Jitter(float(value), float(value * np.sqrt(ORDER / (2 * len(late)))), gain, seldom)
 
 
-def _correlation(delays: Sequence["Delays"]) -> float:
-    """Return the correlation of neighbouring differences; of samples with standstill between them it says nothing."""
+def _correlation(delays: Sequence["Delays"], beyond_pauses: bool) -> float:
+    """Return the correlation of neighbouring differences.
+
+    beyond_pauses: whether those before and after a pause, which jitter does not make alike, count as neighbours: errors
+    at some times only may be a robot that jerks as it starts, so that a log with pauses does not tell.
+    """
     product, square = 0.0, 1e-30
     for of_log in delays:
-        after = np.flatnonzero(np.diff(of_log.row) == 1)
+        after = np.flatnonzero(beyond_pauses | (np.diff(of_log.row) == 1))
         first, second = of_log.late[after], of_log.late[after + 1]
         product, square = product + float(first @ second), square + float(first @ first + second @ second) / 2
     return product / square
@@ -112,7 +118,7 @@ def delays_of(robot: RobotDescription, log: Log) -> Delays:
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
     if len(log) <= 2 * ORDER:
-        return Delays(*np.zeros((4, 0)), np.zeros(0, dtype=np.intp))
+        return Delays(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp))
     weights = _weights(log.t)
     rows = len(weights)
     jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
