@@ -30,9 +30,9 @@ no wrong encoder passes for contacts."""
 MOST_ROUNDS, SETTLED = 12, 0.2
 """Most rounds in which predicted creep, its factors, states and noise follow each other by a step, before a last round
 to convergence; and the change of the prediction in a round, in standard deviations of the least slip noise, at which
-these end. Contacts that are near sliding in one round slide in the next, so that for a prototype in good order
-the change stays at 0.12. Of 20 s of `omnimate` with a backlash of 50 mrad in the model, two rounds leave the log
-evidence 660 lower than twelve, and the nine that this takes none."""
+these end. For a prototype in good order the change stays at 0.12, however many rounds. Of 20 s of `omnimate` with a
+backlash of 50 mrad in the model, two rounds leave the log evidence 660 lower than twelve, and the nine that this takes
+none."""
 
 
 def fit_states(

@@ -172,16 +172,18 @@ class TrialRun:
     def _moves(self, hidden: Hidden) -> bool:
         """Whether a hidden effect changes the motion: on the robot itself, or on what its castors are steered by.
 
-        A castor that is steered by a wrong reading points elsewhere, and the reading is as commanded: without a
-        reference nothing shows.
+        A castor that is steered by a wrong reading points elsewhere, and its reading is as commanded.
         """
-        if hidden.effect is None and not isinstance(hidden.what, Outside):
-            return True
-        if hidden.effect is not None and is_physical(self.robot, hidden.effect):
-            return True
-        if not self.robot.driven_castors or _is_jitter(hidden):
-            return False
-        return not np.array_equal(self._read(hidden).pivot, self.metric.read().pivot)
+        effect = hidden.effect
+        physical = not isinstance(hidden.what, Outside) if effect is None else is_physical(self.robot, effect)
+        if physical or not self.robot.driven_castors or _is_jitter(hidden):
+            return physical
+        return not np.array_equal(self._read(hidden).pivot, self._unchanged.pivot)
+
+    @cached_property
+    def _unchanged(self) -> Log:
+        """The nominal run as sensors without effects report it."""
+        return self.metric.read()
 
 
 def solve_size(case: Case, trial_run: TrialRun) -> Case | None:

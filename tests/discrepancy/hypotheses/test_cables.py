@@ -17,7 +17,7 @@ from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.presets import preset
-from discrepancy.hypotheses.cables import bumps_of, same_line
+from discrepancy.hypotheses.cables import _rolls_more, bumps_of, same_line
 from discrepancy.hypotheses.wheel_tracks import steps_of
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
@@ -77,8 +77,6 @@ def test_two_cables_are_two_candidates():
 
 def test_a_squarely_crossed_cable_costs_its_closed_form():
     """The shape that lines are refined with, over whole crossings of all six wheels."""
-    from discrepancy.hypotheses.cables import _rolls_more
-
     t, way = np.arange(121) * 0.05, np.linspace(-0.5, 0.7, 121)
     pose = np.column_stack([way, 0 * way, 0 * way])
     castor, wheel = np.zeros((121, 3)), np.tile(way[:, None] / 0.0381, 6)
