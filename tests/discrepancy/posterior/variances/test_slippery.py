@@ -17,6 +17,7 @@ from discrepancy.hypotheses.patches import patches_of
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.variances.events import Events
 from discrepancy.posterior.variances.slippery import confirmed_by, inside, slippery_in
+from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 
 pytestmark = pytest.mark.slow
@@ -86,6 +87,12 @@ def test_an_even_floor_has_none_nor_have_logs_without_reference():
     assert slippery_in(ROBOT, [driven(None, 3)], seen(None, 3), 1) is None
     blind = dataclasses.replace(driven(PATCH, 7), reference=None)
     assert slippery_in(ROBOT, [blind], linearise(ROBOT, [blind], among=()), 1) is None
+
+
+def test_castors_that_swing_round_as_the_base_drives_to_and_fro_are_no_patch():
+    """Which way they swing depends on less than a count, so that replays are lost there by chance."""
+    log = drive(ROBOT, motion(ROBOT, "to and fro", 71, 60.0), 71, duration=60.0)
+    assert slippery_in(ROBOT, [log], linearise(ROBOT, [log], among=()), 1) is None
 
 
 def test_steps_of_wheels_on_a_patch_and_of_their_castors_are_released():
