@@ -12,8 +12,8 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Signatures, rate_of, signatures_of, stacked
-from discrepancy.measurement.creep_prediction import Slipping
 from estimators.calibration.maximum_likelihood import MOUNT, resized
+from estimators.likelihood.creep_prediction import UNEVEN, Slipping
 from estimators.likelihood.log_likelihood import (
     TIMED,
     Changes,
@@ -30,10 +30,6 @@ tricycle in 10 s: 0.0087 to 0.011 m after 1 m, by 256 draws 0.010)."""
 
 NOISE_ROUNDS, SAME = 20, 0.02
 """Most rounds in which noise beside given candidates is estimated, and the change at which they end."""
-
-UNEVEN = 0.3
-"""Relative standard deviation of each contact's creep about the prediction, where wheels disagree."""
-
 
 CREEP = 7e-5
 """Standard deviation of constant creep in a log, as a part of the way: along for each wheel, sideways for each castor.

@@ -1,6 +1,6 @@
 """Fits the states of logs and the creep of contacts, which depend on each other, alternately.
 
-The shape of creep is predicted (`creep_prediction`); its factors are estimated.
+The shape of creep is predicted (`estimators.likelihood.creep_prediction`); its factors are estimated.
 """
 
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, stacked
-from discrepancy.measurement.creep_prediction import Slipping
 from discrepancy.measurement.design_matrix import PROBES, Shared, joint, schur_complement
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
+from estimators.likelihood.creep_prediction import DOUBT, Slipping
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 
-DOUBT, AS_DESCRIBED, AS_USUAL, RIGID = 0.5, 0.01, 0.05, 0.25
-"""Prior standard deviations of the factor of creep under forces: where nothing is known of contacts, as descriptions
-tell, and where clean logs do. And the factor below which contacts are taken for rigid ones."""
+AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
+"""Prior standard deviations of the factor of creep under forces, as descriptions tell, and where clean logs do; where
+nothing is known it is `DOUBT`. And the factor below which contacts are taken for rigid ones."""
 
 MOST_CREEP, MOST_UNEVEN = 4.0, 1.0
 """Largest factor of creep under forces; and by which part at most a contact creeps more or less than predicted, so that

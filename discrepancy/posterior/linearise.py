@@ -22,16 +22,14 @@ from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, reestimated_noise, schur_complement
 from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.gap import errors_of, gap_of
-from discrepancy.posterior.disagreement import Disagreement
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
 from estimators.calibration.maximum_likelihood import MOUNT, State
+from estimators.likelihood.creep_prediction import LEAST_NOISE
+from estimators.likelihood.disagreement import Disagreement
 from estimators.likelihood.elimination import blocks
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
 from estimators.likelihood.sparse_columns import SparseColumns
-
-LEAST_NOISE = Noise(along=3e-5, across=3e-5, position=1e-4, heading=1e-4)
-"""Lower bounds of the noise of contacts and trackers: 0.03 mm after 1 m, as trials declare; 0.1 mm and 0.1 mrad."""
 
 COUNTS, SLIP = 0.2, 3e-5
 """Size of unnamed alternatives in a robot in good order: rms reading error in counts, or rms slip as a part of the
@@ -173,7 +171,7 @@ def linearise(
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(design, log, slipping.by_effects(), steps)
+        Disagreement.of(design.model, design.made.changes, log.t, slipping.by_effects(), steps)
         for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
     )
     statistics, log_evidence = _statistics_of(designs, disagreements, shared, noise, candidates, columns)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, REFITTED, SIGNATURE
+from estimators.likelihood.statistics import scattered
 
 ROUNDS, CONVERGED = 60, 0.01
 """Most steps of expectation and maximisation, and the relative change of variances at which they end."""
@@ -39,9 +40,7 @@ class Statistics(NamedTuple):
 
     def scattered(self, scatter: Array) -> "Statistics":
         """Return the statistics of the mean of sizes that scatter about it by a covariance (m, m)."""
-        blurred = np.eye(len(self.score)) + self.information @ scatter
-        solved: Array = np.linalg.solve(blurred, np.column_stack([self.information, self.score])).astype(np.float64)
-        return Statistics((solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1])
+        return Statistics(*scattered(*self, scatter))
 
     def doubted(self, far: Array, modelled: Array) -> "Statistics":
         """Return the statistics with the error of signatures, a part of what effects explain, added to the noise.

@@ -1,93 +1,97 @@
-"""Creep of wheels that are driven against each other, for calibration.
+"""Creep of contacts in calibration: the measurement model of the diagnosis, with a robot's numbers as unknowns.
 
-A controller drives wheels so that they agree by its own numbers. Let these be off by d, in parts of the parameters'
-scales: by the true numbers the wheels disagree by J d, where J is the derivative of the rolling constraints. Contacts
-then creep until they agree with one motion of the body, with the least loss of power, and slip by M J d (M:
-`LogLikelihood.masked_by_creep`). So what wheels roll in disagreement shows the controller's numbers, and only the rest
-of what they roll, with reference poses or castors that swing freely, the robot's.
+Contacts creep freely where their wheels disagree (`LogLikelihood.balance`): how the body moves is known by the balance
+of their forces, by the tyres, loads and friction in the robot file. Creep under forces is expected as predicted
+(`Slipping`), up to factors that are nuisances with priors.
 
-d is fitted beside the parameters. Before logs are seen it is normally distributed about 0, with a spread that the logs
-show: where nothing contradicts the controller, numbers stay as without creep, and their intervals tell how far its
-numbers may be off.
+How far wheels disagree is another measurement (`Disagreement`). A controller drives wheels so that they agree by its
+own numbers, so it shows the controller's numbers, not the robot's. These differ by errors that are normal about 0; with
+them integrated out, the measurement is information on the robot's numbers (`scattered`).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
-from castor_envs.physics.contact_motion import yields
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.parameters import Parameter, robot_with, values_of
-from estimators.likelihood.channels import Channels
+from estimators.calibration.parameters import Parameter, robot_with
+from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping, stiffness_of
+from estimators.likelihood.disagreement import Disagreement
 from estimators.likelihood.log_likelihood import Changes, LogLikelihood
+from estimators.likelihood.statistics import scattered
 
-USUAL = 0.01
-"""Least spread of the errors of a controller's numbers, in parts of the scales: by a ruler and by eye, lengths are good
-to a per cent, and angles to half a degree."""
+CONTROLLER = 0.01
+"""Standard deviation of the errors of a controller's numbers, in parts of the scales: by a ruler and by eye, lengths
+are good to a per cent, and angles to half a degree."""
 
 
 class Creep:
-    """How contacts of a robot creep in several logs. spread: standard deviation of the errors of its controller's
-    numbers, as a part of the scales of its parameters (P,)."""
+    """How contacts of a robot creep in several logs.
+
+    expected, deviations (1 + rows,): prior means and standard deviations of the factors of creep (`Slipping.columns`).
+    Raises InputError for a robot that cannot stand by itself.
+    """
 
     def __init__(
-        self, robot: RobotDescription, parameters: tuple[Parameter, ...], logs: Sequence[Log], spread: float = USUAL
+        self,
+        robot: RobotDescription,
+        parameters: tuple[Parameter, ...],
+        models: Sequence[LogLikelihood],
+        logs: Sequence[Log],
+        states: Sequence[Array],
     ) -> None:
-        self._robot, self._parameters, self._logs, self.spread = robot, parameters, logs, spread
-        self._stiffness: list[Array] = []
+        self._robot, self._parameters = replace(robot, effects=()), parameters
+        self._models, self._logs = models, logs
+        for model, log, state in zip(models, logs, states, strict=True):  # raises what `Slipping` passes over
+            stiffness_of(self._robot, model, log, state)
+        rows = len(models[0].rows)
+        self.expected, self.deviations = np.eye(1 + rows)[0], np.array([DOUBT] + rows * [UNEVEN])
+        self._last: list[tuple[Array, Array]] = []
         self._calls = 0
 
-    def slips(
-        self,
-        models: Sequence[LogLikelihood],
-        geometry: Geometry,
-        changed: Geometry,
-        change: Array,
-        states: Sequence[Array],
-    ) -> list[Array]:
-        """Return the slips in each log (K - 1, rows, P), m per unit of an error of each of the controller's numbers.
+    def predict(self, values: Array, states: Sequence[Array]) -> list[Array]:
+        """Balance contacts by parameters of these values (P,), and return the creep (K - 1, rows, 1 + rows) in each log
+        that is known up to factors.
 
-        changed, change: as in `LogLikelihood.reduce`. Contacts beyond the friction circle slide, and how much depends
-        on the slips: it is a mean of this call's and, with less weight, earlier ones, as iterations would alternate.
-        Raises InputError for a robot that cannot stand by itself.
+        Contacts beyond the friction circle slide, and how much depends on the state: it is a mean of this call's and,
+        with less weight, earlier ones, as iterations would alternate.
         """
-        robot = robot_with(self._robot, self._parameters, values_of(geometry, self._parameters))
-        found = [
-            stiffness_of(robot, model, log, state) for model, log, state in zip(models, self._logs, states, strict=True)
+        robot = robot_with(self._robot, self._parameters, values)
+        slips = [Slipping(robot, *fit) for fit in zip(self._models, self._logs, states, strict=True)]
+        found = [(slipping.stiffness, slipping.columns()) for slipping in slips]
+        self._calls += 1
+        weight = min(2 / self._calls, 1.0)
+        self._last = [
+            (new[0] ** weight * old[0] ** (1 - weight), weight * new[1] + (1 - weight) * old[1])
+            for new, old in zip(found, self._last or found, strict=True)
         ]
-        last, self._calls = self._stiffness or found, self._calls + 1
-        weight = 2 / (self._calls + 1)
-        self._stiffness = [new**weight * old ** (1 - weight) for new, old in zip(found, last, strict=True)]
-        slips = []
-        for model, state, stiffness in zip(models, states, self._stiffness, strict=True):
-            no_readings, no_slips = np.zeros((*model.counts.shape, 0)), np.zeros((*stiffness.shape, 0))
-            changes = Changes(geometry, changed, change, state, no_readings, no_slips)
-            by_number = model.masked_by_creep(changes, stiffness)
-            slips.append(by_number * [p.scale for p in self._parameters])
-        return slips
+        for model, (stiffness, _) in zip(self._models, self._last, strict=True):
+            model.balance(stiffness)
+        return [columns for _, columns in self._last]
 
-    def learn(self, errors: Array, variances: Array) -> None:
-        """Set the spread to its most likely value (MacKay, Neural Computation 4(3), 1992), but no less than `USUAL`,
-        given the errors (P,) of the controller's numbers with their variances."""
-        shown = float(np.sum(1 - variances / self.spread**2))
-        self.spread = max(USUAL, float(np.sqrt(np.sum(errors**2) / max(shown, 1.0))))
+    def expect(self, columns: Sequence[Array], factors: Array) -> None:
+        """Make models expect the creep of columns with these factors (1 + rows,)."""
+        for model, of_log in zip(self._models, columns, strict=True):
+            model.expect(of_log @ factors)
 
-
-def expect(models: Sequence[LogLikelihood], slips: Sequence[Array], errors: Array) -> None:
-    """Make models expect the slips that errors (P,) of the controller's numbers cause."""
-    for model, by_number in zip(models, slips, strict=True):
-        model.expect(by_number @ errors)
-
-
-def stiffness_of(robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> Array:
-    """Return the force, N, per m/s of slip of each of a model's rows (K - 1, rows); of a side row that of all wheels of
-    its castor. Raises InputError for a robot that cannot stand by itself."""
-    found = yields(robot, Channels(robot).motion(log, state), Floor())
-    wheels, of_castor = len(robot.wheels), np.array(robot.wheel_castors)
-    stiffness = np.divide(1.0, found, out=np.zeros_like(found), where=found > 0)
-    stiffness[:, wheels:] = stiffness[:, wheels:] @ (of_castor[:, None] == of_castor)
-    return stiffness[:, model.rows]
+    def disagreement(
+        self, geometry: Geometry, changed: Geometry, change: Array, states: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """Return information (P, P) and score (P,) by how far wheels disagree, on changes of the parameters in parts of
+        their scales; changed, change: as in `LogLikelihood.reduce`."""
+        scale, count = np.array([p.scale for p in self._parameters]), len(self._parameters)
+        information, score = np.zeros((count, count)), np.zeros(count)
+        for model, log, state in zip(self._models, self._logs, states, strict=True):
+            steps = len(state) - 1, len(model.rows)
+            changes = Changes(
+                geometry, changed, change, state, np.zeros((*model.counts.shape, 0)), np.zeros((*steps, 0))
+            )
+            seen = Disagreement.of(model, changes, log.t, np.zeros(steps), np.zeros(steps, dtype=bool))
+            by_size, by_score, _ = seen.statistics(seen.sizes())
+            information += by_size[:count, :count] * np.outer(scale, scale)
+            score += by_score[:count] * scale
+        return scattered(information, score, CONTROLLER**2 * np.eye(count))

@@ -163,6 +163,4 @@ class _Drives:
         if not self._rolled[drive]:
             return None
         logs = [logged(self._robot, rolled, poses) for rolled in self._rolled[drive]]
-        return information_of(
-            self._robot, self._calibration.parameters, logs, TYPICAL, self._calibration.controller_spread
-        )
+        return information_of(self._robot, self._calibration.parameters, logs, TYPICAL, self._calibration.creeps)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.creep import CONTROLLER
 from estimators.calibration.identifiability import COVERAGE, WHOLLY, rests_on, scale_rests_on_pivots, unseen_of
 from estimators.calibration.maximum_likelihood import Calibration, calibrate
 from estimators.calibration.protocol import Recording, Report, Result
@@ -44,10 +45,10 @@ class MaximumLikelihoodMethod:
             remarks.append("all lengths rest on the pivots' places in the robot file; reference poses would check them")
         noise, (x, y, yaw) = found.noise, found.mount
         remarks.append(f"slip {1e3 * noise.along:.2g} mm along and {1e3 * noise.across:.2g} mm across after 1 m")
-        if found.controller_spread is not None:
+        if found.creeps:
             remarks.append(
-                f"intervals reckon with creep of wheels that a controller drives against each other by numbers that "
-                f"are off by {100 * found.controller_spread:.2g} % (standard deviation)"
+                "intervals reckon with creep of wheels that a controller drives against each other by numbers that "
+                f"are off by {100 * CONTROLLER:.2g} % (standard deviation)"
             )
         if found.creep_left_out:
             remarks.append(
@@ -65,7 +66,7 @@ class MaximumLikelihoodMethod:
                 for change in unseen
             ],
             "slip_m": [noise.along, noise.across],
-            "controller_spread": found.controller_spread,
+            "creeps": found.creeps,
             "creep_left_out": found.creep_left_out,
         }
         if found.left is not None:

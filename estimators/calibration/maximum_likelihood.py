@@ -6,8 +6,8 @@ slip and of reference poses is estimated as well: the squares of each kind are b
 which the logs hold next to no information keep the robot file's numbers and are reported (`unseen`).
 
 A reference may track any point of the body, with axes turned against the body's and a clock that is early or late. All
-of this is fitted beside the robot's parameters, so that it does not bias them; and so is how far contacts creep where
-wheels are driven against each other (`creep`).
+of this is fitted beside the robot's parameters, so that it does not bias them; and so is how far contacts creep
+(`creep`).
 """
 
 from collections.abc import Callable, Sequence
@@ -25,8 +25,9 @@ from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.creep import Creep, expect
+from estimators.calibration.creep import Creep
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
+from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.log_likelihood import ExtraColumns, Leftover, LogLikelihood, Noise, Reduced, moved_along
 
 UNSEEN = 0.03
@@ -81,9 +82,8 @@ class Calibration:
     when all end where they began. clocks (logs, 2): the reference at t is the pose at t + clock[0] + clock[1] (t -
     t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms distance (m) between odometry, which
     starts at the most likely pose at a log's first reference pose, and the reference, before and, accounting for creep,
-    after; None without a reference. controller_spread: standard deviation of errors of the numbers by which the robot's
-    controller drives wheels against each other, as a part of the scales; None where it cannot, or wheels do not slip,
-    or creep is left out. creep_left_out: why; "" if it is not.
+    after; None without a reference. creeps: whether contacts creep: not where wheels do not slip, or creep is left out;
+    creep_left_out: why; "" if it is not.
     """
 
     robot: RobotDescription
@@ -99,7 +99,7 @@ class Calibration:
     clocks: Array
     poses: int
     left: tuple[float, float] | None
-    controller_spread: float | None
+    creeps: bool
     creep_left_out: str
 
     @property
@@ -124,14 +124,14 @@ class Calibration:
 
 
 class State(NamedTuple):
-    """All unknowns: parameters (P,), mount (3,), the state and clock of each log, and errors (P,) of the controller's
-    numbers, in scales; without creep (0,)."""
+    """All unknowns: parameters (P,), mount (3,), the state and clock of each log, and the factors of creep (1 + rows,);
+    without creep (0,)."""
 
     found: Array
     mount: Array
     states: list[Array]
     clocks: Array
-    errors: Array = np.zeros(0)
+    factors: Array = np.zeros(0)
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -141,7 +141,7 @@ def calibrate(
     """Calibrate a robot from logs of any motion, with or without reference poses.
 
     pivots: whether the pivots of free castors are to be found too. noise: known sizes, of all that contacts slip; None:
-    they are found, and creep of wheels that are driven against each other with them.
+    they are found, and creep of contacts with them.
     Raises InputError, saying what to record instead, where the logs show nothing, contradict the robot beyond repair,
     or hold counts that jump.
     """
@@ -155,11 +155,9 @@ def calibrate(
     _check(robot, logs, parameters)
     try:
         at, sizes, solution = fitted(models, described, parameters, before, noise, placed=mount_prior(described))
-        creep, left_out = Creep(robot, parameters, logs), ""
+        left_out = ""
         if noise is None:
-            at, sizes, solution, left_out = _with_creep(
-                models, described, parameters, before, creep, at, sizes, solution
-            )
+            at, sizes, solution, left_out = _with_creep(robot, logs, models, parameters, before, at, sizes, solution)
         robot_with(robot, parameters, at.found)
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
@@ -185,41 +183,46 @@ def calibrate(
         clocks=at.clocks,
         poses=poses,
         left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
-        controller_spread=creep.spread if len(at.errors) else None,
+        creeps=len(at.factors) > 0,
         creep_left_out=left_out,
     )
 
 
 def _with_creep(
+    robot: RobotDescription,
+    logs: Sequence[Log],
     models: list[LogLikelihood],
-    described: Geometry,
     parameters: tuple[Parameter, ...],
     before: Array,
-    creep: Creep,
     at: State,
     sizes: Noise,
     solution: "_Solution",
 ) -> tuple[State, Noise, "_Solution", str]:
     """Return the most likely state, sizes of noise and last step with creep, from those without it; and why creep is
-    left out, "" if it is not, or wheels cannot creep so or leave no slip."""
+    left out, "" if it is not, or wheels leave no slip."""
     rolling = sizes.along <= LEAST.along and sizes.across <= LEAST.across  # wheels that creep leave slip
     if rolling or solution.moved > 1.0 or not solution.seen.any():
         return at, sizes, solution, ""
     try:
-        slips = creep.slips(models, *_changed(described, parameters, at.found), at.states)
+        creep = Creep(robot, parameters, models, logs, at.states)
     except InputError as error:
         return at, sizes, solution, str(error)
-    if not any(np.any(by_number) for by_number in slips):
-        return at, sizes, solution, ""
-    start = at._replace(errors=np.zeros(len(parameters))), sizes
-    found = fitted(models, described, parameters, before, None, start, placed=mount_prior(described), creep=creep)
+    described, start = Geometry.of(robot), (at._replace(factors=creep.expected), sizes)
+    placed = mount_prior(described)
+    found = fitted(models, described, parameters, before, None, start, placed=placed, least=LEAST_NOISE, creep=creep)
     left_out = "" if found[2].moved < 1.0 else "as predicted it does not fit the logs"
     if not left_out:
         if found[2].seen.any():
             return *found, ""
         left_out = "with it, these logs show none of the numbers; give reference poses"
-    expect(models, slips, np.zeros(len(parameters)))
+    _without_creep(models)
     return at, sizes, solution, left_out
+
+
+def _without_creep(models: Sequence[LogLikelihood]) -> None:
+    for model in models:
+        model.balance(None)
+        model.expect(np.zeros((len(model.counts) - 1, len(model.rows))))
 
 
 def straightened(described: Geometry, logs: Sequence[Log]) -> tuple[list[Log], float]:
@@ -253,8 +256,8 @@ def fitted(
 
     noise: known sizes; None: they are fitted. start: state and noise of the same logs to begin with; None: state by
     counts. rounds: most steps. placed (3,): prior standard deviations of the mount. least: lower bounds of noise.
-    creep: of wheels that are driven against each other, whose spread is fitted too; None: models expect what they are
-    told to. probes: number of draws of residuals (`LogLikelihood.reduce`) by which noise is fitted.
+    creep: of contacts, whose factors are fitted too; None: models expect what they are told to. probes: number of draws
+    of residuals (`LogLikelihood.reduce`) by which noise is fitted.
     """
     scale = _scales(parameters)
     if afresh := start is None:
@@ -266,29 +269,36 @@ def fitted(
     k = 0
     while True:
         steps = _changed(described, parameters, at.found)
-        slips = creep.slips(models, *steps, at.states) if creep else []
+        columns, seen = [], (np.zeros((len(scale), len(scale))), np.zeros(len(scale)))
         if creep:
-            expect(models, slips, at.errors)
+            columns, seen = creep.predict(at.found, at.states), creep.disagreement(*steps, at.states)
+            creep.expect(columns, at.factors)
         reductions = [
-            model.reduce(*steps, state, clock, at.mount, sizes, probes, _columns(model, slips[n : n + 1]))
+            model.reduce(*steps, state, clock, at.mount, sizes, probes, _columns(model, columns[n : n + 1]))
             for n, (model, state, clock) in enumerate(zip(models, at.states, at.clocks, strict=True))
         ]
-        deviations = np.concatenate([np.full(len(at.errors), creep.spread if creep else 0.0), placed])
-        shared = np.concatenate([at.errors, at.mount])
+        deviations = np.concatenate([creep.deviations, placed]) if creep else placed
+        expected = np.concatenate([creep.expected, np.zeros(3)]) if creep else np.zeros(3)
+        shared = np.concatenate([at.factors, at.mount]) - expected
         farthest, converged = FARTHEST if k >= warm_up else 0.0, NOISE_CONVERGED_BY_ERROR if creep else CONVERGED
-        solution = _solve(reductions, scale, shared, deviations, (at.found - before) / scale, farthest)
+        solution = _solve(reductions, seen, scale, shared, deviations, (at.found - before) / scale, farthest)
 
-        def expected(state: State, slips: list[Array] = slips) -> None:
+        def squares(
+            state: State,
+            columns: list[Array] = columns,
+            seen: tuple[Array, Array] = seen,
+            found: Array = at.found,
+            prior: tuple[Array, Array] = (expected, deviations),
+        ) -> float:
             if creep:
-                expect(models, slips, state.errors)
+                creep.expect(columns, state.factors)
+            change = (state.found - found) / scale
+            off = (np.concatenate([state.factors, state.mount]) - prior[0]) / prior[1]
+            return float(off @ off + change @ seen[0] @ change - 2 * change @ seen[1])
 
-        at, left, part = _stepped(reductions, described, parameters, at, solution, deviations, expected)
+        at, left, part = _stepped(reductions, described, parameters, at, solution, squares)
         last, sizes = sizes, sizes if noise else resized(sizes, left, least)
         done = k > warm_up and part == 1 and solution.moved < converged and _same(sizes, last, left)
-        if creep:
-            last_spread = creep.spread
-            creep.learn(at.errors, np.diag(solution.shared_covariance)[: len(at.errors)])
-            done &= abs(creep.spread / last_spread - 1) < NOISE_CONVERGED
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
@@ -308,7 +318,7 @@ def _changed(described: Geometry, parameters: tuple[Parameter, ...], values: Arr
 
 
 def _columns(model: LogLikelihood, slips: list[Array]) -> ExtraColumns | None:
-    """Return the columns of a log's slips (K - 1, rows, P), if there are any."""
+    """Return the columns of a log's slips (K - 1, rows, R), if there are any."""
     return ExtraColumns(np.zeros((*model.counts.shape, 0)), tuple(slips)) if slips else None
 
 
@@ -329,25 +339,22 @@ def _stepped(
     parameters: tuple[Parameter, ...],
     at: State,
     solution: "_Solution",
-    deviations: Array,
-    expected: Callable[[State], None],
+    more_squares: Callable[[State], float],
 ) -> tuple[State, list[Leftover], float]:
-    """Return the state after a step, the residuals of each log, and the part of the step that was taken. deviations:
-    see `_solve`; expected: makes the models expect the slips of a state.
+    """Return the state after a step, the residuals of each log, and the part of the step that was taken.
+    more_squares: makes the models expect the slips of a state, and returns its squares but for those of `reductions`.
 
     All unknowns are moved by the whole step, or half of it, and so on, until the exact (not linearised) sum of squares
     is no larger than before, with the weights of the state before. Each time, poses are moved in the world and, if that
     fails, relative to each other (`moved_along`).
     """
-    scale, first = _scales(parameters), len(at.errors)
+    scale, first = _scales(parameters), len(at.factors)
     moved_by = np.concatenate([scale[:, None] * solution.step, solution.shared])
 
-    def squares(state: State) -> float:  # and the prior of the numbers that logs share
-        expected(state)
-        geometry = geometry_with(described, parameters, state.found)
+    def squares(state: State) -> float:
+        more, geometry = more_squares(state), geometry_with(described, parameters, state.found)
         logs = zip(reductions, state.states, state.clocks, strict=True)
-        prior = np.sum((np.concatenate([state.errors, state.mount]) / deviations) ** 2)
-        return sum(reduced.squares(geometry, path, clock, state.mount) for reduced, path, clock in logs) + prior
+        return sum(reduced.squares(geometry, path, clock, state.mount) for reduced, path, clock in logs) + more
 
     def part_of(part: float, moved: Callable[[Array, Array], Array]) -> State:
         return State(
@@ -355,7 +362,7 @@ def _stepped(
             at.mount + part * solution.shared[first:, 0],
             [moved(old, part * (new - old)) for old, (new, _, _) in zip(at.states, full_step, strict=True)],
             at.clocks + part * (np.array([clock for _, clock, _ in full_step]) - at.clocks),
-            at.errors + part * solution.shared[:first, 0],
+            at.factors + part * solution.shared[:first, 0],
         )
 
     full_step = [reduced.finish(moved_by) for reduced in reductions]
@@ -378,23 +385,24 @@ def information_of(
     parameters: tuple[Parameter, ...],
     logs: Sequence[Log],
     noise: Noise,
-    controller_spread: float | None = None,
+    creeps: bool = False,
 ) -> Array:
     """Return the information (P, P) that logs which fit a robot hold on its parameters, in parts of their scales, at
-    known noise. controller_spread: see `Calibration`."""
+    known noise. creeps: see `Calibration`."""
     geometry, scale = Geometry.of(robot), _scales(parameters)
     steps = _changed(geometry, parameters, values_of(geometry, parameters))
     models = [LogLikelihood(geometry, log) for log in logs]
-    states, slips = [model.start(geometry) for model in models], []
-    if controller_spread:
-        slips = Creep(robot, parameters, logs).slips(models, *steps, states)
+    states, columns = [model.start(geometry) for model in models], []
+    deviations, seen = mount_prior(geometry), (np.zeros((len(scale), len(scale))), np.zeros(len(scale)))
+    if creeps:
+        creep = Creep(robot, parameters, models, logs, states)
+        columns, seen = creep.predict(values_of(geometry, parameters), states), creep.disagreement(*steps, states)
+        deviations = np.concatenate([creep.deviations, deviations])
     reductions = [
-        model.reduce(*steps, state, np.zeros(2), np.zeros(3), noise, 0, _columns(model, slips[n : n + 1]))
+        model.reduce(*steps, state, np.zeros(2), np.zeros(3), noise, 0, _columns(model, columns[n : n + 1]))
         for n, (model, state) in enumerate(zip(models, states, strict=True))
     ]
-    errors = np.full(len(scale), controller_spread) if controller_spread else np.zeros(0)
-    deviations = np.concatenate([errors, mount_prior(geometry)])
-    solution = _solve(reductions, scale, 0 * deviations, deviations, np.zeros(len(scale)), FARTHEST)
+    solution = _solve(reductions, seen, scale, 0 * deviations, deviations, np.zeros(len(scale)), FARTHEST)
     return (solution.way * solution.strength) @ solution.way.T
 
 
@@ -433,8 +441,8 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
 
 
 class _Solution(NamedTuple):
-    """step (P, 1 + probes), in scales; shared (n, 1 + probes) and its covariance (n, n): of errors of the controller's
-    numbers, if creep is fitted, and the mount; moved: in standard errors.
+    """step (P, 1 + probes), in scales; shared (n, 1 + probes) and its covariance (n, n): of the factors of creep, if it
+    is fitted, and the mount; moved: in standard errors.
 
     strength (P,), way (P, P): eigenvalues and eigenvectors (columns) of the information, in scales; seen (P,): which
     directions the logs show.
@@ -450,13 +458,22 @@ class _Solution(NamedTuple):
 
 
 def _solve(
-    reductions: list[Reduced], scale: Array, shared: Array, deviations: Array, away: Array, farthest: float
+    reductions: list[Reduced],
+    seen_apart: tuple[Array, Array],
+    scale: Array,
+    shared: Array,
+    deviations: Array,
+    away: Array,
+    farthest: float,
 ) -> _Solution:
-    """Return the next step; shared (n,): numbers of `_Solution.shared`, with prior standard deviations about 0; away
-    (P,): current deviation from the robot file, in scales."""
+    """Return the next step; seen_apart: further information (P, P) and score (P,), in scales; shared (n,): numbers of
+    `_Solution.shared` beyond their prior means, with prior standard deviations; away (P,): current deviation from the
+    robot file, in scales."""
     information = np.sum([reduced.information for reduced in reductions], axis=0)
     gradient = np.sum([reduced.gradient for reduced in reductions], axis=0)
     n = len(scale)
+    information[:n, :n] += seen_apart[0] / np.outer(scale, scale)
+    gradient[:n, 0] -= seen_apart[1] / scale
     information[n:, n:] += np.diag(deviations**-2.0)
     gradient[n:, 0] += shared / deviations**2
     solved = np.linalg.solve(information[n:, n:], np.column_stack([information[n:, :n], gradient[n:]]))
@@ -501,8 +518,7 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) ->
 
     before, after = geometries
     left = rms(after)
-    for model in models:  # by the robot file, wheels agree
-        model.expect(np.zeros((len(model.counts) - 1, len(model.rows))))
+    _without_creep(models)  # plain odometry by the robot file
     return rms(before), left
 
 

@@ -203,12 +203,13 @@ class LogLikelihood:
         robot is not quite where the reference saw it."""
         self._jitter = duration
 
-    def balance(self, stiffness: Array) -> None:
-        """Let contacts creep freely where their wheels disagree. stiffness (K - 1, rows): of their creep, in any unit.
+    def balance(self, stiffness: Array | None) -> None:
+        """Let contacts creep freely where their wheels disagree. stiffness (K - 1, rows): of their creep, in any unit;
+        None: contacts do not creep.
 
         Each step then says only how the body, and castors that nothing drives, move by the balance of all contacts'
         forces. What contradicts that, creep compensates: no matter how much, as wheels held at speeds that disagree
-        have to slip. How much they usually disagree is another question (`discrepancy.posterior.disagreement`).
+        have to slip. How much they usually disagree is another question (`disagreement`).
         """
         self._stiffness = stiffness
 

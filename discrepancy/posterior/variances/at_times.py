@@ -20,9 +20,9 @@ from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.measurement.design_matrix import Columns
 from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
-from discrepancy.posterior.disagreement import LEAST_KEPT, Disagreement, of_row
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances.bursts import Bursts, bursts_of
+from estimators.likelihood.disagreement import LEAST_KEPT, Disagreement, of_row
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
 """Parts of all windows in which the fault may be active."""
@@ -165,7 +165,7 @@ def _slips(design: Columns, disagreement: Disagreement, off: Array, row: int, hi
     """Return the slip (W,) of a row, as a part of the way, if no other row slips in the windows that are hit."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
     starts = np.cumsum(disagreement.steps) - disagreement.steps
-    _, by_slip = of_row(design, row)
+    _, by_slip = of_row(design.model, design.geometry, design.state, row)
     kept = np.add.reduceat(by_slip * rolled, starts) / np.add.reduceat(disagreement.way, starts)
     kept = np.maximum(kept, LEAST_KEPT)
     return np.where(hit, off[:, row] * disagreement.sizes()[not disagreement.along[row]] / kept, 0.0)

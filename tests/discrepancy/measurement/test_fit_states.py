@@ -15,10 +15,11 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of, stacked
 from discrepancy.measurement import fit_states
-from discrepancy.posterior.linearise import LEAST_NOISE, linearise
+from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise, as_recorded
 from estimators.calibration.maximum_likelihood import LEAST
+from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 ROBOT = preset("asoc-prototype")

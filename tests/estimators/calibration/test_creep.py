@@ -15,7 +15,6 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration import maximum_likelihood
-from estimators.calibration.creep import USUAL
 from estimators.calibration.drives import moves_sideways
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.likelihood_method import MaximumLikelihoodMethod
@@ -75,40 +74,42 @@ def test_true_values_are_within_their_intervals():
     found, without = calibrated("asoc-prototype", 31), calibrate_without_creep(preset("asoc-prototype"), log)
     assert held(found, "asoc-prototype", WRONG[31]).mean() > 0.9
     assert held(without, "asoc-prototype", WRONG[31]).mean() < 0.5
-    assert found.controller_spread is not None
-    assert found.controller_spread >= USUAL
+    assert found.creeps
+    assert not without.creeps
     assert not found.creep_left_out
 
 
-COVERED = {"asoc-prototype": 0.93, "2-castor": 0.93, "4-castor": 0.93, "omnimate": 0.93, "swerve": 0.93}
+COVERED = "asoc-prototype", "2-castor", "4-castor", "omnimate", "swerve", "powered-caster"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COVERED)
 def test_intervals_hold_their_share_of_true_values(name):
-    assert coverage(name) >= COVERED[name]
-
-
-@pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="steering is commanded in steps: castors do not turn smoothly between samples")
-def test_intervals_hold_their_share_of_true_values_on_powered_casters():
-    assert coverage("powered-caster") >= 0.93
+    assert coverage(name) >= 0.93
 
 
 def test_true_values_are_within_their_intervals_without_reference_poses():
     log = dataclasses.replace(driven("asoc-prototype", WRONG[31], 31), reference=None)
     found, without = calibrate(preset("asoc-prototype"), [log]), calibrate_without_creep(preset("asoc-prototype"), log)
-    assert found.controller_spread == USUAL
     assert held(found, "asoc-prototype", WRONG[31]).mean() > 0.9
     assert held(without, "asoc-prototype", WRONG[31]).mean() < 0.8
 
 
-def test_wheels_that_cannot_disagree_do_not_creep_against_each_other():
+def test_wheels_that_cannot_disagree_creep_under_forces_only():
+    """Which these logs hardly show."""
     log = driven("differential", None, 31, 20.0)
     found, without = calibrate(preset("differential"), [log]), calibrate_without_creep(preset("differential"), log)
-    assert found.controller_spread is None
-    np.testing.assert_array_equal(found.after, without.after)
-    np.testing.assert_array_equal(found.covariance, without.covariance)
+    seen = without.standard_errors > 0
+    assert np.all(np.abs(found.after - without.after)[seen] < 0.2 * without.standard_errors[seen])
+    np.testing.assert_allclose(found.standard_errors, without.standard_errors, rtol=0.05)
+
+
+def test_a_wheel_of_a_swerve_is_found_within_its_interval():
+    """The controller's numbers are as good as a ruler: if their spread were fitted too, it could grow without bound."""
+    found = calibrated("swerve", 31)
+    (first,) = (k for k, p in enumerate(found.parameters) if (p.kind, p.castor) == ("radius", 0))
+    assert abs(found.after[first] - 1.02 * found.before[first]) < COVERAGE * found.standard_errors[first]
+    assert held(found, "swerve", WRONG[31]).all()
 
 
 def test_a_robot_whose_loads_are_unknown_is_calibrated_without_creep_and_told_so():
@@ -120,5 +121,5 @@ def test_a_robot_whose_loads_are_unknown_is_calibrated_without_creep_and_told_so
 
 
 if __name__ == "__main__":  # the table in docs/benchmark.md
-    for preset_name in ("asoc-prototype", "2-castor", "4-castor", "omnimate", "swerve", "powered-caster"):
+    for preset_name in COVERED:
         print(f"| {preset_name} | {coverage(preset_name, without_creep=True):.2f} | {coverage(preset_name):.2f} |")

@@ -12,11 +12,11 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of
-from discrepancy.measurement.creep_prediction import Slipping
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.refit import Sized, refitted
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
+from estimators.likelihood.creep_prediction import Slipping
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 RADIUS = WheelRadius(castor=3, wheel=2, value=-0.1)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import Log
-from discrepancy.measurement.design_matrix import UNEVEN, Columns
+from castor_envs.motion.kinematics import Geometry
+from estimators.likelihood.creep_prediction import UNEVEN
 from estimators.likelihood.elimination import BLOCK, blocks
+from estimators.likelihood.log_likelihood import Changes, LogLikelihood
 
 WINDOW, QUICK = 1.0, 0.2
 """s: windows over which disagreement is summed. In the long ones errors of rounding, and of castors that turn between
@@ -64,36 +65,39 @@ class Disagreement:
     quick: tuple[Array, Array, float]
 
     @classmethod
-    def of(cls, design: Columns, log: Log, caused: Array, released: NDArray[np.bool_]) -> "Disagreement":
+    def of(
+        cls, model: LogLikelihood, changes: Changes, t: Array, caused: Array, released: NDArray[np.bool_]
+    ) -> "Disagreement":
         """Return the disagreement of a log beyond the slips (K - 1, rows) that the robot's effects cause, or the part
         of these that explains most.
 
+        changes: of the candidates' sizes. t (K,): times of samples, s.
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
-        model = design.model
-        seen = model.disagreement(design.geometry, design.state)
-        caused = caused - model.explained(design.geometry, design.state, caused)
+        geometry, state = changes.geometry, changes.state
+        seen = model.disagreement(geometry, state)
+        caused = caused - model.explained(geometry, state, caused)
         square = max(float(np.sum(caused**2)), 1e-30)
         caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
-        way = np.abs(model.rolled(design.geometry, design.state)).max(axis=1)
-        short = max(round(QUICK / np.median(np.diff(log.t))), 1)
-        parts = max(round(WINDOW / np.median(np.diff(log.t)) / short), 1)
+        way = np.abs(model.rolled(geometry, state)).max(axis=1)
+        short = max(round(QUICK / np.median(np.diff(t))), 1)
+        parts = max(round(WINDOW / np.median(np.diff(t)) / short), 1)
         starts = np.arange(0, len(way), parts * short)
         rolled = _rolled(way, starts)
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
-        along = model.rows < len(design.geometry.radius)
+        along = model.rows < len(geometry.radius)
         quick, by_size = _Quick.of(seen - caused, way, short, parts, along, counted), []
         for steps in blocks(len(way), max(BLOCK // (parts * short), 1) * parts * short):
-            by_step = model.agreement_by(design.made.changes, steps)
+            by_step = model.agreement_by(changes, steps)
             by_size.append(np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short)))
             quick.add(by_step, steps)
         sums = [np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused))]
         of_way, doubt, by_size = (
             part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in (*sums, np.concatenate(by_size))
         )
-        steps = np.diff([*starts, len(way)])
+        steps = np.diff(np.append(starts, len(way)))
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, doubt, by_size, counted, along, log.t[starts], way, steps, quick.statistics())
+        return cls(of_way, doubt, by_size, counted, along, t[starts], way, steps, quick.statistics())
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
@@ -202,10 +206,9 @@ def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_]) -> tuple[Arra
     return weight, -float(counted.sum() * np.sum(np.log(size))) - float(np.sum(far[counted]))
 
 
-def of_row(design: Columns, row: int) -> tuple[Array, Array]:
+def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> tuple[Array, Array]:
     """Return by how much a row disagrees with the other rows in every step (K - 1,), m, and the change of it per metre
     of slip of that row."""
-    model, geometry, state = design.model, design.geometry, design.state
     slips = np.zeros((len(state) - 1, len(model.rows)))
     slips[:, row] = 1.0
     by_slip = model.explained(geometry, state, slips) - slips

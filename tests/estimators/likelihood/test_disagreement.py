@@ -11,9 +11,9 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import stacked
-from discrepancy.posterior.disagreement import LEAST, Disagreement
 from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
+from estimators.likelihood.disagreement import LEAST, Disagreement
 
 ROBOT = preset("asoc-prototype")
 
