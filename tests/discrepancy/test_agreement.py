@@ -5,18 +5,19 @@ import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.motion.trajectories import wander
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.posterior.finder import diagnose
 from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration.drives import moves_sideways
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.maximum_likelihood import calibrate
 
-SLOW = ("asoc-prototype", "asoc-full-scale", "4-castor", "omnimate", "differential", "tricycle", "swerve", "omni3")
-"""Presets beside "2-castor" that are compared: those of 1, 3, 5 and 6 castors are like others."""
+QUICK = "2-castor"
 
 
-@pytest.mark.parametrize("name", ["2-castor", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == QUICK else pytest.mark.slow) for name in preset_names()]
+)
 def test_a_wheel_is_as_large_by_calibration_as_by_diagnosis(name):
     robot, radius = preset(name), WheelRadius(castor=1, wheel=1, value=0.01)
     motion = wander(np.random.default_rng([41, 1]), duration=30.0, holonomic=moves_sideways(robot))
