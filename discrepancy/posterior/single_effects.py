@@ -56,15 +56,14 @@ class Component:
     """Posterior of one single effect.
 
     nothing: probability that it is absent. probability (h,): of each hypothesis. mean (m,): expected contribution to b;
-    square: expected ``b . information b`` of this contribution. log_evidence: log-likelihood ratio of the mixture of
-    all hypotheses and nothing, averaged by their priors, against nothing.
+    square: expected ``b . information b`` of this contribution. divergence: Kullback-Leibler divergence from the prior.
     """
 
     nothing: float
     probability: Array
     mean: Array
     square: float
-    log_evidence: float
+    divergence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +166,8 @@ class SingleEffects:
         total = sum((component.mean for component in found), np.zeros(len(score)))
         bound = float(score @ total - total @ self.information @ total / 2)
         for component in found:
-            bound -= (component.square - float(component.mean @ self.information @ component.mean)) / 2
-            left = score - self.information @ (total - component.mean)
-            bound += component.log_evidence - float(left @ component.mean) + component.square / 2
+            variance = component.square - float(component.mean @ self.information @ component.mean)
+            bound -= variance / 2 + component.divergence
         return bound
 
     def _component(self, score: Array) -> Component:
@@ -183,13 +181,9 @@ class SingleEffects:
         squares = np.einsum("hki,hkj->hij", weight * mean, mean)
         squares[:, [0, 1], [0, 1]] += np.sum(weight * variance, axis=1)
         squares = turned @ squares @ np.swapaxes(turned, 1, 2)
-        return Component(
-            float(np.exp(np.log(NOTHING) - log_evidence)),
-            probability,
-            along.ravel() @ self._rays,
-            float(np.sum(self._seen * squares)),
-            log_evidence,
-        )
+        expected, square = along.ravel() @ self._rays, float(np.sum(self._seen * squares))
+        divergence = float(score @ expected) - square / 2 - log_evidence
+        return Component(float(np.exp(np.log(NOTHING) - log_evidence)), probability, expected, square, divergence)
 
     def _beside(self, score: Array, others: Sequence[Component]) -> tuple[Array, Array]:
         """Return information (h, 2, 2) and score (h, 2) of the sizes of every hypothesis beside other components.
