@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Numbers
 from castor_envs.sensors.observation import Observations, increments
+from castor_envs.vehicles.effect import Effect
 
 #: The parts of a log that are always there, and those that may be None.
 REQUIRED = ("t", "wheel", "pivot")
@@ -20,7 +21,8 @@ class Log:
     t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe wrapped.
     command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference (K, 3): a tracker's
     x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None. extra: the columns that
-    the vehicle does not have, as text. Arrays of any real numbers are held as float64.
+    the vehicle does not have, as text. undone: mistakes of wiring that are undone in these counts, while the controller
+    of the run did not know of them. Arrays of any real numbers are held as float64.
 
     Of a train of N axles and F frames: wheel and command (K, 2N), pivot (K, 0), reference (K, 3N), axle by axle. rps
     (K, 3F): x, y, phi of every frame's front axle in its rear axle's frame, NaN where a frame has no reading. rps_age
@@ -37,6 +39,7 @@ class Log:
     rps: Numbers | None = None
     rps_age: Numbers | None = None
     extra: dict[str, list[str]] = field(default_factory=dict)
+    undone: tuple[Effect, ...] = ()
 
     def __post_init__(self):
         for part in (*REQUIRED, *OPTIONAL):

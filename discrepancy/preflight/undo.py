@@ -96,6 +96,5 @@ def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log
     for effect in reversed(wiring):
         wheel, castor = readings(robot.with_effects(effect), log.t, wheel, castor)
     counted = np.round(wheel[:, driven] * per_rev / (2 * np.pi), 6)
-    return dataclasses.replace(
-        log, wheel=counted, pivot=np.round((castor[:, sensed] + zero[sensed]) * turn / (2 * np.pi), 6)
-    )
+    pivot = np.round((castor[:, sensed] + zero[sensed]) * turn / (2 * np.pi), 6)
+    return dataclasses.replace(log, wheel=counted, pivot=pivot, undone=tuple(wiring))

@@ -73,12 +73,13 @@ class Slipping:
         return np.concatenate([self.forced[..., None], disagreeing[..., None] * np.eye(disagreeing.shape[1])], axis=-1)
 
     def by_effects(self) -> Array:
-        """Return the predicted creep (K - 1, rows) that the robot's effects cause: the difference to that of a robot
-        without them whose encoders read the same."""
-        if not self._robot.effects:
+        """Return the predicted creep (K - 1, rows) that the robot's effects cause, and mistakes of wiring (`Log`): the
+        difference to that of a robot without them whose encoders read the same."""
+        real = self._robot.with_effects(*self._log.undone)
+        if not real.effects:
             return np.zeros_like(self.stiffness)
-        plain, state = replace(self._robot, effects=()), self._state.copy()
-        state[:, 3:] = self._channels.read(self._robot, self._log, state[:, 3:])
+        plain, state = replace(real, effects=()), self._state.copy()
+        state[:, 3:] = self._channels.read(real, self._log, state[:, 3:])
         return self._rows(self._creep - Slipping(plain, self._model, self._log, state)._creep)
 
     def _predicted(self, known: Slip | None = None, consistent: bool = False) -> Slip:

@@ -1,5 +1,6 @@
 """What creep masks of effects: against physics in which the controller does not know of them."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
+from castor_envs.effects.wiring import CastorOrder
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
@@ -49,6 +51,21 @@ def test_passive_castors_show_a_smaller_disagreement_with_the_effect_in_the_mode
     robot, log = preset("asoc-prototype"), driven("asoc-prototype", RADIUS)
     plain, seen = (linearise(vehicle, [log], among=()) for vehicle in (robot, robot.with_effects(RADIUS)))
     assert max(seen.disagreements[0].sizes()) < 0.6 * max(plain.disagreements[0].sizes())
+
+
+def test_wheels_disagree_as_predicted_where_their_controller_did_not_know_of_exchanged_encoders():
+    robot, order = preset("5-castor"), CastorOrder(castor=2, exchanged_with=5)
+    log = driven("5-castor", order)
+    castors, wheels = [0, 4, 2, 3, 1], [0, 1, 8, 9, 4, 5, 6, 7, 2, 3]
+    mended = replace(log, pivot=log.pivot[:, castors], wheel=log.wheel[:, wheels], undone=(order,))
+    geometry = Geometry.of(robot.as_built())
+    model = LogLikelihood(geometry, mended)
+    state = np.column_stack([model.odometry(geometry), model.counts])
+    disagreement = model.disagreement(geometry, state)
+    predicted = Slipping(robot, model, mended, state).by_effects()
+    predicted = predicted - model.explained(geometry, state, predicted)
+    assert np.corrcoef(disagreement.ravel(), predicted.ravel())[0, 1] > 0.9
+    assert not Slipping(robot, model, replace(mended, undone=()), state).by_effects().any()
 
 
 @pytest.mark.parametrize(("name", "effect"), [("asoc-prototype", RADIUS), ("swerve", STEERED)])
