@@ -22,9 +22,11 @@ from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, reestimated_noise, schur_complement
 from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.gap import errors_of, gap_of
+from discrepancy.measurement.servo_work import Pull, pull_of
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
 from estimators.calibration.maximum_likelihood import MOUNT, State
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.disagreement import Disagreement
 from estimators.likelihood.elimination import blocks
@@ -47,8 +49,8 @@ class Linearised:
     nuisances integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference
     between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms,
     None without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns of
-    effects on the robot's dimensions, which add up over a log. designs, disagreements: of each log; empty after
-    `without_designs`."""
+    effects on the robot's dimensions, which add up over a log. pulls: what commands say, in each log. designs,
+    disagreements: of each log; empty after `without_designs`."""
 
     candidates: tuple[Candidate, ...]
     columns: tuple[NDArray[np.intp], ...]
@@ -63,6 +65,7 @@ class Linearised:
     designs: tuple[Columns, ...]
     shared: Shared
     disagreements: tuple[Disagreement, ...]
+    pulls: tuple[Pull, ...]
     slips: tuple[Array, ...]
     lasting: NDArray[np.intp]
 
@@ -107,7 +110,7 @@ class Linearised:
     def at_noise(self, noise: Noise) -> "Linearised":
         """Return the statistics at a given noise."""
         logs, log_evidence = _statistics_of(
-            self.designs, self.disagreements, self.shared, noise, self.candidates, self.columns
+            self.designs, self.disagreements, self.pulls, self.shared, noise, self.candidates, self.columns
         )
         return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
 
@@ -174,7 +177,11 @@ def linearise(
         Disagreement.of(design.model, design.made.changes, log.t, slipping.by_effects(), steps)
         for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
     )
-    statistics, log_evidence = _statistics_of(designs, disagreements, shared, noise, candidates, columns)
+    pulls = tuple(
+        pull_of(robot, log, Channels(robot).motion(log, state), design.candidates)
+        for design, log, state in zip(designs, logs, at.states, strict=True)
+    )
+    statistics, log_evidence = _statistics_of(designs, disagreements, pulls, shared, noise, candidates, columns)
     return Linearised(
         candidates=candidates,
         columns=columns,
@@ -189,6 +196,7 @@ def linearise(
         designs=tuple(designs),
         shared=shared,
         disagreements=disagreements,
+        pulls=pulls,
         slips=beyond,
         lasting=_lasting(designs, place),
     )
@@ -203,6 +211,7 @@ def _lasting(designs: Sequence[Columns], place: Mapping[Candidate, NDArray[np.in
 def _statistics_of(
     designs: Sequence[Columns],
     disagreements: Sequence[Disagreement],
+    pulls: Sequence[Pull],
     shared: Shared,
     noise: Noise,
     candidates: Sequence[Candidate],
@@ -212,17 +221,19 @@ def _statistics_of(
     (`Linearised`)."""
     place, by_log, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
-    for design, disagreement in zip(designs, disagreements, strict=True):
+    for design, disagreement, pull in zip(designs, disagreements, pulls, strict=True):
         parts = [place[candidate] for candidate in design.candidates]
         indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(disagreement.sizes()), shared, noise)
+        statistics, log_likelihood = _of_sizes(
+            design, disagreement.statistics(disagreement.sizes()), pull, shared, noise
+        )
         by_log.append(_spread(statistics, indices, count))
         log_evidence += log_likelihood
     return tuple(by_log), log_evidence
 
 
 def _of_sizes(
-    design: Columns, disagreement: tuple[Array, Array, float], shared: Shared, noise: Noise
+    design: Columns, disagreement: tuple[Array, Array, float], pull: Pull, shared: Shared, noise: Noise
 ) -> tuple[Statistics, float]:
     """Return information and score of a log's candidate sizes, with the nuisances (creep and the tracked point)
     integrated out by a Schur complement; and the log evidence with all sizes 0. disagreement: from
@@ -233,15 +244,15 @@ def _of_sizes(
     shared.add_priors(information, gradient, n)
     shown, score = schur_complement(information, gradient[:, 0], n)
     nuisances = information[n:, n:]
-    likely = reduced.log_evidence + disagreement[2] - float(np.linalg.slogdet(nuisances)[1]) / 2
+    likely = reduced.log_evidence + disagreement[2] + pull.log_likelihood - float(np.linalg.slogdet(nuisances)[1]) / 2
     likely += float(gradient[n:, 0] @ np.linalg.solve(nuisances, gradient[n:, 0])) / 2
     likely -= float(np.sum(((shared.creep - shared.expected) / shared.doubt) ** 2)) / 2 + float(
         np.sum(np.log(shared.doubt))
     )
     likely -= float(np.sum((shared.mount / MOUNT) ** 2)) / 2
     information, both = disagreement[0].copy(), disagreement[1].copy()
-    information[:n, :n] += shown
-    both[:n] += score
+    information[:n, :n] += shown + pull.information
+    both[:n] += score + pull.score
     return Statistics(information, both), likely
 
 

@@ -1,0 +1,217 @@
+"""What commands tell of forces: the work of the wheels' servos is the energy that the robot gains.
+
+A servo lets its wheel fall behind the command in proportion to its torque: in rate or, if it integrates, in angle. So
+in any time, with phi the angle of each wheel and c the servos' compliance (rad/s or rad for each N m),
+
+    sum over wheels of the integral of behind d(phi) = c (kinetic energy gained + weight lifted) + nuisances + noise.
+
+Forces by which wheels are driven against each other cancel, as they do no work where wheels roll. The starts and stops
+of a log determine c. Nuisances: a constant error of how far each wheel is behind, one in proportion to its rate or
+angle, friction, and the servos' delay. Noise of windows is white; besides, an integrator that is held at its limit
+loses count, so how far a wheel is behind wanders, the more the more it lags in rate. Each log shows the size of both.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from castor_envs.effects.catalogue import floor_of
+from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import rotate
+from castor_envs.geometry.steps import Motion, smoothed
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.weight import castor_center, chassis
+from discrepancy.hypotheses.candidates import Candidate
+
+WINDOW, MOST = 0.5, 512
+"""s: length of windows, in which the transients of servos average out; and most windows that are solved together."""
+
+WANDERING = (0.0, *np.geomspace(0.01, 1000.0, 11).tolist())
+"""Variances of wandering, relative to that of white noise, among which the likeliest is chosen."""
+
+DEPENDENT = 1e-8
+"""Singular value, as a part of the largest, below which columns of length 1 are dependent."""
+
+SAMPLING = 12**-0.5
+"""Standard deviation of a proportional servo's delay, in sample periods: commands act at any time within one."""
+
+
+class Pull(NamedTuple):
+    """Information (C, C) and score (C,) of the amplitudes of candidates by the commands of a log; and its
+    log-likelihood where all are 0, relative to that with the likeliest slope of the floor."""
+
+    information: Array
+    score: Array
+    log_likelihood: float
+
+
+class _Rows(NamedTuple):
+    """Rows of W windows. work (W, 1): of servos, in units of c. gained (W, 1): energy, J. moved (W, 2): mass times way
+    in N, kg m. turned (W, d): angle by which each driven wheel turns, rad. others (W, n): further nuisances. delayed
+    (W, 1 or 0): column of a delay, if it resembles that of inertia. wandered (W, d): how much the wheels have wandered,
+    in any unit. counted (W, 1): how much each row counts."""
+
+    work: Array
+    gained: Array
+    moved: Array
+    turned: Array
+    others: Array
+    delayed: Array
+    wandered: Array
+    counted: Array
+
+
+class _Fit(NamedTuple):
+    """compliance; explained: the deviance that it explains, were there no delay; information (2, 2) and score (2,) of
+    the coefficients of `moved`."""
+
+    compliance: float
+    explained: float
+    information: Array
+    score: Array
+
+
+def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Sequence[Candidate]) -> Pull:
+    """Return what the commands of a log say of candidates beyond the robot's effects: nothing where there are no
+    commands, or where wheels do not fall behind them as the robot gains energy."""
+    floor, count = floor_of(robot, Floor()), sum(candidate.columns for candidate in candidates)
+    pulls = np.zeros((2, count))  # m/s2 for each unit
+    first = 0
+    for candidate in candidates:
+        if candidate.kinds and candidate.kinds[0].creep == "forces":
+            kind = candidate.kinds[0]
+            steeper = np.array(kind.floor(robot, floor).downhill_gravity)
+            pulls[:, first] = (steeper - floor.downhill_gravity) / kind.value
+        first += candidate.columns
+    information, score = np.zeros((2, 2)), np.zeros(2)
+    if log.command is not None and robot.driven_wheels:
+        kinds = [_rows(robot, log, motion, integrates=integrates) for integrates in (False, True)]
+        windows, delay = len(kinds[0].work), SAMPLING * float(np.median(motion.period))
+        for part in np.array_split(np.arange(windows), -(-windows // MOST)):
+            fits = [_fitted(_Rows(*(of[part] for of in rows)), delay) for rows in kinds]
+            fit = max((fit for fit in fits if fit is not None), key=lambda fit: fit.explained, default=None)
+            if fit is not None and fit.compliance > 0:
+                information = information + fit.compliance**2 * fit.information
+                score = score - fit.compliance * fit.score
+    likely = -float(score @ np.linalg.pinv(information, hermitian=True) @ score) / 2
+    return Pull(pulls.T @ information @ pulls, pulls.T @ score, likely)
+
+
+def _rows(robot: RobotDescription, log: Log, motion: Motion, *, integrates: bool) -> _Rows:
+    """Return the rows of a log for proportional servos, or for those that integrate."""
+    assert log.command is not None
+    built, period = robot.as_built(), motion.period[:, None]
+    driven = list(built.driven_wheels)
+    angle = motion.wheel_angle[:, driven]
+    rate = np.diff(angle, axis=0) / period
+    command = np.clip(log.command[:-1], -built.max_wheel_speed, built.max_wheel_speed)
+    lag = np.where(np.isfinite(command), command - rate, 0.0)
+    rate = smoothed(rate)
+    turned = np.where(np.isfinite(command), rate * period, 0.0)
+    if integrates:
+        behind = np.cumsum(lag * period, axis=0) - lag * period / 2
+        others = [turned * (angle[1:] + angle[:-1]) / 2, _summed(turned * rate), _summed(turned * lag)]
+    else:
+        behind, others = lag, [turned * rate]
+    others = np.concatenate([*others, _summed(np.abs(turned))], axis=1)
+    delayed = _gained(_summed(rate**2) / 2)[:, int(integrates) :]
+    energy, weighed = _summed(np.array([built.wheels[k].inertia for k in driven]) * rate**2) / 2, np.zeros((1, 2))
+    for mass, inertia, place, heading in _bodies(built, motion):
+        speed, turning = (smoothed(np.diff(of, axis=0) / period) for of in (place, heading[:, None]))
+        energy += (mass * _summed(speed**2) + inertia * turning**2) / 2
+        weighed = weighed + mass * place
+    moved, pull = np.diff(weighed, axis=0), np.array(floor_of(robot, Floor()).downhill_gravity)
+    parts = [_summed(behind * turned), _gained(energy) - moved @ pull[:, None], moved, turned, others, delayed]
+
+    starts = np.arange(0, len(period), max(round(WINDOW / float(np.median(period))), 1))
+    size = np.sqrt(np.add.reduceat(_summed(turned * rate), starts))
+    usual = np.hypot(size, np.median(size) / 4) + 1e-12  # at rest, where nothing says how large
+    wandered = np.cumsum(np.add.reduceat(lag**2 * period, starts), axis=0)
+    work, gained, moved, turned, others, delayed = (np.add.reduceat(part, starts) / usual for part in parts)
+    return _Rows(work, gained, moved, turned, others, delayed, wandered, (size / usual) ** 2)
+
+
+def _fitted(rows: _Rows, delay: float) -> _Fit | None:
+    """Return the likeliest fit; None where there are too few rows. delay: its standard deviation, s."""
+    index, wandered = np.arange(len(rows.work)), rows.wandered - rows.wandered[0]
+    covariance = np.einsum("iw,jw,ijw->ij", rows.turned, rows.turned, wandered[np.minimum.outer(index, index)])
+    variance, turn = np.linalg.eigh(covariance / max(float(np.mean(np.diag(covariance))), 1e-30))
+    known = turn.T @ np.concatenate([rows.gained, rows.moved, rows.work], axis=1)
+    others, delayed = turn.T @ np.concatenate([rows.turned, rows.others], axis=1), turn.T @ rows.delayed
+    likeliest, weight, noise, products = -np.inf, np.ones((len(known), 1)), 1.0, np.zeros((4, 4))
+    for wandering in WANDERING:
+        tried = 1 / np.sqrt(1 + wandering * np.maximum(variance[:, None], 0.0))
+        left, rank = _beside(known * tried, others * tried)
+        freedom = float(rows.counted.sum()) - rank - 5  # three coefficients, and two as the noise is estimated
+        if freedom <= 0:
+            return None
+        size = _solved(left.T @ left).remaining / freedom + 1e-30
+        likelihood = float(np.sum(np.log(tried))) - len(known) / 2 * float(np.log(size))
+        if likelihood > likeliest:
+            likeliest, weight, noise, products = likelihood, tried, size, left.T @ left
+    undelayed = _solved(products)
+    explained = np.copysign((_remaining(products[1:, 1:]) - undelayed.remaining) / noise, undelayed.compliance)
+    prior = np.sqrt(noise) / delay * np.eye(delayed.shape[1])
+    nuisances = np.block([[others * weight, delayed * weight], [np.zeros((len(prior), others.shape[1])), prior]])
+    left, _ = _beside(np.concatenate([known * weight, np.zeros((len(prior), 4))]), nuisances)
+    solved = _solved(left.T @ left)
+    return _Fit(solved.compliance, float(explained), solved.information / noise, solved.score / noise)
+
+
+class _Solved(NamedTuple):
+    """compliance; information (2, 2) and score (2,) of the coefficients of `moved`, times the variance of noise;
+    remaining sum of squares."""
+
+    compliance: float
+    information: Array
+    score: Array
+    remaining: float
+
+
+def _solved(products: Array) -> _Solved:
+    """Return least squares by the products (4, 4) of the columns: energy gained, `moved`, work."""
+    by_energy = products[0, 1:] / max(float(products[0, 0]), 1e-30)
+    beside = products[1:, 1:] - np.outer(by_energy, products[0, 1:])
+    information, score = beside[:2, :2], beside[:2, 2]
+    lifted = np.linalg.pinv(information, rcond=DEPENDENT, hermitian=True) @ score
+    return _Solved(float(by_energy[2] - by_energy[:2] @ lifted), information, score, _remaining(beside))
+
+
+def _remaining(products: Array) -> float:
+    """Return the sum of squares of the last of several columns beside the others, by the products of all."""
+    by_others = np.linalg.pinv(products[:-1, :-1], rcond=DEPENDENT, hermitian=True) @ products[:-1, -1]
+    return float(products[-1, -1] - products[-1, :-1] @ by_others)
+
+
+def _beside(columns: Array, nuisances: Array) -> tuple[Array, int]:
+    """Return what of columns the nuisances cannot explain, and the number of independent nuisances."""
+    length = np.sqrt(np.sum(nuisances**2, axis=0)) + 1e-30
+    left, strength, _ = np.linalg.svd(nuisances / length, full_matrices=False)
+    left = left[:, strength > DEPENDENT * strength[0]]
+    return columns - left @ (left.T @ columns), left.shape[1]
+
+
+def _bodies(robot: RobotDescription, motion: Motion) -> Iterator[tuple[float, float, Array, Array]]:
+    """Yield mass, inertia, places of the centre of mass (K, 2) and angles (K,) of the chassis and the castors that
+    turn; those that a motor turns as if they did not, as it does the work."""
+    place, heading = motion.pose[:, :2], motion.pose[:, 2]
+    mass, inertia, center = chassis(robot)
+    yield mass, inertia, place + rotate(center, heading), heading
+    for i, castor in enumerate(robot.castors):
+        if castor.steering != "fixed":
+            arm = np.array(castor.pivot) + rotate(castor_center(robot, i), motion.castor_angle[:, i])
+            turned = motion.castor_angle[:, i] if castor.steering == "free" else 0.0
+            yield castor.mass, castor.inertia, place + rotate(arm, heading), heading + turned
+
+
+def _summed(of_wheels: Array) -> Array:
+    """Return the sum over wheels (k, 1)."""
+    return np.sum(of_wheels, axis=1, keepdims=True)
+
+
+def _gained(energy: Array) -> Array:
+    """Return by how much the energy of steps (k, 1) grows in each, from half-way between steps to half-way."""
+    return np.diff(np.concatenate([energy[:1], (energy[1:] + energy[:-1]) / 2, energy[-1:]]), axis=0)
