@@ -208,6 +208,20 @@ class TickLoss(Effect[RobotDescription]):
 
         return on_channels(robot, [channel], losing(lost))
 
+    def turned(self, durations: Array, read: Array, likely: Array, count: float) -> Array:
+        """Return the angles (k,), rad, that the wheel turns in samples in which its encoder reads `read` (k,), rad.
+
+        An angle near the limit may be read in full or after a loss: then it is the nearest to what is likely (k,), rad.
+        durations (k,): of the samples, s. count: angle of one count, rad, by less than which rounding changes what is
+        read.
+        """
+        way = 1.0 if self.direction == "forward" else -1.0
+        kept, limit = way * read, self.above * durations
+        full = kept / (1 - self.value)
+        nearer = np.abs(way * likely - full) < np.abs(way * likely - kept)
+        loses = (kept + count > (1 - self.value) * limit) & ((kept - count > limit) | nearer)
+        return way * np.where(loses, np.maximum(full, np.nextafter(limit, np.inf)), np.minimum(kept, limit))
+
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class TickLossBursts(Effect[RobotDescription]):

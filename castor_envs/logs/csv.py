@@ -29,6 +29,7 @@ Commands too may be blank in rows without any. Whatever `read_log` refuses, `wri
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     for row in rows:
         check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
-    parts: dict[str, Array] = {}
+    parts: dict[str, Any] = {}
     for part in (*REQUIRED, *OPTIONAL):
         present = [(name, place[name]) for name in getattr(columns, part) if name in place]
         if part in REQUIRED or present:

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from castor_envs.effects.encoders import TickLoss
+from castor_envs.effects.parts import channel
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
@@ -17,6 +19,7 @@ from discrepancy.measurement.design_matrix import PROBES, Shared, joint, schur_c
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import DOUBT, Slipping
+from estimators.likelihood.disagreement import LEAST_KEPT, of_row
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 
 AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
@@ -92,9 +95,30 @@ def _corrected(
     channels, corrections = Channels(robot), []
     for model, log, state, before in zip(models, logs, at.states, off, strict=True):
         seen = model.counts + before
-        corrections.append(seen - channels.unread(robot, log, seen, state[:, 3:]))
+        corrections.append(seen - channels.unread(robot, log, seen, _turned(robot, channels, model, log, seen, state)))
         model.correct(corrections[-1] - before)
     return corrections
+
+
+def _turned(
+    robot: RobotDescription, channels: Channels, model: LogLikelihood, log: Log, seen: Array, state: Array
+) -> Array:
+    """Return the counts (K, s + d) of a state; of a wheel whose encoder loses counts at speed, those that explain the
+    counts seen (K, s + d) and agree best with the other wheels, as its own do not tell how fast it turns."""
+    counts, geometry = state[:, 3:].copy(), channels.geometry
+    for effect in robot.effects:
+        if isinstance(effect, TickLoss):
+            k = channel(robot, effect.castor, effect.wheel, effect.name)
+            column = len(channels.sensed) + int(np.searchsorted(channels.driven, k))
+            per_count = 2 * np.pi / channels.per_rev[column]
+            as_read = np.column_stack([state[:, :3], model.counts])
+            as_read[:, 3 + column] = seen[:, column]
+            off, by_slip = of_row(model, geometry, as_read, int(np.flatnonzero(model.rows == k)[0]))
+            read = np.diff(seen[:, column]) * per_count
+            likely = read + off / np.maximum(by_slip, LEAST_KEPT) / geometry.radius[k]
+            turned = effect.turned(np.diff(log.t), read, likely, per_count)
+            counts[1:, column] = counts[0, column] + np.cumsum(turned) / per_count
+    return counts
 
 
 def _expect(
