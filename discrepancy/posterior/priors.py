@@ -5,6 +5,7 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from castor_envs.geometry.arrays import Array
@@ -110,7 +111,23 @@ def _order_of_clean(clean: Seen) -> tuple[Array, GoodOrder]:
     pairs = np.array(list(product(PARTS_OF, repeat=len(usual) // len(clean.usual))))
     log_likelihood = np.array([log_likelihood_of(logs, np.repeat(pair, len(clean.usual)) * usual) for pair in pairs])
     factors = np.sqrt(np.average(pairs**2, axis=0, weights=np.exp(log_likelihood - log_likelihood.max())))
-    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs)
+    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs, _groups(clean))
+
+
+def _groups(seen: Seen) -> NDArray[np.intp]:
+    """Return the number of the group of each size: effects of one class scatter alike, whichever castor or wheel they
+    are of; so do unnamed alternatives of one kind."""
+    numbers: dict[tuple[str, bool, int, int], int] = {}
+    groups = np.zeros(len(seen.logs[0].score), dtype=np.intp)
+    for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
+        kind = candidate.kinds[0] if candidate.kinds else None
+        name = candidate.family.partition(" ")[2] if kind is None else kind.name
+        of_pivot = getattr(kind, "wheel", 0) is None
+        for part in range(_kinds(seen)):
+            for k, column in enumerate(columns):
+                group = numbers.setdefault((name, of_pivot, part, k), len(numbers))
+                groups[column + part * len(seen.usual)] = group
+    return groups
 
 
 def _kinds(seen: Seen) -> int:

@@ -110,14 +110,17 @@ def summed(logs: Sequence[Statistics]) -> Statistics:
     return Statistics(np.asarray(information), np.asarray(score))
 
 
-def good_order(tolerance: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:
+def good_order(tolerance: Array, clean: Sequence[Statistics] = (), alike: NDArray[np.intp] | None = None) -> GoodOrder:
     """Return the distribution of sizes in robots in good order, updated by clean logs if there are any.
 
-    tolerance (m,): standard deviations of the sizes, which are independent.
+    tolerance (m,): standard deviations of the sizes, which are independent. alike (m,): number of the group of each, as
+    of the latencies of all castors; sizes of a group scatter alike, in parts of their tolerances. None: each by itself.
 
-    By expectation and maximisation: the background of each size is normal about 0 and its scatter normal about the
-    background, each of a variance that has an inverse gamma distribution about half of the tolerance's square.
+    The background of each size is normal about 0 and its scatter normal about the background, each of a variance that
+    has an inverse gamma distribution about half of the tolerance's square. The most likely variances are found by
+    MacKay's fixed point (Neural Computation 4(3), 1992).
     """
+    groups = np.arange(len(tolerance)) if alike is None else alike
     usual = tolerance**2
     begin = FAULT**2 if clean else 1.0  # from above: a variance that begins too small would stay so
     scatter, between = begin * usual / 2, begin * usual / 2
@@ -126,12 +129,14 @@ def good_order(tolerance: Array, clean: Sequence[Statistics] = ()) -> GoodOrder:
         by_log = [_Scattered.of(log, scatter) for log in clean]
         about_zero = _Scattered.of(summed([log.of_mean for log in by_log]), between)
         background, doubt = about_zero.mean, about_zero.covariance
-        squares = np.zeros(len(usual))
+        squares, shown = np.zeros(len(usual)), np.zeros(len(usual))
         for log in by_log:
             away = log.mean - log.follows @ background
-            squares += away**2 + np.diag(log.covariance) + np.sum(log.follows @ doubt * log.follows, axis=1)
+            squares += (away**2 + np.sum(log.follows @ doubt * log.follows, axis=1)) / usual
+            shown += 1 - np.diag(log.covariance) / scatter
         last = np.concatenate([scatter, between])
-        scatter = (FREEDOM * usual / 2 + squares) / (FREEDOM + len(clean))
+        squares, shown = np.bincount(groups, squares), np.bincount(groups, shown)
+        scatter = usual * ((FREEDOM / 2 + squares) / (FREEDOM + shown))[groups]
         between = (FREEDOM * usual / 2 + background**2 + np.diag(doubt)) / (FREEDOM + 1)
         if np.all(np.abs(np.concatenate([scatter, between]) / last - 1) < CONVERGED):
             break

@@ -58,6 +58,23 @@ def test_clean_logs_tell_background_and_scatter():
     assert np.sqrt(np.diag(told.scatter)) == pytest.approx(spread, rel=0.35)
 
 
+def test_sizes_of_a_group_scatter_alike():
+    """Three logs say little of each of eight sizes, and nothing of the last; together they say how all scatter."""
+    random, spread, tolerance = np.random.default_rng(8), 0.6, np.array([0.1] * 8 + [0.2])
+    visible = np.diag([1.0] * 8 + [0.0])
+    alone, together = [], []
+    for _ in range(20):
+        sizes = [spread * random.normal(size=9) for _ in range(3)]
+        clean = [drawn(random, 30 * random.normal(size=(100, 9)) @ visible, size) for size in sizes]
+        alone.append(np.sqrt(np.diag(good_order(tolerance, clean).scatter)))
+        together.append(np.sqrt(np.diag(good_order(tolerance, clean, np.zeros(9, dtype=int)).scatter)))
+    together = np.array(together) / (tolerance / tolerance[0])
+    assert np.ptp(together, axis=1) == pytest.approx(0.0, abs=1e-12)
+    seen = together[:, 0]
+    assert np.std(seen) < np.std(np.array(alone)[:, :8]) / 2
+    assert spread / 1.5 < seen.mean() < 1.2 * spread
+
+
 def test_statistics_and_order_of_combinations_are_those_of_the_sizes():
     random, basis = np.random.default_rng(5), np.array([[1.0, 1.0], [0.0, 1.0]])
     design, amounts = random.normal(size=(40, 2)), np.array([0.3, -0.2])
