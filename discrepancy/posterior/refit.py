@@ -108,7 +108,8 @@ def refitted(
         seen = found
     for step in range(REFITS):
         best = max(best, seen.log_evidence)
-        current = tuple(effect for effect in current if np.any(effect.amplitudes))
+        shown = set(seen.candidates)  # no longer an effect that leaves no trace in the fitted states
+        current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
         if not current:
             break
         statistics = summed(seen.logs)

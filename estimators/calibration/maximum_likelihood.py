@@ -200,7 +200,7 @@ def _with_creep(
 ) -> tuple[State, Noise, "_Solution", str]:
     """Return the most likely state, sizes of noise and last step with creep, from those without it; and why creep is
     left out, "" if it is not, or wheels leave no slip."""
-    rolling = sizes.along <= LEAST.along and sizes.across <= LEAST.across  # wheels that creep leave slip
+    rolling = sizes.along <= LEAST_NOISE.along and sizes.across <= LEAST_NOISE.across  # creep leaves as much slip
     if rolling or solution.moved > 1.0 or not solution.seen.any():
         return at, sizes, solution, ""
     try:
