@@ -29,7 +29,6 @@ Commands too may be blank in rows without any. Whatever `read_log` refuses, `wri
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -77,7 +76,7 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     for row in rows:
         check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
-    parts: dict[str, Any] = {}
+    parts: dict[str, Array] = {}
     for part in (*REQUIRED, *OPTIONAL):
         present = [(name, place[name]) for name in getattr(columns, part) if name in place]
         if part in REQUIRED or present:
@@ -92,7 +91,7 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
         parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
     known = columns.known
     extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}
-    log = Log(**parts, extra=extra)
+    log = Log(**parts, extra=extra, undone=())
     _check_values(path, [row.number for row in rows], log, vehicle)
     return log
 

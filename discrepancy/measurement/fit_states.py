@@ -19,7 +19,7 @@ from discrepancy.measurement.design_matrix import PROBES, Shared, joint, schur_c
 from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import DOUBT, Slipping
-from estimators.likelihood.disagreement import LEAST_KEPT, of_row
+from estimators.likelihood.disagreement import slip_of_row
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
 
 AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
@@ -113,9 +113,9 @@ def _turned(
             per_count = 2 * np.pi / channels.per_rev[column]
             as_read = np.column_stack([state[:, :3], model.counts])
             as_read[:, 3 + column] = seen[:, column]
-            off, by_slip = of_row(model, geometry, as_read, int(np.flatnonzero(model.rows == k)[0]))
+            slipped = slip_of_row(model, geometry, as_read, int(np.flatnonzero(model.rows == k)[0]))
             read = np.diff(seen[:, column]) * per_count
-            likely = read + off / np.maximum(by_slip, LEAST_KEPT) / geometry.radius[k]
+            likely = read + slipped / geometry.radius[k]
             turned = effect.turned(np.diff(log.t), read, likely, per_count)
             counts[1:, column] = counts[0, column] + np.cumsum(turned) / per_count
     return counts

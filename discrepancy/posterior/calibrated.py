@@ -27,7 +27,7 @@ log-likelihood ratio by at most 2.3."""
 
 FREEDOM = 4.0
 """Weight of an effect's stated tolerance, as degrees of freedom of a variance estimate: two clean logs count half as
-much as the catalogue's statement."""
+much as the catalogue's statement, for each effect of a class that they show."""
 
 SIGNATURE, REFITTED = 0.05, 0.002
 """Relative error of an effect's signature, in any direction that other effects span: standard deviations, of effects

@@ -82,7 +82,7 @@ class Calibration:
     when all end where they began. clocks (logs, 2): the reference at t is the pose at t + clock[0] + clock[1] (t -
     t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms distance (m) between odometry, which
     starts at the most likely pose at a log's first reference pose, and the reference, before and, accounting for creep,
-    after; None without a reference. creeps: whether contacts creep: not where wheels do not slip, or creep is left out;
+    after; None without a reference. creeps: whether contacts creep: not where wheels hardly slip, or creep is left out;
     creep_left_out: why; "" if it is not.
     """
 
@@ -199,8 +199,8 @@ def _with_creep(
     solution: "_Solution",
 ) -> tuple[State, Noise, "_Solution", str]:
     """Return the most likely state, sizes of noise and last step with creep, from those without it; and why creep is
-    left out, "" if it is not, or wheels leave no slip."""
-    rolling = sizes.along <= LEAST_NOISE.along and sizes.across <= LEAST_NOISE.across  # creep leaves as much slip
+    left out, "" if it is not, or wheels hardly slip."""
+    rolling = sizes.along <= LEAST_NOISE.along and sizes.across <= LEAST_NOISE.across  # creep would leave more slip
     if rolling or solution.moved > 1.0 or not solution.seen.any():
         return at, sizes, solution, ""
     try:

@@ -215,6 +215,12 @@ def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> 
     return model.disagreement(geometry, state)[:, row], -by_slip[:, row]
 
 
+def slip_of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> Array:
+    """Return the slip of a row in every step (K - 1,), m, if no other row slips."""
+    seen, by_slip = of_row(model, geometry, state, row)
+    return seen / np.maximum(by_slip, LEAST_KEPT)
+
+
 def _size(seen: Array, least: float = LEAST) -> float:
     """Return the size of disagreement (W, rows), inflated where neighbouring windows correlate, as these are fewer
     independent measurements."""

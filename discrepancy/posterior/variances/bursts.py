@@ -17,7 +17,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.measurement.design_matrix import Columns
 from discrepancy.posterior.linearise import Linearised
-from estimators.likelihood.disagreement import LEAST_KEPT, of_row
+from estimators.likelihood.disagreement import slip_of_row
 
 EVEN, MOSTLY = 0.1, 0.75
 """Largest deviation of bursts from a steady beat, as a part of the period, and the part of bursts that must keep within
@@ -96,8 +96,7 @@ def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
 def _lost(design: Columns, row: int) -> tuple[Array, Array]:
     """Return the distance that a wheel's encoder misses in every step (K - 1,), and the distance that the wheel rolls,
     m."""
-    seen, by_slip = of_row(design.model, design.geometry, design.state, row)
-    lost = seen / np.maximum(by_slip, LEAST_KEPT)
+    lost = slip_of_row(design.model, design.geometry, design.state, row)
     return lost, design.model.rolled(design.geometry, design.state)[:, row] + lost
 
 

@@ -48,7 +48,7 @@ time in which the robot drives their offset: in windows of 2 s replays of clean 
 lost, and a patch may seem to be right by chance; in 0.5 s wheels that fight do not begin to slide."""
 
 NORMAL = 1e4
-"""Degrees of freedom from which on a t distribution is a normal one, to 0.01 % of its variance."""
+"""Degrees of freedom from which on a t distribution is a normal one, to 0.02 % of its variance."""
 
 PLACE = 2e-3
 """m: least error that a replay is assumed to have against a tracker's poses."""
