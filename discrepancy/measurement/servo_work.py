@@ -6,9 +6,11 @@ in any time, with phi the angle of each wheel and c the servos' compliance (rad/
     sum over wheels of the integral of behind d(phi) = c (kinetic energy gained + weight lifted) + nuisances + noise.
 
 Forces by which wheels are driven against each other cancel, as they do no work where wheels roll. The starts and stops
-of a log determine c. Nuisances: a constant error of how far each wheel is behind, one in proportion to its rate or
-angle, friction, and the servos' delay. Noise of windows is white; besides, an integrator that is held at its limit
-loses count, so how far a wheel is behind wanders, the more the more it lags in rate. Each log shows the size of both.
+of a log determine c, with an error that is part of a slope's. Steps without a command and gaps of a log say nothing;
+after each, an integrator begins anew. Nuisances: a constant error of how far each wheel is behind, one in proportion to
+its rate or angle, friction, and the servos' delay. Noise of windows is white; besides, an integrator that is held at
+its limit loses count, so how far a wheel is behind wanders, the more the more it lags in rate. Each log shows the size
+of both.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,6 +27,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.weight import castor_center, chassis
 from discrepancy.hypotheses.candidates import Candidate
+from estimators.likelihood.log_likelihood import GAP
 
 WINDOW, MOST = 0.5, 512
 """s: length of windows, in which the transients of servos average out; and most windows that are solved together."""
@@ -66,12 +69,25 @@ class _Rows(NamedTuple):
 
 class _Fit(NamedTuple):
     """compliance; explained: the deviance that it explains, were there no delay; information (2, 2) and score (2,) of
-    the coefficients of `moved`."""
+    the accelerations (m/s2) that add to the downhill gravity of the robot's floor."""
 
     compliance: float
     explained: float
     information: Array
     score: Array
+
+    @classmethod
+    def of(cls, explained: float, products: Array) -> "_Fit":
+        """Return the fit by the products (4, 4) of the columns energy gained, `moved` and work, by the variance of
+        noise; with no information where servos do not comply."""
+        compliance, lifted, _ = _solved(products)
+        if compliance <= 0:
+            return cls(compliance, explained, np.zeros((2, 2)), np.zeros(2))
+        pull = -lifted / compliance
+        slopes = np.block([[np.ones((1, 1)), np.zeros((1, 2))], [-pull[:, None], -compliance * np.eye(2)]])
+        information = slopes.T @ products[:3, :3] @ slopes  # of compliance and accelerations
+        beside = information[1:, 1:] - np.outer(information[1:, 0], information[0, 1:]) / max(information[0, 0], 1e-30)
+        return cls(compliance, explained, beside, beside @ pull)
 
 
 def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Sequence[Candidate]) -> Pull:
@@ -88,32 +104,35 @@ def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Seque
         first += candidate.columns
     information, score = np.zeros((2, 2)), np.zeros(2)
     if log.command is not None and robot.driven_wheels:
-        kinds = [_rows(robot, log, motion, integrates=integrates) for integrates in (False, True)]
+        kinds = [_rows(robot, log.command[:-1], motion, integrates=integrates) for integrates in (False, True)]
         windows, delay = len(kinds[0].work), SAMPLING * float(np.median(motion.period))
         for part in np.array_split(np.arange(windows), -(-windows // MOST)):
             fits = [_fitted(_Rows(*(of[part] for of in rows)), delay) for rows in kinds]
             fit = max((fit for fit in fits if fit is not None), key=lambda fit: fit.explained, default=None)
-            if fit is not None and fit.compliance > 0:
-                information = information + fit.compliance**2 * fit.information
-                score = score - fit.compliance * fit.score
+            if fit is not None:
+                information, score = information + fit.information, score + fit.score
     likely = -float(score @ np.linalg.pinv(information, hermitian=True) @ score) / 2
     return Pull(pulls.T @ information @ pulls, pulls.T @ score, likely)
 
 
-def _rows(robot: RobotDescription, log: Log, motion: Motion, *, integrates: bool) -> _Rows:
-    """Return the rows of a log for proportional servos, or for those that integrate."""
-    assert log.command is not None
+def _rows(robot: RobotDescription, command: Array, motion: Motion, *, integrates: bool) -> _Rows:
+    """Return the rows of a log for proportional servos, or for those that integrate. command (K - 1, d): rad/s."""
     built, period = robot.as_built(), motion.period[:, None]
     driven = list(built.driven_wheels)
     angle = motion.wheel_angle[:, driven]
     rate = np.diff(angle, axis=0) / period
-    command = np.clip(log.command[:-1], -built.max_wheel_speed, built.max_wheel_speed)
-    lag = np.where(np.isfinite(command), command - rate, 0.0)
+    gap = period[:, 0] > GAP * np.median(period)
+    silent = ~np.all(np.isfinite(command), axis=1) | gap
+    counted = ~silent[:, None]
+    counted[np.convolve(gap, np.ones(5), mode="same") > 0] = False  # energies depend on two steps before and after
+    lag = np.where(counted, np.clip(command, -built.max_wheel_speed, built.max_wheel_speed) - rate, 0.0)
     rate = smoothed(rate)
-    turned = np.where(np.isfinite(command), rate * period, 0.0)
+    turned = rate * period
     if integrates:
         behind = np.cumsum(lag * period, axis=0) - lag * period / 2
         others = [turned * (angle[1:] + angle[:-1]) / 2, _summed(turned * rate), _summed(turned * lag)]
+        outages = np.cumsum(np.diff(silent.astype(int), prepend=0) > 0)[:, None]
+        others += [turned * (outages == outage) for outage in range(1, int(outages[-1, 0]) + 1)]
     else:
         behind, others = lag, [turned * rate]
     others = np.concatenate([*others, _summed(np.abs(turned))], axis=1)
@@ -125,9 +144,10 @@ def _rows(robot: RobotDescription, log: Log, motion: Motion, *, integrates: bool
         weighed = weighed + mass * place
     moved, pull = np.diff(weighed, axis=0), np.array(floor_of(robot, Floor()).downhill_gravity)
     parts = [_summed(behind * turned), _gained(energy) - moved @ pull[:, None], moved, turned, others, delayed]
+    parts = [part * counted for part in parts]
 
     starts = np.arange(0, len(period), max(round(WINDOW / float(np.median(period))), 1))
-    size = np.sqrt(np.add.reduceat(_summed(turned * rate), starts))
+    size = np.sqrt(np.add.reduceat(_summed(turned * rate) * counted, starts))
     usual = np.hypot(size, np.median(size) / 4) + 1e-12  # at rest, where nothing says how large
     wandered = np.cumsum(np.add.reduceat(lag**2 * period, starts), axis=0)
     work, gained, moved, turned, others, delayed = (np.add.reduceat(part, starts) / usual for part in parts)
@@ -149,7 +169,7 @@ def _fitted(rows: _Rows, delay: float) -> _Fit | None:
         if freedom <= 0:
             return None
         size = _solved(left.T @ left).remaining / freedom + 1e-30
-        likelihood = float(np.sum(np.log(tried))) - len(known) / 2 * float(np.log(size))
+        likelihood = float(np.sum(np.log(tried))) - float(rows.counted.sum()) / 2 * float(np.log(size))
         if likelihood > likeliest:
             likeliest, weight, noise, products = likelihood, tried, size, left.T @ left
     undelayed = _solved(products)
@@ -157,17 +177,14 @@ def _fitted(rows: _Rows, delay: float) -> _Fit | None:
     prior = np.sqrt(noise) / delay * np.eye(delayed.shape[1])
     nuisances = np.block([[others * weight, delayed * weight], [np.zeros((len(prior), others.shape[1])), prior]])
     left, _ = _beside(np.concatenate([known * weight, np.zeros((len(prior), 4))]), nuisances)
-    solved = _solved(left.T @ left)
-    return _Fit(solved.compliance, float(explained), solved.information / noise, solved.score / noise)
+    return _Fit.of(float(explained), left.T @ left / noise)
 
 
 class _Solved(NamedTuple):
-    """compliance; information (2, 2) and score (2,) of the coefficients of `moved`, times the variance of noise;
-    remaining sum of squares."""
+    """compliance; lifted (2,): coefficients of `moved`; remaining sum of squares."""
 
     compliance: float
-    information: Array
-    score: Array
+    lifted: Array
     remaining: float
 
 
@@ -175,9 +192,8 @@ def _solved(products: Array) -> _Solved:
     """Return least squares by the products (4, 4) of the columns: energy gained, `moved`, work."""
     by_energy = products[0, 1:] / max(float(products[0, 0]), 1e-30)
     beside = products[1:, 1:] - np.outer(by_energy, products[0, 1:])
-    information, score = beside[:2, :2], beside[:2, 2]
-    lifted = np.linalg.pinv(information, rcond=DEPENDENT, hermitian=True) @ score
-    return _Solved(float(by_energy[2] - by_energy[:2] @ lifted), information, score, _remaining(beside))
+    lifted = np.linalg.pinv(beside[:2, :2], rcond=DEPENDENT, hermitian=True) @ beside[:2, 2]
+    return _Solved(float(by_energy[2] - by_energy[:2] @ lifted), lifted, _remaining(beside))
 
 
 def _remaining(products: Array) -> float:

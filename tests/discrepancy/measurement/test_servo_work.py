@@ -86,6 +86,46 @@ def test_friction_and_constant_errors_are_no_slope(integrates):
     assert estimate(disturbed, moved) == pytest.approx([0.01, 0.0], abs=5e-4)
 
 
+@pytest.mark.parametrize("integrates", [False, True])
+@pytest.mark.parametrize("blank", ["at random", "for a second", "for five seconds"])
+def test_blank_commands_say_nothing(integrates, blank):
+    log, moved = commanded((0.01, 0.0), integrates=integrates)
+    rows = {
+        "at random": np.random.default_rng(1).choice(len(log), len(log) // 20, replace=False),
+        "for a second": np.arange(300, 320),
+        "for five seconds": np.arange(300, 400),
+    }[blank]
+    assert log.command is not None
+    command = log.command.copy()
+    command[rows, 0] = np.nan
+    assert estimate(replace(log, command=command), moved) == pytest.approx([0.01, 0.0], abs=5e-4)
+
+
+@pytest.mark.parametrize("integrates", [False, True])
+@pytest.mark.parametrize("missing", [5, 20, 100])
+def test_gaps_of_a_log_say_nothing(integrates, missing):
+    log, moved = commanded((0.01, 0.0), integrates=integrates)
+    kept = np.delete(np.arange(len(log)), np.arange(300, 300 + missing))
+    assert log.command is not None
+    shorter = Log(log.t[kept], log.wheel[kept], log.pivot[kept], log.command[kept])
+    courses = (of[kept] for of in (moved.t, moved.pose, moved.wheel_angle, moved.castor_angle))
+    assert estimate(shorter, Motion(*courses)) == pytest.approx([0.01, 0.0], abs=5e-4)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.03])
+def test_errors_are_as_large_as_stated(slope):
+    """Noise of 0.5 rad/s in the commands of a proportional servo leaves its compliance uncertain by a tenth."""
+    log, moved = commanded((slope, 0.0), integrates=False)
+    random, squares = np.random.default_rng(0), []
+    for _ in range(20):
+        assert log.command is not None
+        noisy = replace(log, command=log.command + random.normal(0.0, 0.5, log.command.shape))
+        pull = pull_of(ROBOT, noisy, moved, SLOPES)
+        off = np.linalg.solve(pull.information, pull.score) - [slope, 0.0]
+        squares.append(off @ pull.information @ off)
+    assert chi2.ppf(0.005, 40) < np.sum(squares) < chi2.ppf(0.995, 40)
+
+
 def test_nothing_is_said_without_commands_or_where_wheels_do_as_commanded():
     log, moved = commanded((0.01, 0.0), integrates=False)
     silent = pull_of(ROBOT, replace(log, command=None), moved, SLOPES)
