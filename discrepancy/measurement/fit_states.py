@@ -104,8 +104,9 @@ def _turned(
     robot: RobotDescription, channels: Channels, model: LogLikelihood, log: Log, seen: Array, state: Array
 ) -> Array:
     """Return the counts (K, s + d) of a state; of a wheel whose encoder loses counts at speed, those that explain the
-    counts seen (K, s + d) and agree best with the other wheels, as its own do not tell how fast it turns."""
-    counts, geometry = state[:, 3:].copy(), channels.geometry
+    counts seen (K, s + d) and are the likeliest: by the other wheels, as its own do not tell how fast it turns, or,
+    where these do not tell either, by the state's poses, which follow the reference."""
+    counts, geometry, lost = state[:, 3:].copy(), channels.geometry, {}
     for effect in robot.effects:
         if isinstance(effect, TickLoss):
             k = channel(robot, effect.castor, effect.wheel, effect.name)
@@ -113,11 +114,14 @@ def _turned(
             per_count = 2 * np.pi / channels.per_rev[column]
             as_read = np.column_stack([state[:, :3], model.counts])
             as_read[:, 3 + column] = seen[:, column]
-            slipped = slip_of_row(model, geometry, as_read, int(np.flatnonzero(model.rows == k)[0]))
+            row = int(np.flatnonzero(model.rows == k)[0])
+            slip, told = slip_of_row(model, geometry, as_read, row)
+            slip = np.where(told, slip, model.residuals(geometry, as_read)[:, row])
             read = np.diff(seen[:, column]) * per_count
-            likely = read + slipped / geometry.radius[k]
-            turned = effect.turned(np.diff(log.t), read, likely, per_count)
-            counts[1:, column] = counts[0, column] + np.cumsum(turned) / per_count
+            missing = effect.turned(np.diff(log.t), read, read + slip / geometry.radius[k], per_count) - read
+            lost[column] = lost.get(column, 0.0) + missing / per_count
+    for column, missing in lost.items():
+        counts[1:, column] = counts[0, column] + np.cumsum(np.diff(seen[:, column]) + missing)
     return counts
 
 

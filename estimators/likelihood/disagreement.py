@@ -215,10 +215,11 @@ def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> 
     return model.disagreement(geometry, state)[:, row], -by_slip[:, row]
 
 
-def slip_of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> Array:
-    """Return the slip of a row in every step (K - 1,), m, if no other row slips."""
+def slip_of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the slip of a row in every step (K - 1,), m, if no other row slips, and where (K - 1,) the other rows tell
+    it."""
     seen, by_slip = of_row(model, geometry, state, row)
-    return seen / np.maximum(by_slip, LEAST_KEPT)
+    return seen / np.maximum(by_slip, LEAST_KEPT), by_slip > LEAST_KEPT
 
 
 def _size(seen: Array, least: float = LEAST) -> float:

@@ -96,7 +96,7 @@ def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
 def _lost(design: Columns, row: int) -> tuple[Array, Array]:
     """Return the distance that a wheel's encoder misses in every step (K - 1,), and the distance that the wheel rolls,
     m."""
-    lost = slip_of_row(design.model, design.geometry, design.state, row)
+    lost, _ = slip_of_row(design.model, design.geometry, design.state, row)
     return lost, design.model.rolled(design.geometry, design.state)[:, row] + lost
 
 

@@ -18,7 +18,9 @@ from discrepancy.measurement import fit_states
 from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise, as_recorded
+from estimators.calibration.drives import log_of, moves_sideways
 from estimators.calibration.maximum_likelihood import LEAST
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -59,6 +61,27 @@ def test_the_other_wheels_tell_how_fast_a_wheel_turns_that_loses_counts_at_speed
     robot = described.with_effects(dataclasses.replace(TickLoss.variants(described)[0], value=0.1))
     log = drive(robot, wander(np.random.default_rng([5, 1]), duration=40.0), 5, duration=40.0)
     assert linearise(robot, [log], among=[]).noise.along < 1e-4
+
+
+@pytest.mark.parametrize(("name", "part_left"), [("omnimate", 0.01), ("asoc-prototype", 0.01), ("differential", 0.1)])
+def test_counts_that_a_wheel_loses_both_ways_are_put_back(name, part_left):
+    """By the other wheels; on a differential robot, where these do not tell, by the reference."""
+    described = preset(name)
+    path = wander(np.random.default_rng(3), duration=30.0, holonomic=moves_sideways(described))
+    log, channels = log_of(described, path, "all"), Channels(described)
+    wheel = len(channels.sensed)
+    true = np.column_stack([log.pivot, log.wheel])
+    rate = np.abs(np.diff(true[:, wheel])) * 2 * np.pi / channels.per_rev[wheel] / np.diff(log.t)
+    losses = [
+        dataclasses.replace(effect, value=0.1, above=float(np.quantile(rate, 0.6)))
+        for effect in TickLoss.variants(described)[:2]
+    ]
+    robot = described.with_effects(*losses)
+    read = np.round(channels.read(robot, log, true))
+    lossy = dataclasses.replace(log, pivot=read[:, :wheel], wheel=read[:, wheel:])
+    assert {effect.direction for effect in losses} == {"forward", "backward"}
+    found = linearise(robot, [lossy], among=[]).designs[0].model.counts[:, wheel]
+    assert np.ptp(found - true[:, wheel]) < part_left * np.sum(np.abs(np.diff(true - read, axis=0))[:, wheel])
 
 
 @pytest.mark.parametrize("direction", ["forward", "backward"])
