@@ -65,6 +65,16 @@ class Candidate:
         return family_of(self.kinds[0]) if self.kinds else self.what
 
     @property
+    def alike(self) -> str:
+        """What the cause does, whichever wheel or castor it is of: causes that do the same scatter alike among robots
+        in good order."""
+        if self.kinds:
+            of_pivot = getattr(self.kinds[0], "wheel", 0) is None
+            return f"{self.kinds[0].name} of a pivot" if of_pivot else self.kinds[0].name
+        place, _, behaviour = self.what.partition(" ")
+        return f"{place.partition('_')[0]} {behaviour}"
+
+    @property
     def at_a_place(self) -> bool:
         """Whether the effect is at one place on the floor."""
         return any(isinstance(kind, Bump) for kind in self.kinds)

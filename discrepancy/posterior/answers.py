@@ -36,6 +36,11 @@ class Cause(Protocol):
         ...
 
     @property
+    def alike(self) -> str:
+        """What the cause does, wherever it is: causes that do the same scatter alike among robots in good order."""
+        ...
+
+    @property
     def columns(self) -> int:
         """The number of amplitudes."""
         ...

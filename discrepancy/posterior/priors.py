@@ -78,12 +78,16 @@ def tolerances(seen: Seen) -> Array:
 def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     """Return the sizes of all candidates that a vehicle in good order shows, from clean logs where there are any.
 
-    Clean logs give common factors on all tolerances first, then the background and scatter of each effect.
+    Clean logs give common factors on all tolerances first, then how much effects of each class scatter, and the
+    background of each effect.
     """
     if clean is None:
         return good_order(_usual(seen)).of_sizes(_basis(seen))
     factors, learned = _order_of_clean(clean)
     stated = good_order(np.repeat(factors, len(seen.usual)) * _usual(seen))
+    of_class = dict(zip(_classes(clean), np.diag(learned.scatter) / _usual(clean) ** 2, strict=True))
+    own = np.diag(stated.scatter) / _usual(seen) ** 2
+    scatter = np.diag([of_class.get(alike, own[k]) for k, alike in enumerate(_classes(seen))] * _usual(seen) ** 2)
     of_seen, of_clean = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate in clean.candidates:
@@ -93,9 +97,8 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
         np.array([k + part * len(source.usual) for part in range(len(factors)) for k in columns], dtype=np.intp)
         for source, columns in ((seen, of_seen), (clean, of_clean))
     )
-    background, doubt, scatter = stated.background.copy(), stated.doubt.copy(), stated.scatter.copy()
-    background[at] = learned.background[of]
-    doubt[np.ix_(at, at)], scatter[np.ix_(at, at)] = learned.doubt[np.ix_(of, of)], learned.scatter[np.ix_(of, of)]
+    background, doubt = stated.background.copy(), stated.doubt.copy()
+    background[at], doubt[np.ix_(at, at)] = learned.background[of], learned.doubt[np.ix_(of, of)]
     return GoodOrder(background, doubt, scatter).of_sizes(_basis(seen))
 
 
@@ -111,23 +114,23 @@ def _order_of_clean(clean: Seen) -> tuple[Array, GoodOrder]:
     pairs = np.array(list(product(PARTS_OF, repeat=len(usual) // len(clean.usual))))
     log_likelihood = np.array([log_likelihood_of(logs, np.repeat(pair, len(clean.usual)) * usual) for pair in pairs])
     factors = np.sqrt(np.average(pairs**2, axis=0, weights=np.exp(log_likelihood - log_likelihood.max())))
-    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs, _groups(clean))
+    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs, _numbered(_classes(clean)))
 
 
-def _groups(seen: Seen) -> NDArray[np.intp]:
-    """Return the number of the group of each size: effects of one class scatter alike, whichever castor or wheel they
-    are of; so do unnamed alternatives of one kind."""
-    numbers: dict[tuple[str, bool, int, int], int] = {}
-    groups = np.zeros(len(seen.logs[0].score), dtype=np.intp)
+def _classes(seen: Seen) -> list[tuple[str, int]]:
+    """Return the class of each size, of the shown amounts and then of the masked ones: all effects that do the same
+    scatter alike, whichever castor or wheel they are of."""
+    alike = [""] * len(seen.usual)
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
-        kind = candidate.kinds[0] if candidate.kinds else None
-        name = candidate.family.partition(" ")[2] if kind is None else kind.name
-        of_pivot = getattr(kind, "wheel", 0) is None
-        for part in range(_kinds(seen)):
-            for k, column in enumerate(columns):
-                group = numbers.setdefault((name, of_pivot, part, k), len(numbers))
-                groups[column + part * len(seen.usual)] = group
-    return groups
+        for column in columns:
+            alike[column] = candidate.alike
+    return [(name, part) for part in range(_kinds(seen)) for name in alike]
+
+
+def _numbered(classes: Sequence[tuple[str, int]]) -> NDArray[np.intp]:
+    """Return the number of the class of each size."""
+    numbers = {alike: k for k, alike in enumerate(dict.fromkeys(classes))}
+    return np.array([numbers[alike] for alike in classes], dtype=np.intp)
 
 
 def _kinds(seen: Seen) -> int:

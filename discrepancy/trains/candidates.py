@@ -93,11 +93,12 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Rival(Term):
-    """An unnamed alternative. what: in words. family: the same at any time of the log. usual: its size in a train in
-    good order."""
+    """An unnamed alternative. what: in words. family: the same at any time of the log. alike: the same for any wheel,
+    axle or frame. usual: its size in a train in good order."""
 
     what: str
     family: str
+    alike: str
     unit: str
     usual: float
 
@@ -116,6 +117,12 @@ class Candidate:
     def family(self) -> str:
         """Name of the answer: unnamed alternatives of a family at any time are one answer."""
         return self.what if self.rival is None else self.rival.family
+
+    @property
+    def alike(self) -> str:
+        """What the cause does, whichever wheel, axle or frame it is of: causes that do the same scatter alike among
+        trains in good order."""
+        return self.placed.effect.name if self.placed is not None else self.rival.alike if self.rival else self.what
 
     @property
     def kinds(self) -> tuple[Effect, ...]:
@@ -183,22 +190,24 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
     edges = np.linspace(0.0, t[-1], BLOCKS + 1)
     way = np.sqrt(np.mean(log.signed_travel**2))
 
-    def add(family: str, time: str, unit: str, kind: str, width: int, at: int, course: Array, usual: float) -> None:
+    def add(
+        family: str, alike: str, time: str, unit: str, kind: str, width: int, at: int, course: Array, usual: float
+    ) -> None:
         change = np.zeros((len(course), width))
         change[:, at] = -course
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
         usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
-        found.append(Rival(number, kind, change, f"{family} {time}", family, unit, usual))
+        found.append(Rival(number, kind, change, f"{family} {time}", family, alike, unit, usual))
 
     def count(w: int, how: str, when: str, course: Array, unit: str = "counts") -> None:
-        name = f"wheel {train.wheel_names[w]} counts otherwise{how}"
-        add(name, when, unit, "counts", 2 * log.n, w, course, COUNTS)
+        alike = f"counts otherwise{how}"
+        add(f"wheel {train.wheel_names[w]} {alike}", alike, when, unit, "counts", 2 * log.n, w, course, COUNTS)
 
     def read(f: int, j: int, how: str, when: str, course: Array, per: str = "") -> None:
         (part, unit), usual = PARTS[j], ROUGH[j]
         name = f"{part} of frame {train.frame_names[f]}'s sensor {how}"
-        add(name, when, unit + per, f"gauges{f}", 3, j, course, usual)
+        add(name, f"{part} {how}", when, unit + per, f"gauges{f}", 3, j, course, usual)
 
     wheels, sensors = range(2 * log.n), [(f, j) for f in range(log.f) for j in range(len(PARTS))]
     for b in range(BLOCKS):
@@ -209,7 +218,17 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
         for w in wheels:
             count(w, "", span, ramp)
         for i in range(log.n):
-            add(f"axle {i + 1} slips to its side", span, "m", "side", log.n, i, np.diff(ramp), SLIP * way)
+            add(
+                f"axle {i + 1} slips to its side",
+                "slips to its side",
+                span,
+                "m",
+                "side",
+                log.n,
+                i,
+                np.diff(ramp),
+                SLIP * way,
+            )
         for sensor in sensors:
             read(*sensor, "is off", span, inside)
             if b:
