@@ -47,8 +47,8 @@ class MaximumLikelihoodMethod:
         remarks.append(f"slip {1e3 * noise.along:.2g} mm along and {1e3 * noise.across:.2g} mm across after 1 m")
         if found.creeps:
             remarks.append(
-                "intervals reckon with creep of wheels that a controller drives against each other by numbers that "
-                f"are off by {100 * CONTROLLER:.2g} % (standard deviation)"
+                "intervals allow for creep of wheels that a controller drives against each other, assuming that its "
+                f"numbers are off by {100 * CONTROLLER:.2g} % (standard deviation)"
             )
         if found.creep_left_out:
             remarks.append(

@@ -11,6 +11,7 @@ of this is fitted beside the robot's parameters, so that it does not bias them; 
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
@@ -209,12 +210,16 @@ def _with_creep(
         return at, sizes, solution, str(error)
     described, start = Geometry.of(robot), (at._replace(factors=creep.expected), sizes)
     placed = mount_prior(described)
-    found = fitted(models, described, parameters, before, None, start, placed=placed, least=LEAST_NOISE, creep=creep)
-    left_out = "" if found[2].moved < 1.0 else "as predicted it does not fit the logs"
-    if not left_out:
-        if found[2].seen.any():
+    left_out = "as predicted it does not fit the logs"
+    with suppress(np.linalg.LinAlgError, ValueError):
+        found = fitted(
+            models, described, parameters, before, None, start, placed=placed, least=LEAST_NOISE, creep=creep
+        )
+        robot_with(robot, parameters, found[0].found)
+        if found[2].moved < 1.0 and found[2].seen.any():
             return *found, ""
-        left_out = "with it, these logs show none of the numbers; give reference poses"
+        if found[2].moved < 1.0:
+            left_out = "with it, these logs show none of the numbers; give reference poses"
     _without_creep(models)
     return at, sizes, solution, left_out
 

@@ -3,7 +3,7 @@
 Sliding depends on forces that no encoder measures, and has either sign, so a patch is not a column of the linear
 problem. A scan for two variances proposes rectangles (`hypotheses.patches`), and replays of the logs in simulation give
 the likelihood of each. A replay is lost as a whole, as when a castor that is pushed swings round otherwise than the
-robot's: its errors of wheels, pivots and place have one multivariate t distribution (Lange, Little and Taylor, JASA
+robot's: its errors of wheels, pivots and place have a multivariate t distribution (Lange, Little and Taylor, JASA
 84(408), 1989), whose scales and degrees of freedom the replays without a patch show.
 """
 
@@ -179,7 +179,8 @@ def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
 
 
 def _replay_errors(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:
-    """Return the errors (3, N) at the ends of replayed windows: wheels, m; pivots, rad; place, m."""
+    """Return the errors (3, N) at the ends of replayed windows: wheels, m; pivots, rad; place, m. NaN where there is no
+    reference, and of robots without pivot encoders."""
     geometry = Geometry.of(robot.as_built())
     roll = np.nanmedian(2 * np.pi * geometry.radius / geometry.counts_per_rev)
     sensed = geometry.pivot_counts_per_rev[np.isfinite(geometry.pivot_counts_per_rev)]
@@ -188,15 +189,16 @@ def _replay_errors(robot: RobotDescription, logs: Sequence[Log], seen: Linearise
     for log, clock in zip(logs, seen.state.clocks, strict=True):
         if log.reference is not None:
             left = replay(without(robot, ClockSkew), log, WINDOW, clock=clock, mount=seen.state.mount)
-            place = np.nan_to_num(np.sum(left.body[:, :2] ** 2, axis=1))
-            pivots = np.mean(left.pivots**2, axis=1) if left.pivots.shape[1] else 0 * place
+            place = np.sum(left.body[:, :2] ** 2, axis=1)
+            pivots = np.mean(left.pivots**2, axis=1) if left.pivots.shape[1] else np.full(len(place), np.nan)
             wheels = np.mean(left.wheels**2, axis=1)
             errors.append(np.sqrt([wheels + roll**2 / 6, pivots + turn**2 / 6 + 1e-8, place + PLACE**2]))
     return np.concatenate(errors, axis=1)
 
 
 class _Spread(NamedTuple):
-    """A multivariate t distribution about 0. scales (kinds,)."""
+    """A multivariate t distribution about 0; of errors of which some are NaN, the marginal distribution of the others.
+    scales (kinds,): NaN of kinds without any errors."""
 
     scales: Array
     freedom: float
@@ -204,23 +206,27 @@ class _Spread(NamedTuple):
     @classmethod
     def of(cls, errors: Array) -> "_Spread":
         """Return the most likely distribution of errors (kinds, N)."""
-        kinds, n = errors.shape
+        shown = np.isfinite(errors).any(axis=1)
+        seen, scales = errors[shown], np.full(len(errors), np.nan)
+        windows, kinds = np.isfinite(seen).sum(axis=1), np.isfinite(seen).sum(axis=0)
 
         def surprise(point: Array) -> float:
-            scales, freedom = np.exp(point[:-1]), np.exp(point[-1])
+            freedom = np.exp(point[-1])
             constant = gammaln((freedom + kinds) / 2) - gammaln(freedom / 2) - kinds / 2 * np.log(freedom)
-            return n * float(np.sum(point[:-1]) - constant) + cls(scales, freedom).surprise(errors)
+            scaled = cls(np.exp(point[:-1]), freedom)
+            return float(windows @ point[:-1] - np.sum(constant)) + scaled.surprise(seen)
 
-        bounds = [(None, None)] * kinds + [np.log([1.0, NORMAL])]
-        point = minimize(
-            surprise, np.append(np.log(np.median(errors, axis=1)), 1.0), method="L-BFGS-B", bounds=bounds
-        ).x
-        return cls(np.exp(point[:-1]), float(np.exp(point[-1])))
+        bounds = [(None, None)] * len(seen) + [np.log([1.0, NORMAL])]
+        begin = np.append(np.log(np.nanmedian(seen, axis=1)), 1.0)
+        point = minimize(surprise, begin, method="L-BFGS-B", bounds=bounds).x
+        scales[shown] = np.exp(point[:-1])
+        return cls(scales, float(np.exp(point[-1])))
 
     def surprise(self, errors: Array) -> float:
         """Return minus the log-likelihood (natural logarithm) of errors (kinds, N), without its constant."""
-        squares = np.sum((errors / self.scales[:, None]) ** 2, axis=0)
-        return (self.freedom + len(self.scales)) / 2 * float(np.sum(np.log1p(squares / self.freedom)))
+        squares = np.nansum((errors / self.scales[:, None]) ** 2, axis=0)
+        kinds = np.isfinite(errors).sum(axis=0)
+        return float(np.sum((self.freedom + kinds) / 2 * np.log1p(squares / self.freedom)))
 
     def likelier(self, errors: Array, plain: Array) -> float:
         """Return the log-likelihood ratio of `errors` over `plain` (kinds, N)."""

@@ -79,6 +79,22 @@ def test_true_values_are_within_their_intervals():
     assert not found.creep_left_out
 
 
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError])
+def test_where_creep_cannot_be_fitted_it_is_left_out(monkeypatch, error):
+    log, fitted = driven("asoc-prototype", WRONG[31], 31), maximum_likelihood.fitted
+
+    def fails(*arguments, creep=None, **options):
+        if creep is not None:
+            raise error
+        return fitted(*arguments, creep=creep, **options)
+
+    monkeypatch.setattr(maximum_likelihood, "fitted", fails)
+    found = calibrate(preset("asoc-prototype"), [log])
+    assert not found.creeps
+    assert found.creep_left_out
+    assert found.after == pytest.approx(calibrate_without_creep(preset("asoc-prototype"), log).after, rel=1e-12)
+
+
 COVERED = "asoc-prototype", "2-castor", "4-castor", "omnimate", "swerve", "powered-caster"
 
 

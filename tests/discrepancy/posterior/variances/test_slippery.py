@@ -16,7 +16,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.patches import patches_of
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.variances.events import Events
-from discrepancy.posterior.variances.slippery import confirmed_by, inside, slippery_in
+from discrepancy.posterior.variances.slippery import _Spread, confirmed_by, inside, slippery_in
 from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 
@@ -72,6 +72,32 @@ def test_the_rectangle_in_which_wheels_slip_is_found():
     slip = np.random.default_rng(1).normal(size=there.shape) * np.where(there, 1e-3, 5e-5)
     assert overlap(patches_of(ROBOT, [rolled()], [slip])[0], patch) > 0.7
     assert patches_of(ROBOT, [rolled()], [np.full_like(slip, np.nan)]) == []
+
+
+def drawn(windows, missing):
+    """Errors (3, windows) of a multivariate t distribution of scales 1, 2 and 3 and 4 degrees of freedom, the last
+    unknown in a part of the windows."""
+    random = np.random.default_rng(2)
+    errors = random.normal(size=(3, windows)) / np.sqrt(random.chisquare(4, windows) / 4) * [[1.0], [2.0], [3.0]]
+    errors[2, random.uniform(size=windows) < missing] = np.nan
+    return errors
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.7])
+def test_the_spread_of_replays_is_that_of_their_errors_where_some_are_unknown(missing):
+    spread = _Spread.of(drawn(20_000, missing))
+    assert spread.scales == pytest.approx([1.0, 2.0, 3.0], rel=0.03)
+    assert spread.freedom == pytest.approx(4.0, rel=0.06)
+
+
+def test_a_kind_of_error_that_a_robot_does_not_have_counts_for_nothing():
+    errors = drawn(400, 1.0)
+    spread, without = _Spread.of(errors), _Spread.of(errors[:2])
+    assert spread.scales[:2] == pytest.approx(without.scales, rel=1e-6)
+    better = errors * np.linspace(0.8, 1.0, 400)
+    gain = without.likelier(better[:2], errors[:2])
+    assert spread.likelier(better, errors) == pytest.approx(gain, rel=1e-6)
+    assert gain > 0
 
 
 def test_a_patch_is_named_and_logs_that_reach_it_confirm_it():
