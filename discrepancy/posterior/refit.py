@@ -91,7 +91,7 @@ def refitted(
     that are in the model already, in which `seen` was computed. threshold: log evidence that is to be exceeded; sizes
     that cannot reach it after a step, by twice the gain that the linear formula predicts, are not refined. One step is
     always taken, as the formula does not know by how much noises become smaller; but if the proposed sizes alone make
-    the logs less likely by more than `worse`, no effects are returned.
+    the logs less likely by more than `worse`, no effects are returned. Each further step makes the logs likelier.
     """
     sizes = {effect.candidate: effect for effect in before}
     known = tuple(
@@ -107,7 +107,6 @@ def refitted(
             return (), seen
         seen = found
     for step in range(REFITS):
-        best = max(best, seen.log_evidence)
         shown = set(seen.candidates)  # no longer an effect that leaves no trace in the fitted states
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
         if not current:
@@ -124,7 +123,7 @@ def refitted(
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
         proposed = tuple(effect.moved(by) for effect, by in zip(current, moves, strict=True))
         previous = current
-        current, seen = _nearer(vehicle, look, best - worse, current, proposed, seen)
+        current, seen = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen)
         if current == previous:  # no step is any better
             break
     if not seen.redundant and seen.log_evidence > threshold:
