@@ -3,7 +3,7 @@
 Of every twenty cases, in an order that the seed draws:
 
     stratum   cases   hidden                                       motion
-    clean     4       nothing                                      wander
+    clean     4       nothing                                      wander, to and fro, or circles
     one       5       an effect of the catalogue                   wander
     two       2       two, of different classes                    wander
     three     2       three, of different classes                  wander
@@ -27,7 +27,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -106,11 +106,12 @@ def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> 
     poor: Course = random.choice(["to and fro", "circles"])
     clean, untracked, by_cost = random.random(3) < (CLEAN_LOGS["foreign" if foreign else "own"], UNTRACKED, 0.5)
     first = 2 * (10_000 * seed + number)
+    anything: Course = random.choice(get_args(Course))
     return Case(
         number,
         stratum,
         robot,
-        poor if stratum == "poor" else "wander",
+        {"poor": poor, "clean": anything}.get(stratum, "wander"),
         (first, first + 1),
         clean=bool(clean),
         reference=redundancy(preset(robot)) == 0 or not untracked,

@@ -68,7 +68,12 @@ def test_what_is_hidden_fits_the_stratum():
         assert all(low <= target <= high for target in case.targets)
         assert (case.outside is not None) == (case.stratum == "outside")
         assert any(one.wiring for one in case.hidden) == (case.stratum == "wiring")
-        assert (case.course != "wander") == (case.stratum == "poor")
+        assert case.stratum == "clean" or (case.course != "wander") == (case.stratum == "poor")
+
+
+def test_clean_logs_are_of_every_motion():
+    clean = [case.course for case in map(drawn, range(1, 4 * TWENTY + 1)) if case.stratum == "clean"]
+    assert set(clean) == {"wander", "to and fro", "circles"}
 
 
 def test_parts_are_those_stated():
