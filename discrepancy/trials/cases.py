@@ -107,12 +107,12 @@ def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> 
     poor: Course = random.choice(["to and fro", "circles"])
     clean, untracked, by_cost = random.random(3) < (CLEAN_LOGS["foreign" if foreign else "own"], UNTRACKED, 0.5)
     first = 2 * (10_000 * seed + number)
-    anything = COURSES[random.integers(len(COURSES))]
+    courses: dict[Stratum, Course] = {"poor": poor, "clean": COURSES[random.integers(len(COURSES))]}
     return Case(
         number,
         stratum,
         robot,
-        {"poor": poor, "clean": anything}.get(stratum, "wander"),
+        courses.get(stratum, "wander"),
         (first, first + 1),
         clean=bool(clean),
         reference=redundancy(preset(robot)) == 0 or not untracked,
