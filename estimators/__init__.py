@@ -1,6 +1,7 @@
 """Estimators of a robot's pose from its encoders, and of a train's poses from relative poses too; plug-ins of both.
 
-Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more. Of trains: `TrainOdometry`
+Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more; `WheelOdometry` serves every
+robot, and `HolmbergKhatib` and `TidyBot` are what others run of it. Of trains: `TrainOdometry`
 alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and
 `InlierLeastSquares` on any number. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says
 what a plug-in needs. Estimators raise `Declined` for robots and trains that they do not serve.
@@ -13,6 +14,7 @@ from estimators.robots.cast import CAST, SmallTurnWarning
 from estimators.robots.cast_arc import CASTArc
 from estimators.robots.dead_reckoning import DeadReckoning
 from estimators.robots.ipec import IPEC
+from estimators.robots.wheel_odometry import HolmbergKhatib, TidyBot, WheelOdometry
 from estimators.trains.grpec import GRPEC, GRPECXY, GRPECDev, GRPECPhi
 from estimators.trains.inliers import InlierLeastSquares
 from estimators.trains.least_squares import TrainLeastSquares
@@ -34,13 +36,16 @@ __all__ = [
     "EstimatorEntry",
     "GRPECDev",
     "GRPECPhi",
+    "HolmbergKhatib",
     "InlierLeastSquares",
     "Observation",
     "RelativePoseWarning",
     "SmallTurnWarning",
+    "TidyBot",
     "TrainLeastSquares",
     "TrainOdometry",
     "TwoTruckIPEC",
+    "WheelOdometry",
     "builtin_names",
     "load_estimator",
 ]

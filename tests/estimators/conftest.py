@@ -26,8 +26,9 @@ class Motion:
         state = self.state(t)
         pose, theta, rolled = state[:3].T, state[3 : 3 + len(castors)], state[3 + len(castors) :]
         radius = np.array([wheel.radius for castor in castors for wheel in castor.wheels])
-        counts = np.array([wheel.counts_per_rev for castor in castors for wheel in castor.wheels])
+        counts = np.array([wheel.counts_per_rev or np.nan for castor in castors for wheel in castor.wheels])
         wheel = np.diff(rolled, prepend=rolled[:, :1]).T / (2 * np.pi * radius) * counts
+        wheel = wheel[:, np.isfinite(counts)]
         pivot = [
             (theta[i] + castor.pivot_zero) / (2 * np.pi) * castor.pivot_counts_per_rev
             for i, castor in enumerate(castors)
@@ -51,13 +52,31 @@ def exact_motion(robot, twist, duration, theta=None, pose=(0.0, 0.0, 0.0)):
             of_pivot = velocity + 1j * omega * pivots[i] * turned
             heading = np.exp(1j * (state[2] + state[3 + i]))
             seen = of_pivot / heading  # along the castor, and to its left
-            spin = omega if castor.steering == "fixed" else seen.imag / castor.offset
+            if castor.steering == "fixed":
+                spin = omega
+            elif castor.offset:
+                spin = seen.imag / castor.offset
+            else:  # turned to where the pivot goes
+                spin = omega + swivel_of(i, t)
             swivel.append(spin - omega)
-            rolling += [seen.real - wheel.lateral * spin for wheel in castor.wheels]
+            rolling += [
+                seen.real - wheel.lateral * spin + np.tan(wheel.roller_angle) * (seen.imag - castor.offset * spin)
+                for wheel in castor.wheels
+            ]
         return [velocity.real, velocity.imag, omega, *swivel, *rolling]
 
+    def of_pivot_in_body(i, t):
+        v_x, v_y, omega = twist(t)
+        return v_x + 1j * v_y + 1j * omega * pivots[i]
+
+    def swivel_of(i, t, dt=1e-5):
+        return np.angle(of_pivot_in_body(i, t + dt) / of_pivot_in_body(i, t - dt)) / (2 * dt)
+
     if theta is None:
-        theta = [castor.angle for castor in castors]
+        theta = [
+            castor.angle if castor.offset or castor.steering == "fixed" else np.angle(of_pivot_in_body(i, 0.0))
+            for i, castor in enumerate(castors)
+        ]
     start = [*pose, *theta, *[0.0] * len(robot.wheels)]
     solution = solve_ivp(rates, (0.0, duration), start, method="DOP853", rtol=1e-12, atol=1e-13, dense_output=True)
     return Motion(robot, duration, solution.sol)

@@ -13,7 +13,7 @@ import pytest
 import estimators
 from castor_envs.errors import Declined, InputError
 from castor_envs.vehicles.presets import cfmmr, preset, preset_names
-from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, builtin_names, load_estimator
+from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, WheelOdometry, builtin_names, load_estimator
 from estimators.plugins.registry import ESTIMATOR, declines
 from estimators.plugins.source_hash import source_files
 
@@ -51,6 +51,7 @@ def _own_folder(tmp_path, monkeypatch):
         ("cast-1", CAST, {"left_out": 1}),
         ("cast-arc", CASTArc, {"left_out": 0}),
         ("cast-arc-2", CASTArc, {"left_out": 2}),
+        ("wheel-odometry", WheelOdometry, {}),
         ("estimators.robots.cast:CAST", CAST, {"left_out": 0}),
     ],
 )
@@ -67,11 +68,18 @@ def test_builtin_by_name(spec, kind, attributes):
 @pytest.mark.parametrize(
     ("robot", "names"),
     [
-        ("asoc-prototype", "cast-1 cast-2 cast-3 cast-0 cast-arc-0 dead-reckoning-1 ipec-1 ipec-2 ipec-3"),
-        ("omnimate", "cast-0 cast-arc-0 dead-reckoning-1 ipec-0"),
-        ("4-castor", "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1"),
-        ("differential", "dead-reckoning-1"),
-        ("swerve", ""),
+        (
+            "asoc-prototype",
+            "cast-1 cast-2 cast-3 cast-0 cast-arc-0 dead-reckoning-1 holmberg-khatib ipec-1 ipec-2 ipec-3"
+            " tidybot wheel-odometry",
+        ),
+        ("omnimate", "cast-0 cast-arc-0 dead-reckoning-1 holmberg-khatib ipec-0 tidybot wheel-odometry"),
+        (
+            "4-castor",
+            "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1 holmberg-khatib tidybot wheel-odometry",
+        ),
+        ("differential", "dead-reckoning-1 holmberg-khatib tidybot wheel-odometry"),
+        ("swerve", "holmberg-khatib tidybot wheel-odometry"),
     ],
 )
 def test_builtin_names_are_those_that_apply(robot, names):
@@ -82,7 +90,7 @@ def test_builtin_names_are_those_that_apply(robot, names):
 @pytest.mark.parametrize("robot", preset_names())
 def test_applicable_says_what_reset_would(robot):
     robot = preset(robot)
-    for spec in ("dead-reckoning", "ipec", "ipec-1", "cast", "cast-4", "cast-arc"):
+    for spec in ("dead-reckoning", "ipec", "ipec-1", "cast", "cast-4", "cast-arc", "wheel-odometry", "tidybot"):
         entry = load_estimator(spec)
         reason = entry.applicable(robot)
         if reason is None:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from castor_envs.motion.kinematics import Geometry
-from castor_envs.vehicles.presets import differential, preset
+from castor_envs.vehicles.presets import differential, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
-from estimators import CAST, IPEC, CASTArc, DeadReckoning
+from estimators import CAST, IPEC, CASTArc, DeadReckoning, HolmbergKhatib, TidyBot, WheelOdometry
+from estimators.calibration.drives import moves_sideways
 from estimators.robots.castor_odometry import CastorOdometry
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
@@ -51,6 +52,8 @@ def _motion_of(motions, odd_robot, exact_motion, winding):
         (CASTArc(3), False),
         (CASTArc(0, step="midpoint"), True),
         (CAST(0, step="midpoint"), True),
+        (WheelOdometry(), False),
+        (HolmbergKhatib(), False),
     ],
     ids=lambda value: f"{type(value).__name__}-{vars(value)}" if hasattr(value, "step") else "",
 )
@@ -69,6 +72,7 @@ def test_second_order(estimator, centred, motion_of, drive):
         (CASTArc(0, step="euler"), True),
         (IPEC(1, step="euler"), True),
         (DeadReckoning(2, step="euler"), True),
+        (TidyBot(), False),
     ],
     ids=lambda value: f"{type(value).__name__}-{vars(value)}" if hasattr(value, "step") else "",
 )
@@ -85,6 +89,41 @@ def test_heading_of_a_single_castor_is_exact_at_any_period(odd_robot, exact_moti
     np.testing.assert_allclose(drive(DeadReckoning(2), motion.robot, observations)[:, 2], true[:, 2], atol=1e-9)
 
 
+def forward(t):
+    """A smooth twist without sideways speed, that never lets a pivot stand."""
+    return 0.5 + 0.1 * np.sin(0.7 * t), 0.0, 0.3 * np.sin(1.1 * t + 0.4)
+
+
+def askew(t):
+    """A smooth twist with all three components."""
+    return 0.5 + 0.1 * np.sin(0.7 * t), 0.2 * np.cos(0.9 * t), 0.3 * np.sin(1.1 * t + 0.4)
+
+
+@pytest.mark.parametrize("estimator", [WheelOdometry(), HolmbergKhatib()], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize("name", preset_names())
+def test_wheel_odometry_follows_every_robot_to_second_order(name, estimator, exact_motion, drive):
+    robot = preset(name)
+    motion = exact_motion(robot, askew if moves_sideways(robot) else forward, 4.0, pose=(1.0, -2.0, 0.5))
+    errors = []
+    for steps in (50, 100, 200):
+        true, observations = motion.sampled(steps)
+        errors.append(np.abs(drive(estimator, robot, observations, true[0]) - true)[:, :2].max())
+    assert errors[2] < 1e-3
+    if errors[0] > 1e-9:  # constant wheel speeds are followed exactly at any period
+        assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.25)
+
+
+@pytest.mark.parametrize("name", ["swerve", "powered-caster", "tricycle", "omni3", "differential"])
+def test_a_circle_is_followed_exactly_at_any_period(name, exact_motion, drive):
+    """All pivots run on circles, steered castors do not turn against the body, half a radian of turn a sample."""
+    robot, twist = preset(name), (0.4, 0.0, 0.6)
+    trailing = zip(robot.castors, steady(robot, twist), strict=True)
+    theta = [castor.angle if castor.steering == "fixed" else angle for castor, angle in trailing]
+    motion = exact_motion(robot, lambda t: twist, 5.0, theta=theta, pose=(1.0, 1.0, 1.0))
+    true, observations = motion.sampled(6)
+    np.testing.assert_allclose(drive(WheelOdometry(), robot, observations, true[0]), true, atol=1e-9)
+
+
 def steady(robot, twist):
     """Return the angles of castors that have long trailed at a constant twist: their sideways speed is omega offset."""
     angles = []
@@ -95,7 +134,7 @@ def steady(robot, twist):
 
 
 @pytest.mark.parametrize("twist", [(0.3, 0.0, 0.0), (0.3, -0.2, 0.8), (0.0, 0.25, -1.0), (-0.4, 0.1, 0.5)])
-@pytest.mark.parametrize("estimator", [CASTArc(), CASTArc(2), IPEC(3), DeadReckoning(1)])
+@pytest.mark.parametrize("estimator", [CASTArc(), CASTArc(2), IPEC(3), DeadReckoning(1), WheelOdometry()])
 def test_constant_twist_in_steady_trailing_is_followed_exactly(twist, estimator, odd_robot, exact_motion, drive):
     """All pivots then run on circles at constant rates: no matter that the body turns half a radian a sample."""
     robot = odd_robot(3, centred=False)
@@ -116,7 +155,7 @@ def test_small_angle_assumption_makes_cast_turn_by_the_sine(turn, exact_motion, 
     np.testing.assert_allclose(estimate[:2], true[-1, :2], atol=1e-9)
 
 
-@pytest.mark.parametrize("estimator", [DeadReckoning(), IPEC(1), CAST(), CASTArc()])
+@pytest.mark.parametrize("estimator", [DeadReckoning(), IPEC(1), CAST(), CASTArc(), WheelOdometry()])
 def test_heading_is_unwrapped_over_many_turns(estimator, exact_motion, drive):
     robot = preset("asoc-prototype")
     motion = exact_motion(robot, lambda t: (0.2, 0.1, 2.0), 20.0)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators import CAST, IPEC, CASTArc, DeadReckoning
+from estimators import CAST, IPEC, CASTArc, DeadReckoning, HolmbergKhatib, TidyBot, WheelOdometry
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 
@@ -23,6 +23,9 @@ ESTIMATORS = [
     CAST(0, step="euler"),
     CASTArc(0),
     CASTArc(1),
+    WheelOdometry(),
+    HolmbergKhatib(),
+    TidyBot(),
 ]
 
 
