@@ -1,7 +1,8 @@
 """Estimators of a robot's pose from its encoders, and of a train's poses from relative poses too; plug-ins of both.
 
 Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more; `WheelOdometry` serves every
-robot, and `HolmbergKhatib` and `TidyBot` are what others run of it. Of trains: `TrainOdometry`
+robot, and `HolmbergKhatib` and `TidyBot` are what others run of it; `CalibratingFilter` learns a robot's dimensions
+while it drives. Of trains: `TrainOdometry`
 alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and
 `InlierLeastSquares` on any number. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says
 what a plug-in needs. Estimators raise `Declined` for robots and trains that they do not serve.
@@ -10,6 +11,7 @@ what a plug-in needs. Estimators raise `Declined` for robots and trains that the
 from castor_envs.errors import Declined
 from estimators.plugins.registry import EstimatorEntry, builtin_names, load_estimator
 from estimators.protocol import Estimator, Observation
+from estimators.robots.calibrating_filter import CalibratingFilter
 from estimators.robots.cast import CAST, SmallTurnWarning
 from estimators.robots.cast_arc import CASTArc
 from estimators.robots.dead_reckoning import DeadReckoning
@@ -30,6 +32,7 @@ __all__ = [
     "IPEC",
     "RMSPEC",
     "CASTArc",
+    "CalibratingFilter",
     "DeadReckoning",
     "Declined",
     "Estimator",

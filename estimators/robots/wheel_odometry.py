@@ -74,8 +74,8 @@ class EquationsOfSamples:
 
     geometry: the robot. at: where in the step castor angles are taken, 0.5 half-way, 1.0 at its end. Rows are first the
     rolling of each wheel with an encoder (`wheels`), then no side slip of each castor with a standard wheel
-    (`castors`); castors whose angle nobody knows are left out. Raises Declined if the equations do not determine how
-    the body moves at any angles of the castors.
+    (`castors`); `castor` is the castor of each row. Castors whose angle nobody knows are left out. Raises Declined if
+    the equations do not determine how the body moves at any angles of the castors.
     """
 
     def __init__(self, geometry: Geometry, at: float = 0.5, arc: bool = True) -> None:
@@ -86,11 +86,11 @@ class EquationsOfSamples:
         self.wheels = np.flatnonzero(driven & known[geometry.wheel_castor])
         self.castors = np.flatnonzero((standard > 0) & known)
         self.castor = np.concatenate([geometry.wheel_castor[self.wheels], self.castors])
-        self.standard_wheels = standard[self.castors]
-        self._read = np.searchsorted(np.flatnonzero(driven), self.wheels)
-        self._angle_per_count = 2 * np.pi / geometry.counts_per_rev[self.wheels]
+        self.standard_wheels = standard[self.castors].astype(np.float64)
+        self.read_wheels = np.searchsorted(np.flatnonzero(driven), self.wheels)
+        self.angle_per_count = 2 * np.pi / geometry.counts_per_rev[self.wheels]
         roller = geometry.roller[..., self.wheels]
-        self._roller = np.concatenate([roller, np.zeros((*roller.shape[:-1], len(self.castors)))], axis=-1)
+        self.roller = np.concatenate([roller, np.zeros((*roller.shape[:-1], len(self.castors)))], axis=-1)
         of_wheels = geometry.lateral[..., self.wheels] + roller * geometry.offset[..., self.castor[: len(self.wheels)]]
         self.arm = np.concatenate([of_wheels, geometry.offset[..., self.castors]], axis=-1)
         self._left_of_pivot = geometry.left_of_pivot[..., self.castor, :]
@@ -117,7 +117,7 @@ class EquationsOfSamples:
         swivel = wrap(after - before)
         matrix = self._matrix(after - (1.0 - self._at) * swivel, swivel)
         rolled = np.zeros(matrix.shape[:-1])
-        wheel = observation["wheel"][..., self._read] * self._angle_per_count
+        wheel = observation["wheel"][..., self.read_wheels] * self.angle_per_count
         rolled[..., : len(self.wheels)] = wheel * self.geometry.radius[..., self.wheels]
         return Equations(matrix, rolled, self.arm, swivel[..., self.castor])
 
@@ -125,7 +125,7 @@ class EquationsOfSamples:
         """Return the matrix (..., m, 3) at castor angles (..., n) of castors that swivel by (..., n)."""
         e = unit(angle)[..., self.castor, :]
         across = len(self.wheels)
-        direction = e + self._roller[..., None] * left_of(e)
+        direction = e + self.roller[..., None] * left_of(e)
         direction[..., across:, :] = left_of(e[..., across:, :])
         swing = self.arm * np.cos(swivel[..., self.castor] / 2) if self._arc else self.arm
         leverage = np.sum(self._left_of_pivot * direction, axis=-1) - swing
@@ -137,7 +137,7 @@ class EquationsOfSamples:
         Wheels' counts are rounded at both ends; dimensions are off by `RADIUS`, `LATERAL`, `OFFSET` and `ANGLE`.
         """
         geometry = self.geometry
-        count = geometry.radius[..., self.wheels] * self._angle_per_count
+        count = geometry.radius[..., self.wheels] * self.angle_per_count
         swivel = np.where(geometry.fixed, 0.0, SWIVEL)
         by_lateral = LATERAL * geometry.lateral[..., self.wheels] * swivel[geometry.wheel_castor[self.wheels]]
         by_offset = OFFSET * geometry.offset[..., self.castors] * swivel[self.castors]
@@ -164,7 +164,7 @@ def solve(equations: Equations, weight: Array, arc: bool = True) -> Motion:
     normal = weighted @ equations.matrix
     size = np.trace(normal, axis1=-2, axis2=-1)
     solution = np.linalg.solve(normal + SINGULAR * size[..., None, None] * np.eye(3), weighted)
-    turn = np.zeros(equations.rolled.shape[:-1])
+    turn, found = np.zeros(equations.rolled.shape[:-1]), np.zeros(3)
     for _ in range(REFINEMENTS if arc else 1):
         found = np.einsum("...ij,...j->...i", solution, equations.right(turn, arc))
         turn = 2 * np.arcsin(np.clip(found[..., 2] / 2, -1.0, 1.0)) if arc else found[..., 2]

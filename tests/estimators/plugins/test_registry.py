@@ -70,16 +70,17 @@ def test_builtin_by_name(spec, kind, attributes):
     [
         (
             "asoc-prototype",
-            "cast-1 cast-2 cast-3 cast-0 cast-arc-0 dead-reckoning-1 holmberg-khatib ipec-1 ipec-2 ipec-3"
+            "cast-1 cast-2 cast-3 cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib ipec-1 ipec-2 ipec-3"
             " tidybot wheel-odometry",
         ),
-        ("omnimate", "cast-0 cast-arc-0 dead-reckoning-1 holmberg-khatib ipec-0 tidybot wheel-odometry"),
+        ("omnimate", "cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib ipec-0 tidybot wheel-odometry"),
         (
             "4-castor",
-            "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1 holmberg-khatib tidybot wheel-odometry",
+            "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib tidybot"
+            " wheel-odometry",
         ),
-        ("differential", "dead-reckoning-1 holmberg-khatib tidybot wheel-odometry"),
-        ("swerve", "holmberg-khatib tidybot wheel-odometry"),
+        ("differential", "dead-reckoning-1 filter holmberg-khatib tidybot wheel-odometry"),
+        ("swerve", "filter holmberg-khatib tidybot wheel-odometry"),
     ],
 )
 def test_builtin_names_are_those_that_apply(robot, names):

@@ -1,0 +1,167 @@
+"""What the filter learns from redundancy, how sure it is, and what it leaves out; rolling is integrated in conftest."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from benchmarks.tasks import kinematic
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset, preset_names
+from estimators import CalibratingFilter, WheelOdometry
+from estimators.calibration.drives import log_of, moves_sideways
+from estimators.robots import calibrating_filter
+
+SAMPLES = 400
+"""Of 50 ms."""
+
+
+def rounded(observations, random):
+    """Observations with counts and readings of pivots rounded; each wheel begins anywhere within a count."""
+    total = np.cumsum([seen["wheel"] for seen in observations], axis=0)
+    wheel = np.diff(
+        np.floor(total + random.uniform(size=total.shape[1])), axis=0, prepend=np.zeros((1, total.shape[1]))
+    )
+    wheel[0] = 0.0
+    return [
+        {**seen, "wheel": counts, "pivot": np.round(seen["pivot"])}
+        for seen, counts in zip(observations, wheel, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module", name="run")
+def _run(exact_motion, winding):
+    """The prototype's true poses and observations in 20 s."""
+    true, observations = exact_motion(preset("asoc-prototype"), winding, 0.05 * SAMPLES).sampled(SAMPLES)
+    return true, rounded(observations, np.random.default_rng(1))
+
+
+def with_radius(factor):
+    """The prototype as described with its first wheel's radius too large by a factor."""
+    robot = preset("asoc-prototype")
+    first = robot.castors[0]
+    wheels = (dataclasses.replace(first.wheels[0], radius=factor * first.wheels[0].radius), *first.wheels[1:])
+    return dataclasses.replace(robot, castors=(dataclasses.replace(first, wheels=wheels), *robot.castors[1:]))
+
+
+def farthest(path, true):
+    return np.hypot(*(path - true).T[:2]).max()
+
+
+def test_a_wheel_that_is_described_too_large_is_learned(run, drive):
+    true, observations = run
+    robot, estimator = with_radius(1.05), CalibratingFilter()
+    path = drive(estimator, robot, observations, true[0])
+    radius = estimator.geometry.radius
+    np.testing.assert_allclose(radius, Geometry.of(preset("asoc-prototype")).radius, rtol=2e-3)
+    assert farthest(path, true) < farthest(drive(WheelOdometry(), robot, observations, true[0]), true) / 5
+
+
+def test_a_calibrated_description_stays_as_it_is(run, drive):
+    true, observations = run
+    robot, estimator = preset("asoc-prototype"), CalibratingFilter()
+    path = drive(estimator, robot, observations, true[0])
+    np.testing.assert_allclose(estimator.geometry.radius, Geometry.of(robot).radius, rtol=1e-3)
+    assert farthest(path, true) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("errors", "task"), [("calibrated", kinematic.CALIBRATED), ("uncalibrated", kinematic.UNCALIBRATED)]
+)
+def test_errors_are_no_larger_than_stated(errors, task, run):
+    """Normalised estimation error squared at the end, over 100 descriptions of Table I. Wheels that never slip make
+    them smaller than a filter that reckons with slip states."""
+    true, observations = run
+    random, truth = np.random.default_rng(3), preset("asoc-prototype")
+    described = Geometry.of([task.applied(truth, random) for _ in range(100)])
+    estimator = CalibratingFilter()
+    estimator.reset(described, np.tile(true[0], (100, 1)))
+    for seen in observations:
+        path = estimator.update({name: np.tile(values, (100, 1)) for name, values in seen.items()})
+    off = path - true[-1]
+    squares = np.einsum("ki,kij,kj->k", off, np.linalg.inv(estimator.covariance), off)
+    assert chi2.ppf(0.005, 300) / 5 < squares.sum() < chi2.ppf(0.995, 300)
+
+
+def test_errors_are_stated_in_the_axes_of_the_world(run, drive):
+    _, observations = run
+    covariances = []
+    for psi in (0.0, 1.0):
+        estimator = CalibratingFilter()
+        drive(estimator, preset("asoc-prototype"), observations, (1.0, 2.0, psi))
+        covariances.append(estimator.covariance)
+    turn = np.eye(3)
+    turn[:2, :2] = [[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]]
+    np.testing.assert_allclose(covariances[1], turn @ covariances[0] @ turn.T, rtol=1e-6, atol=1e-15)
+    assert np.linalg.eigvalsh(covariances[0]).min() > 0
+
+
+def test_a_wheel_on_a_bump_is_released(run, drive):
+    """It rolls 4 mm more than the floor is long, in a third of a second."""
+    true, observations = run
+    counts = 0.004 / (2 * np.pi * 0.0381) * 1200 / 7
+    bumped = [
+        {**seen, "wheel": seen["wheel"] + np.round(counts) * (np.arange(6) == 2) * (150 <= k < 157)}
+        for k, seen in enumerate(observations)
+    ]
+    robot, ends = preset("asoc-prototype"), {}
+    for kind in (CalibratingFilter, WheelOdometry):
+        even, bumpy = (drive(kind(), robot, seen, true[0])[-1] for seen in (observations, bumped))
+        ends[kind] = np.abs(bumpy - even)[2]
+    assert ends[CalibratingFilter] < ends[WheelOdometry] / 5
+
+
+def test_measurements_of_rolling_wheels_are_hardly_released(run, drive, monkeypatch):
+    """Of normal residuals one in 2000 is beyond the gate."""
+    true, observations = run
+    released, find = [], calibrating_filter._released
+
+    def watched(joint, left, slip):
+        found = find(joint, left, slip)
+        released.append(found[0][0] > 0)  # of the filter that takes the description as calibrated
+        return found
+
+    monkeypatch.setattr(calibrating_filter, "_released", watched)
+    drive(CalibratingFilter(), preset("asoc-prototype"), observations, true[0])
+    assert len(released) == SAMPLES
+    assert np.mean(released) < 1e-3
+
+
+@pytest.mark.parametrize("errors", [kinematic.CALIBRATED, kinematic.UNCALIBRATED], ids=["calibrated", "uncalibrated"])
+@pytest.mark.parametrize("name", preset_names())
+def test_no_preset_is_followed_worse_than_without_learning(name, errors):
+    """Half a minute of wandering with six descriptions that are off as in Table I, and the mean of what odometry is
+    off at the farthest."""
+    truth, random = preset(name), np.random.default_rng(5)
+    path = wander(np.random.default_rng(2), duration=30.0, holonomic=moves_sideways(truth))
+    log = log_of(truth, path, "all")
+    assert log.reference is not None
+    described, off = Geometry.of([errors.applied(truth, random) for _ in range(6)]), []
+    for estimator in (CalibratingFilter(), WheelOdometry()):
+        estimator.reset(described, np.tile(log.reference[0], (6, 1)))
+        seen = [{of: np.tile(values, (6, 1)) for of, values in sample.items()} for sample in log.observations()]
+        poses = np.array([estimator.update(sample) for sample in seen]) - log.reference[:, None]
+        off.append(np.hypot(poses[..., 0], poses[..., 1]).max(axis=0).mean())
+    assert off[0] < 1.1 * off[1] + 1e-3
+
+
+def test_what_no_redundancy_shows_is_not_learned(drive):
+    """Of a differential robot the filter is odometry."""
+    robot = preset("differential")
+    log = log_of(robot, wander(np.random.default_rng(2), duration=30.0, holonomic=False), "all")
+    observations = list(log.observations())
+    learned, plain = (drive(kind(), robot, observations) for kind in (CalibratingFilter, WheelOdometry))
+    np.testing.assert_allclose(learned, plain, atol=1e-6)
+
+
+def test_a_robot_that_stands_still_gets_no_surer(run, drive):
+    true, observations = run
+    estimator = CalibratingFilter()
+    drive(estimator, preset("asoc-prototype"), observations, true[0])
+    pose, covariance = estimator.pose, estimator.covariance
+    for _ in range(50):
+        estimator.update({**observations[-1], "wheel": 0 * observations[-1]["wheel"]})
+    np.testing.assert_array_equal(estimator.pose, pose)
+    np.testing.assert_array_equal(estimator.covariance, covariance)
