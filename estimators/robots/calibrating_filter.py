@@ -7,7 +7,8 @@ nine things about a motion of three degrees of freedom; what contradicts is put 
 Counts themselves are measured, not their increments: each count and each pivot's reading is off by its own rounding, so
 that no remainder is ever lost. A castor does not slip to its side: a measurement of zero. The equations of a sample are
 those of `wheel_odometry`, about whose solution they are linear. Measurements that contradict the others, as over a
-bump, are released while they do (`GATE`). The state of a robot with n castors and d wheels with encoders is
+bump, are released while they do (`GATE`). A gyro, if the description has one, measures the turn of each sample: half
+of its readings at both ends. The state of a robot with n castors and d wheels with encoders is
 
     pose (3)         in the frame of the start pose
     swivel (n)       angles of the castors beyond what their encoders read, rad
@@ -15,6 +16,7 @@ bump, are released while they do (`GATE`). The state of a robot with n castors a
     motion (3)       of the sample, beyond the solution of `wheel_odometry`
     swiveled (n)     of the sample, beyond what was read
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
+    bias (1)         of the gyro, rad/s
 
 Nobody tells whether a description is calibrated: two filters run side by side, one for each column of Table I of
 Doebbler et al. Their log-likelihoods decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control
@@ -85,20 +87,24 @@ REPEATED = 5.0
 LEAST = 1e-12
 """m^2: least variance of slip in a sample."""
 
+BIAS = 0.02
+"""rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones
+say."""
+
 
 class _Layout:
     """Where each part of the state of a robot with n castors and d wheels stands."""
 
     def __init__(self, n: int, d: int) -> None:
         sizes = {"pose": 3, "swivel": n, "roll": d, "motion": 3, "swiveled": n}
-        sizes |= {"radius": d, "lateral": d, "offset": n, "zero": n, "x": n, "y": n}
+        sizes |= {"radius": d, "lateral": d, "offset": n, "zero": n, "x": n, "y": n, "bias": 1}
         ends = np.cumsum(list(sizes.values()))
         parts = dict(zip(sizes, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
         self.size = int(ends[-1])
         self.pose, self.swivel, self.roll = parts["pose"], parts["swivel"], parts["roll"]
         self.motion, self.swiveled = parts["motion"], parts["swiveled"]
         self.radius, self.lateral, self.offset = parts["radius"], parts["lateral"], parts["offset"]
-        self.zero, self.x, self.y = parts["zero"], parts["x"], parts["y"]
+        self.zero, self.x, self.y, self.bias = parts["zero"], parts["x"], parts["y"], parts["bias"]
 
 
 class _Sample(NamedTuple):
@@ -150,12 +156,14 @@ class CalibratingFilter:
             variance[..., k, at.offset] = (errors.offset * geometry.offset) ** 2
             variance[..., k, at.zero] = errors.zero**2
             variance[..., k, np.concatenate([at.x, at.y])] = errors.pivot**2
+        variance[..., at.bias] = BIAS**2
         shape = (*np.broadcast_shapes(lead, self._start.shape[:-1]), 2)
         self._state = np.zeros((*shape, at.size))
         self._covariance = np.broadcast_to(variance[..., None] * np.eye(at.size), (*shape, at.size, at.size)).copy()
         self._log_likelihood = np.zeros(shape) - [0.0, TRUST]
         self._angle: Array | None = None
-        self._swivel = np.zeros_like(step)
+        self._swivel, self._gyro = np.zeros_like(step), None if isinstance(robot, Geometry) else robot.gyro
+        self._last: tuple[Array, Array, Array] | None = None  # time, reading of the gyro, and how much it changed
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3)."""
@@ -164,11 +172,13 @@ class CalibratingFilter:
         swivel = wrap(read - before)
         rolled = observation["wheel"][..., self._equations.read_wheels] * self._count
         self._angle, last, self._swivel = read, self._swivel, swivel
-        moves = np.any(swivel != 0, axis=-1) | np.any(rolled != 0, axis=-1)
+        turned = self._turned_by_gyro(observation)
+        moves = np.any(swivel != 0, axis=-1) | np.any(rolled != 0, axis=-1) | (turned is not None)
         if np.any(moves):
             sample = self._sample(before[..., None, :], swivel[..., None, :], rolled[..., None, :])
             uneven = UNEVEN * (swivel - last) ** 2 / (np.abs(swivel) + np.abs(last) + self._step + 1e-9)
-            found = self._measured(*self._predicted(sample, swivel, rolled, uneven))
+            predicted = self._predicted(sample, swivel, rolled, uneven)
+            found = self._measured(*(predicted if turned is None else self._with_gyro(sample, *predicted, *turned)))
             self._state, self._covariance, self._log_likelihood = (
                 np.where(moves.reshape(moves.shape + (1,) * (new.ndim - moves.ndim)), new, old)
                 for new, old in zip(found, (self._state, self._covariance, self._log_likelihood), strict=True)
@@ -197,6 +207,11 @@ class CalibratingFilter:
             pivot_zero=geometry.pivot_zero + state[..., at.zero],
             pivot=geometry.pivot + vectors(state[..., at.x], state[..., at.y]),
         )
+
+    @property
+    def gyro_bias(self) -> Array:
+        """The bias (...) of the gyro as learned so far, rad/s."""
+        return np.sum(self._parts * self._state[..., self._at.bias[0]], axis=-1)
 
     @property
     def covariance(self) -> Array:
@@ -304,6 +319,45 @@ class CalibratingFilter:
         left = np.concatenate([-state[..., at.roll], -state[..., at.swivel], -sample.left[..., d:]], axis=-1)
         return state, covariance, derivative, left, variance
 
+    def _turned_by_gyro(self, observation: Observation) -> tuple[Array, Array, Array] | None:
+        """Return by how much the body turns in a sample as a gyro says, rad, the variance of that, and the sample's
+        duration, s, (..., 1) each; None where there is no gyro, or no sample before."""
+        if self._gyro is None or "gyro" not in observation:
+            return None
+        time, rate, last = observation["time"], observation["gyro"], self._last
+        self._last = time, rate, np.zeros_like(rate) if last is None else rate - last[1]
+        if last is None:
+            return None
+        duration, uneven = time - last[0], self._last[2] - last[2]
+        noise = self._gyro.noise**2 / 2 + (uneven / 12) ** 2  # of the trapezoid, by the second difference
+        return duration * (rate + last[1]) / 2, duration**2 * noise + LEAST, duration
+
+    def _with_gyro(
+        self,
+        sample: _Sample,
+        state: Array,
+        covariance: Array,
+        derivative: Array,
+        left: Array,
+        variance: Array,
+        turned: Array,
+        noise: Array,
+        duration: Array,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return what `_predicted` does with the measurement of a turn (..., 1) by the gyro."""
+        row = np.zeros((*derivative.shape[:-2], 1, self._at.size))
+        row[..., self._at.motion[2]] = 1.0
+        row[..., self._at.bias] = duration[..., None, :]
+        error = turned - sample.turn - duration * state[..., self._at.bias[0]]
+        noise = noise + 0 * error
+        return (
+            state,
+            covariance,
+            np.concatenate([derivative, row], axis=-2),
+            np.concatenate([left, error[..., None]], axis=-1),
+            np.concatenate([variance, noise[..., None]], axis=-1),
+        )
+
     def _bent(self, sample: _Sample, swivel: Array, off: Array) -> Array:
         """Return the variance (..., m), m^2, of equations of castors that do not turn evenly in a sample.
 
@@ -323,7 +377,8 @@ class CalibratingFilter:
         joint = derivative @ with_state + variance[..., None] * np.eye(variance.shape[-1])
         slip = np.full(variance.shape, RELEASED)
         slip[..., :d] /= self._geometry.radius[..., None, self._equations.wheels]
-        slip[..., d : d + n] = 0.0  # readings of pivots are never released
+        slip[..., d : d + n] = 0.0  # readings of pivots are never released, nor is a gyro
+        slip[..., d + n + len(self._equations.castors) :] = 0.0
         released, inverse = _released(joint, left, slip**2)
         covariance[..., at.roll, at.roll] += released[..., :d]
         with_state[..., at.roll, np.arange(d)] += released[..., :d]

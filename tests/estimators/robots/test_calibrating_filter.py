@@ -10,6 +10,7 @@ from benchmarks.tasks import kinematic
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
+from castor_envs.vehicles.robot import Gyro
 from estimators import CalibratingFilter, WheelOdometry
 from estimators.calibration.drives import log_of, moves_sideways
 from estimators.robots import calibrating_filter
@@ -145,6 +146,33 @@ def test_no_preset_is_followed_worse_than_without_learning(name, errors):
         poses = np.array([estimator.update(sample) for sample in seen]) - log.reference[:, None]
         off.append(np.hypot(poses[..., 0], poses[..., 1]).max(axis=0).mean())
     assert off[0] < 1.1 * off[1] + 1e-3
+
+
+def test_a_gyro_tells_a_differential_robot_how_far_it_turns(exact_motion, drive):
+    """The track is described 3 % too large. The gyro's bias, half a degree per second, shows while the robot stands: as
+    it drives, one wheel larger than the other would have the same effect."""
+    truth, bias, noise = preset("differential"), 0.009, 0.002
+
+    def turning(t):
+        begins = 1.0 / (1.0 + np.exp(-10.0 * (t - 6.0)))
+        return 0.3 * begins, 0.0, 0.8 * np.sin(0.5 * (t - 6.0)) * begins
+
+    true, observations = exact_motion(truth, turning, 60.0).sampled(1200)
+    random = np.random.default_rng(7)
+    times = np.array([seen["time"] for seen in observations])
+    rate = turning(times)[2] + bias + noise * random.normal(size=times.shape)
+    seen = [{**sample, "gyro": reading} for sample, reading in zip(rounded(observations, random), rate, strict=True)]
+    castor = truth.castors[0]
+    wheels = tuple(dataclasses.replace(wheel, lateral=1.03 * wheel.lateral) for wheel in castor.wheels)
+    described = dataclasses.replace(
+        truth, castors=(dataclasses.replace(castor, wheels=wheels),), gyro=Gyro(noise=noise)
+    )
+    estimator = CalibratingFilter()
+    learned, plain = (drive(kind, described, seen, true[0]) for kind in (estimator, WheelOdometry()))
+    assert np.abs(learned - true)[:, 2].max() < np.abs(plain - true)[:, 2].max() / 5
+    assert estimator.gyro_bias == pytest.approx(bias, abs=5e-4)
+    track, radius = np.ptp(estimator.geometry.lateral), np.mean(estimator.geometry.radius)
+    assert track / radius == pytest.approx(0.34 / 0.075, rel=3e-3)  # all that turns show
 
 
 def test_what_no_redundancy_shows_is_not_learned(drive):
