@@ -67,6 +67,15 @@ def test_the_table_of_trials_is_that_of_the_stored_ones():
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
 
 
+def test_the_table_of_the_filter_is_that_of_the_stored_means():
+    script = script_called("study_filter")
+    page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
+    assert script.with_table(page, figures) == page, "run python scripts/study_filter.py"
+    means = figures["means"]
+    for board, of in means["filter"].items():  # what the page says
+        assert of < means["wheel-odometry"][board], board
+
+
 def test_the_table_of_measured_robots_is_that_of_the_stored_sessions():
     script = script_called("study_measured_robots")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
@@ -164,8 +173,15 @@ def test_what_the_pages_say_of_square_tasks():
     uncalibrated, calibrated = "umbmark-kinematic-uncalibrated", "umbmark-kinematic-calibrated"
     clean, cables, slippery = "umbmark-physics-clean", "umbmark-physics-cables", "umbmark-physics-slippery"
     all_but = {f"{name}-{castor}" for name in ("cast", "ipec") for castor in (1, 2, 3)}
-    assert {rank(task)["cast-0"] for task in (uncalibrated, calibrated, clean, slippery)} == {1}
-    assert min(rank(task)[name] for task in (uncalibrated, calibrated) for name in all_but) > 1
+    boards = (uncalibrated, calibrated, clean, cables, slippery)
+    assert {rank(task)["filter"] for task in boards} == {1}
+    assert mean(cables, "filter") < min(mean(cables, name) for name in all_but)
+    assert mean(uncalibrated, "filter") < min(mean(uncalibrated, name) for name in all_but) / 100
+    assert mean(uncalibrated, "wheel-odometry") == pytest.approx(mean(uncalibrated, "cast-0") / 2, rel=0.05)
+    assert mean(calibrated, "tidybot") > 10 * mean(calibrated, "holmberg-khatib")
+    for task in (uncalibrated, calibrated, clean):
+        assert max(rank(task)[name] for name in ("cast-0", "cast-arc-0")) <= min(rank(task)[name] for name in all_but)
+        assert mean(task, "cast-0") < min(mean(task, name) for name in all_but)
     rolling, slipping = interval(scores(calibrated)["cast-0"]), interval(scores(clean)["cast-0"])
     assert (rolling.high or 0) > (slipping.low or np.inf)
     assert slipping.mean == pytest.approx(1.25 * rolling.mean, rel=0.1)
@@ -173,7 +189,7 @@ def test_what_the_pages_say_of_square_tasks():
     assert max(mean(cables, name) for name in ("cast-2", "cast-3", "ipec-2", "ipec-3")) < mean(cables, "cast-0")
     together = [mean(slippery, name) for name in {*all_but, "cast-0", "cast-arc-0"}]
     assert max(together) < 1.1 * min(together)
-    assert {rank(slippery)[name] for name in {*all_but, "cast-0", "cast-arc-0"}} == {1}
+    assert len({rank(slippery)[name] for name in {*all_but, "cast-0", "cast-arc-0"}}) == 1
 
 
 def test_what_the_pages_say_of_calibration():
