@@ -2,10 +2,10 @@
 
 Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more; `WheelOdometry` serves every
 robot, and `HolmbergKhatib` and `TidyBot` are what others run of it; `CalibratingFilter` learns a robot's dimensions
-while it drives. Of trains: `TrainOdometry`
-alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and
-`InlierLeastSquares` on any number. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says
-what a plug-in needs. Estimators raise `Declined` for robots and trains that they do not serve.
+while it drives. Of trains: `TrainOdometry` alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and
+`GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and `InlierLeastSquares` on any number; `TrainFilter` uses all samples so
+far. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says what a plug-in needs. Estimators
+raise `Declined` for robots and trains that they do not serve.
 """
 
 from castor_envs.errors import Declined
@@ -23,6 +23,7 @@ from estimators.trains.least_squares import TrainLeastSquares
 from estimators.trains.odometry import TrainOdometry
 from estimators.trains.relative_poses import RelativePoseWarning
 from estimators.trains.rmspec import RMSPEC
+from estimators.trains.train_filter import TrainFilter
 from estimators.trains.two_truck import TwoTruckIPEC
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "RelativePoseWarning",
     "SmallTurnWarning",
     "TidyBot",
+    "TrainFilter",
     "TrainLeastSquares",
     "TrainOdometry",
     "TwoTruckIPEC",

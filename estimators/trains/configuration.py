@@ -1,7 +1,7 @@
 """A train's configuration by odometry, and when relative poses may correct it: shared by all estimators of trains."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
@@ -63,6 +63,11 @@ class Configuration:
     def status(self) -> str | None:
         """Which frame's relative pose cannot be used now, and why; None while all can, or none is needed."""
         return self._sensors.status
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Which frames' (F,) relative poses can be used now."""
+        return self._sensors.usable
 
     def advance(self, observation: Observation) -> Array | None:
         """Take one sample; return the relative poses (F, 3) if a correction is due and they are usable, else None.

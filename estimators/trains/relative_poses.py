@@ -24,12 +24,13 @@ class RelativePoseWarning(UserWarning):
 class RelativePoses:
     """The relative poses of a train's frames, sample by sample.
 
-    status: which frame's reading cannot be used now, and why; None while all can.
+    status: which frame's reading cannot be used now, and why; None while all can. usable (F,): which frames' can.
     """
 
     def __init__(self, train: TrainDescription) -> None:
         self.status: str | None = None
         self._names = train.frame_names
+        self.usable = np.zeros(len(self._names), dtype=bool)
         self._lengths = np.array([frame.length for frame in train.frames])
         self._said: set[tuple[int, str]] = set()
 
@@ -49,7 +50,7 @@ class RelativePoses:
         far = np.asarray(np.hypot(x, y) > FARTHEST * self._lengths)
         bad = far | ~finite
         old = np.logical_not(age <= MAX_AGE)
-        self.status = None
+        self.status, self.usable = None, ~(bad | old)
         for frame in np.flatnonzero(bad | old).tolist():
             cause = "an impossible reading" if far[frame] else "no reading" if bad[frame] else "an old reading"
             how_old = "" if bad[frame] else f", of {age[frame]:.6g} s ago (at most {MAX_AGE:g} s are used)"

@@ -1,0 +1,387 @@
+"""A filter of the whole train: it learns the gauges' offsets, predicts creep, and doubts the axles that slip.
+
+An extended Kalman filter of the poses of all axles and two constant offsets of every frame's sensor. Odometry predicts,
+relative poses correct. Nobody can tell at once which of two axles slipped that contradict each other: so a bank of such
+filters runs side by side, each with its own history of which axles slipped and how, weighed by how well it explains all
+readings. Evidence that comes late then still decides.
+
+State, for N axles and F = N - 1 frames: x, y (m) and psi (rad) of every axle in N; offsets of y (m) and phi (rad) of
+every frame's readings. One step is a block of samples (`BLOCK`):
+
+1. Prediction. Every axle moves by its odometry and its slip (along, across, turn), which is normal with a mean and a
+   covariance that depend on its mode:
+   - *grips*: the mean is the creep of its tyres under the loads of the bent frames (`likelihood.trains.bending`), the
+     covariance that of `GRIP` and of rounded counts;
+   - *slides*: it gives way to these loads `SLIDING` times as much, give or take as much again, and `SLIDING_SPREAD`;
+   - *left* or *right wheel runs ahead*: it rolls farther than the ground beneath is long, over bumps or spinning, by
+     `AHEAD` of the way.
+2. Measurement, for every frame: y and phi of the mean reading, as it would be at the end of the block, with the noise
+   of the gauges. The x of readings is not used: a bent frame is shortened by its bend, and this is known far better
+   (`SHAPE`) than gauges measure it.
+3. Test. Every filter of the bank branches: one of its axles may change its mode, with the probabilities of `SLIPS` and
+   `LASTS`. A branch's weight is multiplied by the likelihood of its innovation. The `MOST` heaviest are kept, of those
+   with equal modes in the last `LAG` blocks the heaviest alone.
+
+The estimate is the mean of the bank. References: Blom and Bar-Shalom, "The interacting multiple model algorithm", IEEE
+Trans. Automatic Control 33(8), 1988, for modes that jump; Reid, "An algorithm for tracking multiple targets", IEEE
+Trans. Automatic Control 24(6), 1979, for histories that are kept until evidence decides. Constants that come from no
+paper were chosen on drives that no leaderboard uses.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.geometry import se2
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import wrap
+from castor_envs.sensors.posture import posture
+from castor_envs.vehicles.train import Frame, TrainDescription
+from estimators.likelihood.trains import bending
+from estimators.protocol import Observation
+from estimators.trains.configuration import MAX_AGE, Configuration
+
+GRIPS, SLIDES, LEFT_AHEAD, RIGHT_AHEAD = MODES = range(4)
+"""How an axle moves on the ground."""
+
+BLOCK = 0.25
+"""s: samples of so long are taken together. A train at 0.25 m/s moves by 6 cm, and bends by a few degrees."""
+
+START = np.array([5e-4, 5e-4, 1e-3])
+"""Standard deviation of the poses at the start, m and rad: they are given, and taken to be true."""
+
+GRIP = np.array([1.5e-3, 6e-4, 2e-3])
+"""Slip of an axle that grips, beyond predicted creep, after 1 m: along m, across m, turn rad; it grows with the square
+root of the way. Wheels known to 0.05 % (Doebbler's Table I, calibrated) and tension of frames cause it."""
+
+SLIDING = 150.0
+"""How much more an axle that slides gives way than by creep. Friction of 0.02 to 0.05 carries a tenth of a frame's
+load, and what is left moves the axle until the frame is straight."""
+
+SLIDING_SPREAD = np.array([0.03, 0.03, 0.12])
+"""Further slip of an axle that slides, standard deviation for each metre: along m, across m, turn rad."""
+
+AHEAD, AHEAD_SPREAD = 0.03, 0.02
+"""By how much a wheel runs ahead, part of the way, mean and standard deviation: over cables of 1 cm every 10 cm."""
+
+SLIPS = 1 / 60.0
+"""1/s: how often an axle that grips begins to slide, or one of its two wheels to run ahead: once in a minute each."""
+
+LASTS = 4.0
+"""s: how long an axle slips, on average."""
+
+LEAST_WAY = 1e-4
+"""m: in a block in which no axle rolls farther, no mode changes."""
+
+MOST, NEGLIGIBLE = 20, 15.0
+"""Filters in the bank, and the logarithm of how much lighter than the heaviest they may be."""
+
+LAG = 6
+"""Blocks after which it no longer counts when an axle began or ceased to slip."""
+
+SHAPE, UNSURE = 3e-4, 0.05
+"""Standard deviation of a frame's length along x, m; and a part of its shortening, as tension bends it, too."""
+
+ROUGH = np.array([1e-4, 5e-4])
+"""Error of a reading (y m, phi rad) that is no noise: frames and gauges are not ideal."""
+
+
+class Bank(NamedTuple):
+    """Filters side by side, H of them.
+
+    poses (H, N, 3). offsets (H, F, 2): of y, m, and phi, rad. covariance (H, n, n): of poses and offsets in this order.
+    history (H, LAG, N): the modes of the last blocks. weight (H,): logarithm, of the heaviest 0.
+    """
+
+    poses: Array
+    offsets: Array
+    covariance: Array
+    history: NDArray[np.intp]
+    weight: Array
+
+
+class Slip(NamedTuple):
+    """Slip of every axle by mode in every filter: mean (H, N, 4, 3) and covariance (H, N, 4, 3, 3), in N."""
+
+    mean: Array
+    covariance: Array
+
+
+class Measured(NamedTuple):
+    """innovation (H, 3F), its derivatives (H, 3F, n) by poses and offsets, and the noise (H, 3F, 3F): of y, phi and x
+    of every frame."""
+
+    innovation: Array
+    derivative: Array
+    noise: Array
+
+
+class TrainFilter:
+    """Estimates all axles' poses from all samples so far.
+
+    After every update: covariance (N, 3, 3), of the poses at the end of the last block, m and rad; slipping (N,), the
+    probability that each axle slips; offsets (F, 2), of the readings of y (m) and phi (rad). status: which frame's
+    relative pose cannot be used now, and why; the others' are used.
+    """
+
+    def reset(self, train: TrainDescription, poses: ArrayLike) -> None:
+        """Start at `poses` (N, 3); raises Declined for anything but a train, InputError for poses of another shape."""
+        self._odometry = Configuration(train, poses, 1)
+        self._train = train
+        n, f = train.n_axles, len(train.frames)
+        by_gauge = [_by_gauge(frame) for frame in train.frames]
+        read = [frame.gauge_noise**2 * by @ by.T for frame, by in zip(train.frames, by_gauge, strict=True)]
+        self._noise = np.array(read)
+        covariance = np.zeros((3 * n + 2 * f, 3 * n + 2 * f))
+        covariance[: 3 * n, : 3 * n] = np.diag(np.tile(START**2, n))
+        for k, (frame, by) in enumerate(zip(train.frames, by_gauge, strict=True)):
+            at = slice(3 * n + 2 * k, 3 * n + 2 * k + 2)
+            covariance[at, at] = frame.gauge_offset**2 * by @ by.T
+        wheels = [module.castors[0].wheels for module in train.modules]
+        self._left, self._right = np.array([[wheel.lateral for wheel in pair] for pair in wheels]).T
+        counted = [2 * np.pi * pair[0].radius / (pair[0].counts_per_rev or np.inf) for pair in wheels]
+        track = self._left - self._right
+        # Of each count two roundings are in a block's increment, 1/12 each: of both wheels along, and against.
+        self._rounding = np.array(counted)[:, None] ** 2 / 6 * np.stack([0.5 + 0 * track, 0 * track, 2 / track**2], -1)
+        self._bank = Bank(
+            self._odometry.poses[None].copy(),
+            np.zeros((1, f, 2)),
+            covariance[None],
+            np.zeros((1, LAG, n), dtype=np.intp),
+            np.zeros(1),
+        )
+        self._times, self._od = np.zeros(0), np.zeros((0, n, 3))
+        self._begun, self._od_begun = np.nan, self._odometry.poses.copy()
+        self._taken = np.full(f, -np.inf)
+        self._readings: list[tuple[Array, Array, Array]] = []
+        self._summarise()
+
+    @property
+    def status(self) -> str | None:
+        """Which frame's relative pose cannot be used now, and why; None while all can."""
+        return self._odometry.status
+
+    def update(self, observation: Observation) -> Array:
+        """Take one sample, return the poses (N, 3)."""
+        self._odometry.advance(observation)
+        time, od = float(observation["time"][0]), self._odometry.poses
+        self._remember(time, od)
+        self._read(observation, time)
+        if time - self._begun >= BLOCK - _SLACK:
+            self._end_block(time - self._begun, od)
+            self._begun, self._od_begun, self._readings = time, od.copy(), []
+        return se2.compose(self._mean, se2.relative_pose(self._od_begun, od))
+
+    def _remember(self, time: float, od: Array) -> None:
+        """Keep OD poses as long as readings may refer to them."""
+        if np.isnan(self._begun):
+            self._begun = time
+        kept = self._times >= time - MAX_AGE - BLOCK
+        self._times, self._od = np.append(self._times[kept], time), np.concatenate([self._od[kept], od[None]])
+
+    def _read(self, observation: Observation, time: float) -> None:
+        """Keep every frame's new reading, NaN where there is none, with the OD poses of its front and rear axle then.
+
+        A reading that repeats the last one, as a sensor that has stopped gives it, tells nothing new.
+        """
+        f = len(self._taken)
+        taken = time - np.asarray(observation["rps_age"], dtype=float)
+        new = self._odometry.usable & (taken > self._taken + _SLACK)
+        self._taken = np.where(new, taken, self._taken)
+        reading = np.where(new[:, None], np.asarray(observation["rps"], dtype=float).reshape(f, 3), np.nan)
+        then = np.array([[np.interp(taken, self._times, line) for line in axle.T] for axle in self._od.swapaxes(0, 1)])
+        frames = np.arange(f)
+        self._readings.append((reading, then[frames, :, frames], then[frames + 1, :, frames]))
+
+    def _end_block(self, seconds: float, od: Array) -> None:
+        """Predict, measure and branch: one step of the bank."""
+        step = se2.relative_pose(self._od_begun, od)
+        way = np.abs(step[:, 0])
+        before, bank = self._bank, self._predicted(step)
+        slip = self._slip(before.poses, way, step[:, 2])
+        seen = self._measured(bank.poses, bank.offsets, od)
+        parents, modes, prior = branches(bank.history[:, -1], seconds, moving=bool(way.max() > LEAST_WAY))
+        axles, n = np.arange(len(od)), len(od)
+        by_pose = seen.derivative[:, :, : 3 * n].reshape(len(bank.poses), -1, n, 3).transpose(0, 2, 1, 3)[:, :, None]
+        mean = (by_pose @ slip.mean[..., None])[..., 0]
+        spread = by_pose @ slip.covariance @ by_pose.swapaxes(-1, -2)
+        gain = bank.covariance @ seen.derivative.swapaxes(-1, -2)
+        left = seen.innovation[parents] - mean[parents[:, None], axles, modes].sum(axis=1)
+        expected = (seen.derivative @ gain + seen.noise)[parents] + spread[parents[:, None], axles, modes].sum(axis=1)
+        weight = bank.weight[parents] + prior + log_normal(left, expected)
+        history = np.concatenate([bank.history[parents, 1:], modes[:, None]], axis=1)
+        kept = heaviest(weight, history)
+
+        parents, modes = parents[kept], modes[kept]
+        rows = parents[:, None]
+        slipped = np.zeros((len(kept), *bank.covariance.shape[1:]))
+        for i in axles:
+            at = slice(3 * i, 3 * i + 3)
+            slipped[:, at, at] = slip.covariance[parents, i, modes[:, i]]
+        covariance = bank.covariance[parents] + slipped
+        seen_by = covariance @ seen.derivative[parents].swapaxes(-1, -2)
+        gain = np.linalg.solve(expected[kept], seen_by.swapaxes(-1, -2)).swapaxes(-1, -2)
+        change = (gain @ left[kept][..., None])[..., 0]
+        covariance = covariance - gain @ seen_by.swapaxes(-1, -2)
+        self._bank = Bank(
+            bank.poses[parents] + slip.mean[rows, axles, modes] + change[:, : 3 * n].reshape(-1, n, 3),
+            bank.offsets[parents] + change[:, 3 * n :].reshape(-1, n - 1, 2),
+            0.5 * (covariance + covariance.swapaxes(-1, -2)),
+            history[kept],
+            weight[kept] - weight[kept].max(),
+        )
+        self._summarise()
+
+    def _predicted(self, step: Array) -> Bank:
+        """Return the bank moved by odometry's steps (N, 3) in the axles' frames, without slip."""
+        bank, at = self._bank, 3 * np.arange(len(step))
+        poses = se2.compose(bank.poses, step)
+        moved = poses - bank.poses
+        by_state = np.tile(np.eye(bank.covariance.shape[-1]), (len(poses), 1, 1))
+        by_state[:, at, at + 2], by_state[:, at + 1, at + 2] = -moved[..., 1], moved[..., 0]
+        covariance = by_state @ bank.covariance @ by_state.swapaxes(-1, -2)
+        return bank._replace(poses=poses, covariance=covariance)
+
+    def _slip(self, poses: Array, way: Array, turn: Array) -> Slip:
+        """Return the slip of axles at poses (H, N, 3) that roll a way (N,), m, and turn (N,), rad, by odometry."""
+        size = (*poses.shape[:2], 4, 3)
+        mean, covariance = np.zeros(size), np.zeros((*size, 3))
+        along, across = bending.compliance(self._train)
+        relative = se2.relative_pose(poses[:, 1:], poses[:, :-1])
+        ends = self._ends(relative)
+        load = bending.loads(self._train, relative, ends, np.zeros(relative.shape[:2]))
+        # Two wheels at the same load, at `lateral` to each side: what turns the axle loads them against each other.
+        gives_way = np.stack([along, across, -along / (self._left * self._right)], axis=-1)
+        creep = load * gives_way * way[:, None]
+        mean += creep[:, :, None]
+        covariance += (
+            np.diag(GRIP**2) * way[:, None, None] + np.eye(3) * self._rounding[:, None] * (way > 0)[:, None, None]
+        )[:, None]
+        slid = SLIDING * creep
+        mean[:, :, SLIDES] += slid
+        covariance[:, :, SLIDES] += slid[..., None] * slid[..., None, :]
+        covariance[:, :, SLIDES] += np.diag(SLIDING_SPREAD**2) * (way**2)[:, None, None]
+        track = self._left - self._right
+        for mode, along, sign in ((LEFT_AHEAD, self._right, 1.0), (RIGHT_AHEAD, -self._left, -1.0)):
+            ahead = np.stack([along, 0 * along, sign + 0 * along], axis=-1) / track[:, None] * way[:, None]
+            mean[:, :, mode] += AHEAD * ahead
+            covariance[:, :, mode] += AHEAD_SPREAD**2 * ahead[..., None] * ahead[..., None, :]
+        heading = _turned(poses[..., 2] + 0.5 * turn)[:, :, None]
+        return Slip((heading @ mean[..., None])[..., 0], heading @ covariance @ heading.swapaxes(-1, -2))
+
+    def _ends(self, relative: Array) -> Array:
+        """Return the curvature of all frames' ends (H, F, 2), 1/m, in relative poses (H, F, 3)."""
+        frames = enumerate(self._train.frames)
+        return np.stack([bending.ends(frame, relative[:, f]) for f, frame in frames], axis=1)
+
+    def _measured(self, poses: Array, offsets: Array, od: Array) -> Measured:
+        """Return what the block's readings say about poses (H, N, 3) and offsets (H, F, 2) at its end."""
+        h, n, _ = poses.shape
+        relative = se2.relative_pose(poses[:, 1:], poses[:, :-1])
+        readings, front, rear = (np.array(parts) for parts in zip(*self._readings, strict=True))
+        used = np.isfinite(readings).all(axis=-1)
+        number = np.maximum(used.sum(axis=0), 1)
+        then_front = se2.compose(poses[:, None, :-1], se2.relative_pose(od[:-1], front))
+        then_rear = se2.compose(poses[:, None, 1:], se2.relative_pose(od[1:], rear))
+        difference = np.where(used[..., None], readings - se2.relative_pose(then_rear, then_front), 0.0)
+        difference[..., 2] = wrap(difference[..., 2])
+        difference = difference.sum(axis=1) / number[:, None]
+        innovation = np.zeros((h, n - 1, 3))
+        innovation[..., :2] = np.where(used.any(axis=0)[:, None], difference[..., 1:] - offsets, 0.0)
+        ends = self._ends(relative)
+        frames = self._train.frames
+        bent = np.stack([bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(frames)], axis=1)
+        innovation[..., 2] = bent - relative[..., 0]
+        derivative, noise = np.zeros((h, n - 1, 3, 5 * n - 2)), np.zeros((h, 3 * n - 3, 3 * n - 3))
+        by_poses = by_both_poses(poses)
+        for f, frame in enumerate(frames):
+            # A frame bent to y and phi is shortened by (3/5 y^2 - y phi L / 10 + phi^2 L^2 / 15) / L, for small bends.
+            length, y, phi = frame.length, relative[:, f, 1], relative[:, f, 2]
+            by_y, by_phi = 1.2 * y / length - phi / 10, 2 * length * phi / 15 - y / 10
+            rows, at = derivative[:, f], slice(3 * f, 3 * f + 6)
+            rows[:, 0, at], rows[:, 1, at] = by_poses[:, f, 1], by_poses[:, f, 2]
+            rows[:, 2, at] = by_poses[:, f, 0] + by_y[:, None] * rows[:, 0, at] + by_phi[:, None] * rows[:, 1, at]
+            rows[:, [0, 1], 3 * n + 2 * f + np.arange(2)] = 1.0
+            if not used[:, f].any():
+                rows[:, :2] = 0.0
+            at = slice(3 * f, 3 * f + 2)
+            noise[:, at, at] = self._noise[f] / number[f] + np.diag(ROUGH**2)
+            noise[:, 3 * f + 2, 3 * f + 2] = SHAPE**2 + (UNSURE * (length - bent[:, f])) ** 2
+        return Measured(innovation.reshape(h, -1), derivative.reshape(h, 3 * n - 3, -1), noise)
+
+    def _summarise(self) -> None:
+        """Take the mean of the bank."""
+        bank, n = self._bank, self._bank.poses.shape[1]
+        weight = np.exp(bank.weight) / np.exp(bank.weight).sum()
+        self._mean = np.einsum("h,hik->ik", weight, bank.poses)
+        self.offsets = np.einsum("h,hfk->fk", weight, bank.offsets)
+        self.slipping = weight @ (bank.history[:, -1] != GRIPS)
+        away = bank.poses - self._mean
+        own = bank.covariance[:, : 3 * n, : 3 * n].reshape(-1, n, 3, n, 3)[:, np.arange(n), :, np.arange(n)]
+        spread = np.einsum("h,hij,hik->ijk", weight, away, away)
+        self.covariance = np.einsum("h,nhjk->njk", weight, own) + spread
+
+
+def branches(modes: NDArray[np.intp], seconds: float, moving: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return all that may follow modes (H, N) after some seconds: parents (C,), modes (C, N), log probability (C,).
+
+    Nothing changes, or, in a train that moves, one axle begins to slip, in one of three modes, or grips again.
+    """
+    h = len(modes)
+    begins, ends = SLIPS * seconds, min(seconds / LASTS, 0.5)
+    slips = modes != GRIPS
+    stays = np.where(slips, np.log(1 - ends), np.log(max(1 - 2 * begins, 0.5))).sum(axis=1)
+    if not moving:
+        return np.arange(h), modes, stays
+    # Which filter, which axle, and its new mode.
+    filters, axles, new = np.nonzero(slips[..., None] == (np.arange(4) == GRIPS))
+    changed = modes[filters]
+    changed[np.arange(len(axles)), axles] = new
+    probability = np.log(np.array([ends, begins, begins / 2, begins / 2]))[new]
+    parents = np.concatenate([np.arange(h), filters])
+    return parents, np.concatenate([modes, changed]), np.concatenate([stays, stays[filters] + probability])
+
+
+def heaviest(weight: Array, history: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the `MOST` heaviest branches, the heaviest first, one of each history; weight (C,), history (C, LAG, N)."""
+    order = np.argsort(-weight, kind="stable")
+    order = order[weight[order] >= weight[order[0]] - NEGLIGIBLE]
+    _, first = np.unique(history[order].reshape(len(order), -1), axis=0, return_index=True)
+    return order[np.sort(first)[:MOST]]
+
+
+def log_normal(value: Array, covariance: Array) -> Array:
+    """Return the logarithm of the normal density of values (..., n) about 0, up to a constant of n."""
+    solved = np.linalg.solve(covariance, value[..., None])[..., 0]
+    return -0.5 * (np.linalg.slogdet(covariance)[1] + np.sum(value * solved, axis=-1))
+
+
+def by_both_poses(poses: Array) -> Array:
+    """Return the derivatives (H, F, 3, 6) of relative poses by those of front and rear axle, at poses (H, N, 3)."""
+    seen = se2.relative_pose(poses[:, 1:], poses[:, :-1])
+    front = _turned(poses[:, 1:, 2]).swapaxes(-1, -2)
+    rear = -front
+    rear[..., 0, 2], rear[..., 1, 2] = seen[..., 1], -seen[..., 0]
+    return np.concatenate([front, rear], axis=-1)
+
+
+def _by_gauge(frame: Frame) -> Array:
+    """Return the derivatives (2, gauges) of y, m, and phi, rad, that a straight frame reads, by its gauges, 1/m."""
+    small = bending.SMALL * np.eye(len(frame.gauge_positions))
+    return ((posture(frame, small) - posture(frame, -small)) / (2 * bending.SMALL))[:, 1:].T
+
+
+def _turned(psi: Array) -> Array:
+    """Return the matrices (..., 3, 3) that turn x, y by psi (...) and leave the heading."""
+    matrix = np.zeros((*psi.shape, 3, 3))
+    matrix[..., 0, 0] = matrix[..., 1, 1] = np.cos(psi)
+    matrix[..., 1, 0] = np.sin(psi)
+    matrix[..., 0, 1] = -matrix[..., 1, 0]
+    matrix[..., 2, 2] = 1.0
+    return matrix
+
+
+_SLACK = 1e-9  # s, by which a sample may come early
+
+ESTIMATORS = {"train-filter": TrainFilter}
