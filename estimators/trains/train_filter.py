@@ -344,7 +344,7 @@ def branches(modes: NDArray[np.intp], seconds: float, moving: bool) -> tuple[NDA
 
 
 def heaviest(weight: Array, history: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the `MOST` heaviest branches, the heaviest first, one of each history; weight (C,), history (C, LAG, N)."""
+    """Return the `MOST` heaviest branches, heaviest first, one of each history; weight (C,), history (C, LAG, N)."""
     order = np.argsort(-weight, kind="stable")
     order = order[weight[order] >= weight[order[0]] - NEGLIGIBLE]
     _, first = np.unique(history[order].reshape(len(order), -1), axis=0, return_index=True)

@@ -1,0 +1,219 @@
+"""The filter of the whole train: exact where nothing is wrong, learns offsets, outvotes what slips, knows its error."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from benchmarks.tasks.trains import drive as driven
+from castor_envs.errors import Declined, InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.se2 import relative_pose, wrap
+from castor_envs.motion.paths import random_path
+from castor_envs.sensors.posture import posture
+from castor_envs.vehicles.presets import cfmmr, preset
+from castor_envs.vehicles.robot import Contact
+from estimators import RelativePoseWarning, TrainFilter, TrainOdometry
+from estimators.trains.train_filter import GRIP, branches
+
+STIFF = Contact(slip_stiffness_long=1e6, slip_stiffness_lat=1e6)
+
+
+def stiff(train):
+    """The train with tyres that do not creep, as the trains of the fixture `circling`."""
+    return dataclasses.replace(train, modules=tuple(dataclasses.replace(m, contact=STIFF) for m in train.modules))
+
+
+def run(estimator, train, start, observations):
+    estimator.reset(train, start)
+    return np.array([estimator.update(seen) for seen in observations])
+
+
+def noisy(train, observations, random, curvature, offsets=True):
+    """Observations of a circling train whose axles slip as if gripping, and whose gauges have offsets and noise.
+
+    Returns them, and the offsets (F, 2) of y and phi.
+    """
+    n, frames = train.n_axles, train.frames
+    errors = [random.normal(0.0, frame.gauge_offset * offsets, len(frame.gauge_positions)) for frame in frames]
+    wheels = train.modules[0].castors[0].wheels
+    count = 2 * np.pi * wheels[0].radius / wheels[0].counts_per_rev
+    found = []
+    for seen in observations:
+        way = np.abs(seen["wheel"].reshape(n, 2).mean(axis=1)) * count
+        along, turn = random.normal(0.0, 1.0, (2, n)) * np.sqrt(way) * GRIP[[0, 2], None]
+        slip = np.stack([along - wheels[0].lateral * turn, along - wheels[1].lateral * turn], axis=-1)
+        reads = [
+            posture(frame, curvature + offset + random.normal(0.0, frame.gauge_noise, len(offset)))
+            for frame, offset in zip(frames, errors, strict=True)
+        ]
+        found.append({**seen, "wheel": seen["wheel"] - (slip / count).ravel(), "rps": np.concatenate(reads)})
+    bent = np.array([posture(frame, np.full(len(frame.gauge_positions), curvature)) for frame in frames])
+    read = np.array([posture(frame, curvature + offset) for frame, offset in zip(frames, errors, strict=True)])
+    return found, (read - bent)[:, 1:]
+
+
+@pytest.mark.parametrize("n", [2, 3, 10])
+@pytest.mark.parametrize("curvature", [0.0, 0.8, -1.7])
+def test_exact_on_circles_and_lines(n, curvature, circling):
+    train, truth, observations = circling(n, curvature=curvature, seconds=3.0)
+    poses = run(TrainFilter(), stiff(train), truth[0], observations)
+    np.testing.assert_allclose(poses, truth, rtol=0, atol=2e-5)
+
+
+def test_headings_stay_unwrapped_over_many_turns(circling):
+    train, truth, observations = circling(2, speed=0.6, curvature=1.5, seconds=24.0)
+    poses = run(TrainFilter(), stiff(train), truth[0], observations)
+    assert truth[-1, 0, 2] > 6 * np.pi
+    np.testing.assert_allclose(poses, truth, rtol=0, atol=1e-3)
+
+
+def test_moves_and_turns_with_the_start(circling):
+    train, truth, observations = circling(3, curvature=1.3, seconds=2.0)
+    observations, _ = noisy(train, observations, np.random.default_rng(1), 1.3)
+    psi, shift = 4.1, np.array([3.0, -7.0])
+    turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+
+    def moved(poses):
+        return np.concatenate([poses[..., :2] @ turn.T + shift, poses[..., 2:] + psi], axis=-1)
+
+    straight, turned = TrainFilter(), TrainFilter()
+    expected = moved(run(straight, train, truth[0], observations))
+    np.testing.assert_allclose(run(turned, train, moved(truth[0]), observations), expected, rtol=0, atol=1e-9)
+    by = np.eye(3)
+    by[:2, :2] = turn
+    np.testing.assert_allclose(turned.covariance, by @ straight.covariance @ by.T, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 0.8])
+def test_learns_offsets_of_gauges(curvature, circling):
+    """Offsets are 12 mm and 60 mrad, noise of a reading is a quarter of that; a fifth of the offsets is left at most."""
+    train, truth, observations = circling(3, curvature=curvature, seconds=8.0)
+    for seed in range(5):
+        seen, offsets = noisy(train, observations, np.random.default_rng(seed), curvature)
+        estimator = TrainFilter()
+        run(estimator, stiff(train), truth[0], seen)
+        np.testing.assert_allclose(estimator.offsets[:, 0], offsets[:, 0], rtol=0, atol=2.5e-3)
+        np.testing.assert_allclose(estimator.offsets[:, 1], offsets[:, 1], rtol=0, atol=1.2e-2)
+
+
+@pytest.mark.parametrize("axle", [0, 1, 2])
+@pytest.mark.parametrize("wheel", ["left", "right", "neither"])
+def test_an_axle_that_slips_is_outvoted(axle, wheel, circling):
+    """A wheel rolls 4 % too far, or the axle is turned by a quarter of what it rolls, unseen, for two seconds."""
+    train, truth, observations = circling(3, curvature=0.8, seconds=6.0)
+    seen, _ = noisy(train, observations, np.random.default_rng(axle), 0.8)
+    change = {"left": (1.04, 1.0), "right": (1.0, 1.04), "neither": (1.04, 0.96)}[wheel]
+    for row in seen[60:100]:
+        row["wheel"][2 * axle : 2 * axle + 2] *= change
+    estimator = TrainFilter()
+    estimator.reset(stiff(train), truth[0])
+    poses, doubted = [], []
+    for row in seen:
+        poses.append(estimator.update(row))
+        doubted.append(estimator.slipping)
+    assert np.argmax(np.mean(doubted, axis=0)) == axle
+    assert np.max(doubted, axis=0)[axle] > 0.9
+    by_odometry = run(TrainOdometry(), train, truth[0], seen)
+    error, before = np.abs(wrap(poses[-1] - truth[-1])[:, 2]), np.abs(wrap(by_odometry[-1] - truth[-1])[:, 2])
+    assert error[axle] < before[axle] / 4
+
+
+def test_is_not_surer_than_it_is_right(circling):
+    """Normalised squared errors of the last axle, against chi-square with three degrees a run: 99.9 %."""
+    train, truth, observations = circling(3, curvature=0.8, seconds=5.0)
+    nees = []
+    for seed in range(40):
+        seen, _ = noisy(train, observations, np.random.default_rng(100 + seed), 0.8)
+        estimator = TrainFilter()
+        off = run(estimator, stiff(train), truth[0], seen)[-1] - truth[-1]
+        nees.append(off[2] @ np.linalg.solve(estimator.covariance[2], off[2]))
+    assert np.sum(nees) < chi2.ppf(0.999, 3 * len(nees))
+    assert np.mean(nees) > 0.5
+
+
+def test_false_alarms_on_clean_floors():
+    """Drives of the full physics: an axle that grips is rarely thought to slip."""
+    alarms, axles = 0, 0
+    for seed in range(6):
+        random = np.random.default_rng(7000 + seed)
+        train = cfmmr(3)
+        log = driven(train, random_path(random), Floor(), seed=seed)
+        estimator = TrainFilter()
+        estimator.reset(train, log.reference[0].reshape(3, 3))
+        for seen in log.observations():
+            estimator.update(seen)
+            alarms, axles = alarms + int(np.sum(estimator.slipping > 0.5)), axles + 3
+    assert alarms <= 0.01 * axles
+
+
+def test_a_frame_without_readings_is_helped_by_the_others(circling):
+    train, truth, observations = circling(3, curvature=0.8, seconds=4.0)
+    for row in observations[20:]:
+        row["rps"][:3] = np.nan
+    estimator = TrainFilter()
+    with pytest.warns(RelativePoseWarning, match="frame A has no reading"):
+        poses = run(estimator, stiff(train), truth[0], observations)
+    assert estimator.status is not None and "frame A" in estimator.status
+    np.testing.assert_allclose(poses, truth, rtol=0, atol=1e-4)
+
+
+def test_readings_that_are_late_are_taken_where_they_were():
+    """Readings of 0.2 s ago, on a path that bends to and fro: as good as new ones, if their age is told."""
+    random = np.random.default_rng(7100)
+    train, late = cfmmr(3), 4
+    log = driven(train, random_path(random), Floor(), seed=1)
+    truth = log.reference.reshape(len(log), 3, 3)
+    fresh = list(log.observations())
+
+    def off(age):
+        seen = [
+            {**row, "rps": fresh[max(k - late, 0)]["rps"], "rps_age": np.full(2, min(0.05 * k, age))}
+            for k, row in enumerate(fresh)
+        ]
+        poses = run(TrainFilter(), train, truth[0], seen)
+        return np.hypot(*(poses - truth)[..., :2].reshape(-1, 2).T).mean()
+
+    poses = run(TrainFilter(), train, truth[0], fresh)
+    expected = np.hypot(*(poses - truth)[..., :2].reshape(-1, 2).T).mean()
+    assert off(0.05 * late) < expected + 0.002
+    assert off(0.0) > 2 * off(0.05 * late)
+
+
+def test_a_sensor_that_stops_tells_nothing_new(circling):
+    """Its readings age, and repeat the last one; then odometry and the frame's length go on."""
+    train, truth, observations = circling(2, curvature=0.8, seconds=2.0)
+    for k, row in enumerate(observations):
+        row["rps"] = row["rps"] + (0.0, 0.02, 0.1) if k == 30 else row["rps"]
+        if k > 30:
+            row["rps"], row["rps_age"] = observations[30]["rps"], np.array([0.05 * (k - 30)])
+    estimator = TrainFilter()
+    poses = run(estimator, stiff(train), truth[0], observations[:41])
+    np.testing.assert_allclose(poses, truth[:41], rtol=0, atol=3e-3)
+
+
+def test_branches_are_all_single_changes_and_their_probabilities_add_up():
+    modes = np.array([[0, 0, 0], [0, 2, 1]])
+    parents, new, weight = branches(modes, 0.25, moving=True)
+    assert len(parents) == 2 + 9 + 3 + 2
+    assert (np.sum(new != modes[parents], axis=1) <= 1).all()
+    for parent in (0, 1):
+        assert np.exp(weight[parents == parent]).sum() == pytest.approx(1.0, abs=0.02)
+    parents, new, _ = branches(modes, 0.25, moving=False)
+    np.testing.assert_array_equal(new, modes)
+    np.testing.assert_array_equal(parents, [0, 1])
+
+
+def test_robots_are_declined_and_wrong_poses_named():
+    with pytest.raises(Declined, match="serves trains"):
+        TrainFilter().reset(preset("differential"), np.zeros((1, 3)))
+    with pytest.raises(InputError, match="starts at poses of shape"):
+        TrainFilter().reset(cfmmr(3), np.zeros((2, 3)))
+
+
+def test_relative_poses_of_the_circle_are_those_of_its_frames(circling):
+    """The fixture's frames are bent as the sensor computes them: what these tests rest on."""
+    train, truth, observations = circling(2, curvature=0.8)
+    np.testing.assert_allclose(relative_pose(truth[0, 1], truth[0, 0]), observations[0]["rps"], atol=1e-12)
+    np.testing.assert_allclose(posture(train.frames[0], np.full(4, 0.8)), observations[0]["rps"], atol=1e-9)
