@@ -1,15 +1,16 @@
 """A filter of the whole train: it learns the gauges' offsets, predicts creep, and doubts the axles that slip.
 
-An extended Kalman filter of the poses of all axles and two constant offsets of every frame's sensor. Odometry predicts,
-relative poses correct. Nobody can tell at once which of two axles slipped that contradict each other: so a bank of such
-filters runs side by side, each with its own history of which axles slipped and how, weighed by how well it explains all
-readings. Evidence that comes late then still decides.
+An extended Kalman filter of the poses of all axles, two constant offsets of every frame's sensor and the wheels' radii.
+Odometry predicts, relative poses correct. Of two axles that contradict each other nobody can tell at once which one
+slipped: so a bank of such filters runs side by side, each with its own history of which axles slipped and how, weighed
+by how well it explains all readings. Evidence that comes late then still decides.
 
 State, for N axles and F = N - 1 frames: x, y (m) and psi (rad) of every axle in N; offsets of y (m) and phi (rad) of
-every frame's readings. One step is a block of samples (`BLOCK`):
+every frame's readings, whose prior is that of its gauges' offsets in the train file; errors of the wheels' radii, part
+of them, with the prior `RADII`. One step is a block of samples (`BLOCK`):
 
-1. Prediction. Every axle moves by its odometry and its slip (along, across, turn), which is normal with a mean and a
-   covariance that depend on its mode:
+1. Prediction. Every axle moves by its odometry, corrected by the radii, and by its slip (along, across, turn), which is
+   normal with a mean and a covariance that depend on its mode:
    - *grips*: the mean is the creep of its tyres under the loads of the bent frames (`likelihood.trains.bending`), the
      covariance that of `GRIP` and of rounded counts;
    - *slides*: it gives way to these loads `SLIDING` times as much, give or take as much again, and `SLIDING_SPREAD`;
@@ -20,7 +21,8 @@ every frame's readings. One step is a block of samples (`BLOCK`):
    (`SHAPE`) than gauges measure it.
 3. Test. Every filter of the bank branches: one of its axles may change its mode, with the probabilities of `SLIPS` and
    `LASTS`. A branch's weight is multiplied by the likelihood of its innovation. The `MOST` heaviest are kept, of those
-   with equal modes in the last `LAG` blocks the heaviest alone.
+   with equal modes in the last `LAG` blocks the heaviest alone. On clean floors an axle that grips is thought to slip
+   (probability above 1/2) in 0.4 % of the blocks; the tests allow 1 %.
 
 The estimate is the mean of the bank. References: Blom and Bar-Shalom, "The interacting multiple model algorithm", IEEE
 Trans. Automatic Control 33(8), 1988, for modes that jump; Reid, "An algorithm for tracking multiple targets", IEEE
@@ -51,15 +53,19 @@ BLOCK = 0.25
 START = np.array([5e-4, 5e-4, 1e-3])
 """Standard deviation of the poses at the start, m and rad: they are given, and taken to be true."""
 
+RADII = 5e-4
+"""Standard deviation of the error of each wheel's radius, part of it: calibrated ones are right to 0.04 % on average
+(Doebbler's Table I)."""
+
 GRIP = np.array([1.5e-3, 6e-4, 2e-3])
 """Slip of an axle that grips, beyond predicted creep, after 1 m: along m, across m, turn rad; it grows with the square
-root of the way. Wheels known to 0.05 % (Doebbler's Table I, calibrated) and tension of frames cause it."""
+root of the way. Tension of frames causes it, and all that the models leave out."""
 
 SLIDING = 150.0
 """How much more an axle that slides gives way than by creep. Friction of 0.02 to 0.05 carries a tenth of a frame's
 load, and what is left moves the axle until the frame is straight."""
 
-SLIDING_SPREAD = np.array([0.03, 0.03, 0.12])
+SLIDING_SPREAD = np.array([0.04, 0.04, 0.2])
 """Further slip of an axle that slides, standard deviation for each metre: along m, across m, turn rad."""
 
 AHEAD, AHEAD_SPREAD = 0.03, 0.02
@@ -90,12 +96,14 @@ ROUGH = np.array([1e-4, 5e-4])
 class Bank(NamedTuple):
     """Filters side by side, H of them.
 
-    poses (H, N, 3). offsets (H, F, 2): of y, m, and phi, rad. covariance (H, n, n): of poses and offsets in this order.
+    poses (H, N, 3). offsets (H, F, 2): of y, m, and phi, rad. radii (H, N, 2): by which part of its way each axle's
+    left and right wheel rolls farther than it should. covariance (H, n, n): of all these in this order, n = 7N - 2.
     history (H, LAG, N): the modes of the last blocks. weight (H,): logarithm, of the heaviest 0.
     """
 
     poses: Array
     offsets: Array
+    radii: Array
     covariance: Array
     history: NDArray[np.intp]
     weight: Array
@@ -133,8 +141,7 @@ class TrainFilter:
         by_gauge = [_by_gauge(frame) for frame in train.frames]
         read = [frame.gauge_noise**2 * by @ by.T for frame, by in zip(train.frames, by_gauge, strict=True)]
         self._noise = np.array(read)
-        covariance = np.zeros((3 * n + 2 * f, 3 * n + 2 * f))
-        covariance[: 3 * n, : 3 * n] = np.diag(np.tile(START**2, n))
+        covariance = np.diag(np.concatenate([np.tile(START**2, n), np.zeros(2 * f), np.full(2 * n, RADII**2)]))
         for k, (frame, by) in enumerate(zip(train.frames, by_gauge, strict=True)):
             at = slice(3 * n + 2 * k, 3 * n + 2 * k + 2)
             covariance[at, at] = frame.gauge_offset**2 * by @ by.T
@@ -142,11 +149,17 @@ class TrainFilter:
         self._left, self._right = np.array([[wheel.lateral for wheel in pair] for pair in wheels]).T
         counted = [2 * np.pi * pair[0].radius / (pair[0].counts_per_rev or np.inf) for pair in wheels]
         track = self._left - self._right
+        self._lateral = np.stack([self._left, self._right], axis=-1)
+        # What an axle does, along, across and turning, for each metre that its left or right wheel rolls too far.
+        unit, none = np.ones(n), np.zeros(n)
+        too_far = [[self._right, none, unit], [-self._left, none, -unit]]
+        self._too_far = np.array(too_far).transpose(2, 0, 1) / track[:, None, None]
         # Of each count two roundings are in a block's increment, 1/12 each: of both wheels along, and against.
         self._rounding = np.array(counted)[:, None] ** 2 / 6 * np.stack([0.5 + 0 * track, 0 * track, 2 / track**2], -1)
         self._bank = Bank(
             self._odometry.poses[None].copy(),
             np.zeros((1, f, 2)),
+            np.zeros((1, n, 2)),
             covariance[None],
             np.zeros((1, LAG, n), dtype=np.intp),
             np.zeros(1),
@@ -226,7 +239,8 @@ class TrainFilter:
         covariance = covariance - gain @ seen_by.swapaxes(-1, -2)
         self._bank = Bank(
             bank.poses[parents] + slip.mean[rows, axles, modes] + change[:, : 3 * n].reshape(-1, n, 3),
-            bank.offsets[parents] + change[:, 3 * n :].reshape(-1, n - 1, 2),
+            bank.offsets[parents] + change[:, 3 * n : 5 * n - 2].reshape(-1, n - 1, 2),
+            bank.radii[parents] + change[:, 5 * n - 2 :].reshape(-1, n, 2),
             0.5 * (covariance + covariance.swapaxes(-1, -2)),
             history[kept],
             weight[kept] - weight[kept].max(),
@@ -234,12 +248,19 @@ class TrainFilter:
         self._summarise()
 
     def _predicted(self, step: Array) -> Bank:
-        """Return the bank moved by odometry's steps (N, 3) in the axles' frames, without slip."""
-        bank, at = self._bank, 3 * np.arange(len(step))
-        poses = se2.compose(bank.poses, step)
+        """Return the bank moved by odometry's steps (N, 3) in the axles' frames, and by the radii's errors."""
+        bank, n = self._bank, len(step)
+        at, wheels = 3 * np.arange(n), 5 * n - 2 + 2 * np.arange(n)
+        rolled = step[:, :1] - self._lateral * step[:, 2:]
+        heading = _turned(bank.poses[..., 2] + 0.5 * step[:, 2])
+        by_radius = heading @ (rolled[..., None] * self._too_far).swapaxes(-1, -2)
+        poses = se2.compose(bank.poses, step) + (by_radius @ bank.radii[..., None])[..., 0]
         moved = poses - bank.poses
         by_state = np.tile(np.eye(bank.covariance.shape[-1]), (len(poses), 1, 1))
         by_state[:, at, at + 2], by_state[:, at + 1, at + 2] = -moved[..., 1], moved[..., 0]
+        for k in range(3):
+            for w in range(2):
+                by_state[:, at + k, wheels + w] = by_radius[..., k, w]
         covariance = by_state @ bank.covariance @ by_state.swapaxes(-1, -2)
         return bank._replace(poses=poses, covariance=covariance)
 
@@ -262,9 +283,8 @@ class TrainFilter:
         mean[:, :, SLIDES] += slid
         covariance[:, :, SLIDES] += slid[..., None] * slid[..., None, :]
         covariance[:, :, SLIDES] += np.diag(SLIDING_SPREAD**2) * (way**2)[:, None, None]
-        track = self._left - self._right
-        for mode, along, sign in ((LEFT_AHEAD, self._right, 1.0), (RIGHT_AHEAD, -self._left, -1.0)):
-            ahead = np.stack([along, 0 * along, sign + 0 * along], axis=-1) / track[:, None] * way[:, None]
+        for mode, wheel in ((LEFT_AHEAD, 0), (RIGHT_AHEAD, 1)):
+            ahead = self._too_far[:, wheel] * way[:, None]
             mean[:, :, mode] += AHEAD * ahead
             covariance[:, :, mode] += AHEAD_SPREAD**2 * ahead[..., None] * ahead[..., None, :]
         heading = _turned(poses[..., 2] + 0.5 * turn)[:, :, None]
@@ -280,7 +300,7 @@ class TrainFilter:
         h, n, _ = poses.shape
         relative = se2.relative_pose(poses[:, 1:], poses[:, :-1])
         readings, front, rear = (np.array(parts) for parts in zip(*self._readings, strict=True))
-        used = np.isfinite(readings).all(axis=-1)
+        used = np.asarray(np.isfinite(readings).all(axis=-1))
         number = np.maximum(used.sum(axis=0), 1)
         then_front = se2.compose(poses[:, None, :-1], se2.relative_pose(od[:-1], front))
         then_rear = se2.compose(poses[:, None, 1:], se2.relative_pose(od[1:], rear))
@@ -293,7 +313,7 @@ class TrainFilter:
         frames = self._train.frames
         bent = np.stack([bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(frames)], axis=1)
         innovation[..., 2] = bent - relative[..., 0]
-        derivative, noise = np.zeros((h, n - 1, 3, 5 * n - 2)), np.zeros((h, 3 * n - 3, 3 * n - 3))
+        derivative, noise = np.zeros((h, n - 1, 3, 7 * n - 2)), np.zeros((h, 3 * n - 3, 3 * n - 3))
         by_poses = by_both_poses(poses)
         for f, frame in enumerate(frames):
             # A frame bent to y and phi is shortened by (3/5 y^2 - y phi L / 10 + phi^2 L^2 / 15) / L, for small bends.

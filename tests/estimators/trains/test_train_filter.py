@@ -88,7 +88,7 @@ def test_moves_and_turns_with_the_start(circling):
 
 @pytest.mark.parametrize("curvature", [0.0, 0.8])
 def test_learns_offsets_of_gauges(curvature, circling):
-    """Offsets are 12 mm and 60 mrad, noise of a reading is a quarter of that; a fifth of the offsets is left at most."""
+    """Offsets are of 12 mm and 60 mrad, noise of one reading is a quarter; a fifth of the offsets is left at most."""
     train, truth, observations = circling(3, curvature=curvature, seconds=8.0)
     for seed in range(5):
         seen, offsets = noisy(train, observations, np.random.default_rng(seed), curvature)
@@ -155,7 +155,8 @@ def test_a_frame_without_readings_is_helped_by_the_others(circling):
     estimator = TrainFilter()
     with pytest.warns(RelativePoseWarning, match="frame A has no reading"):
         poses = run(estimator, stiff(train), truth[0], observations)
-    assert estimator.status is not None and "frame A" in estimator.status
+    assert estimator.status is not None
+    assert "frame A" in estimator.status
     np.testing.assert_allclose(poses, truth, rtol=0, atol=1e-4)
 
 
