@@ -214,20 +214,28 @@ def test_what_the_pages_say_of_trains():
     snapshots = [task for task in BOARDS if task.startswith("configuration-")]
     drives = [task for task in BOARDS if task.startswith("train-")]
     assert (len(snapshots), len(drives)) == (5, 6)
-    for task in (*snapshots, *drives):
+    for task in snapshots:
         assert rank(task)["inlier-least-squares"] == 1
+    parts = []
+    for task in drives:
+        assert [name for name, place in rank(task).items() if place == 1] == ["train-filter"]
+        parts.append(
+            mean(task, "train-filter") / min(mean(task, name) for name in scores(task) if name != "train-filter")
+        )
+    assert (min(parts), max(parts)) == (pytest.approx(0.11, abs=0.005), pytest.approx(0.36, abs=0.005))
     for task in ("configuration-one-of-three", "configuration-two-of-five"):
         (grpec,) = (entry for entry in BOARDS[task]["estimators"] if entry["estimator"] == "grpec-xy")
         assert grpec["scores"]["sound_axle_chosen"][0] > 0.95
         assert mean(task, "grpec-xy") > mean(task, "inlier-least-squares")
         assert mean(task, "train-least-squares") > 2 * mean(task, "grpec-xy")
     assert rank("configuration-small")["train-least-squares"] == 2
+    assert rank("configuration-one-of-three")["train-filter"] > 5
     better = {
         name
         for name in scores("train-2-patch")
         if all(mean(task, name) < mean(task, "train-odometry") for task in drives if name in scores(task))
     }
-    assert better == {"inlier-least-squares"}
+    assert better == {"inlier-least-squares", "train-filter"}
     for task in drives:
         assert min(mean(task, f"grpec-{metric}") for metric in ("xy", "phi", "dev")) > mean(task, "train-odometry")
     for task in ("train-2-patch", "train-2-cables"):
