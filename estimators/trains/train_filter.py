@@ -301,6 +301,7 @@ class TrainFilter:
         relative = se2.relative_pose(poses[:, 1:], poses[:, :-1])
         readings, front, rear = (np.array(parts) for parts in zip(*self._readings, strict=True))
         used = np.asarray(np.isfinite(readings).all(axis=-1))
+        found = np.asarray(used.any(axis=0))
         number = np.maximum(used.sum(axis=0), 1)
         then_front = se2.compose(poses[:, None, :-1], se2.relative_pose(od[:-1], front))
         then_rear = se2.compose(poses[:, None, 1:], se2.relative_pose(od[1:], rear))
@@ -308,7 +309,7 @@ class TrainFilter:
         difference[..., 2] = wrap(difference[..., 2])
         difference = difference.sum(axis=1) / number[:, None]
         innovation = np.zeros((h, n - 1, 3))
-        innovation[..., :2] = np.where(used.any(axis=0)[:, None], difference[..., 1:] - offsets, 0.0)
+        innovation[..., :2] = np.where(found[:, None], difference[..., 1:] - offsets, 0.0)
         ends = self._ends(relative)
         frames = self._train.frames
         bent = np.stack([bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(frames)], axis=1)
@@ -323,7 +324,7 @@ class TrainFilter:
             rows[:, 0, at], rows[:, 1, at] = by_poses[:, f, 1], by_poses[:, f, 2]
             rows[:, 2, at] = by_poses[:, f, 0] + by_y[:, None] * rows[:, 0, at] + by_phi[:, None] * rows[:, 1, at]
             rows[:, [0, 1], 3 * n + 2 * f + np.arange(2)] = 1.0
-            if not used[:, f].any():
+            if not found[f]:
                 rows[:, :2] = 0.0
             at = slice(3 * f, 3 * f + 2)
             noise[:, at, at] = self._noise[f] / number[f] + np.diag(ROUGH**2)
