@@ -24,6 +24,9 @@ of them, with the prior `RADII`. One step is a block of samples (`BLOCK`):
    with equal modes in the last `LAG` blocks the heaviest alone. On clean floors an axle that grips is thought to slip
    (probability above 1/2) in 0.4 % of the blocks; the tests allow 1 %.
 
+A start that contradicts the first block's readings (`WRONG_START`) is no truth, but a belief: then the filter begins at
+the best fit of both, as `inliers` finds it.
+
 The estimate is the mean of the bank. References: Blom and Bar-Shalom, "The interacting multiple model algorithm", IEEE
 Trans. Automatic Control 33(8), 1988, for modes that jump; Reid, "An algorithm for tracking multiple targets", IEEE
 Trans. Automatic Control 24(6), 1979, for histories that are kept until evidence decides. Constants that come from no
@@ -43,6 +46,8 @@ from castor_envs.vehicles.train import Frame, TrainDescription
 from estimators.likelihood.trains import bending
 from estimators.protocol import Observation
 from estimators.trains.configuration import MAX_AGE, Configuration
+from estimators.trains.inliers import best_fit
+from estimators.trains.pose_noise import ODOMETRY_SIGMA
 
 GRIPS, SLIDES, LEFT_AHEAD, RIGHT_AHEAD = MODES = range(4)
 """How an axle moves on the ground."""
@@ -56,6 +61,9 @@ START = np.array([5e-4, 5e-4, 1e-3])
 RADII = 5e-4
 """Standard deviation of the error of each wheel's radius, part of it: calibrated ones are right to 0.04 % on average
 (Doebbler's Table I)."""
+
+WRONG_START = 4.75
+"""Standard deviations of a normal variable that one in a million exceeds."""
 
 GRIP = np.array([1.5e-3, 6e-4, 2e-3])
 """Slip of an axle that grips, beyond predicted creep, after 1 m: along m, across m, turn rad; it grows with the square
@@ -167,6 +175,7 @@ class TrainFilter:
         self._times, self._od = np.zeros(0), np.zeros((0, n, 3))
         self._begun, self._od_begun = np.nan, self._odometry.poses.copy()
         self._taken = np.full(f, -np.inf)
+        self._begins_checked = False
         self._readings: list[tuple[Array, Array, Array]] = []
         self._summarise()
 
@@ -212,8 +221,14 @@ class TrainFilter:
         step = se2.relative_pose(self._od_begun, od)
         way = np.abs(step[:, 0])
         before, bank = self._bank, self._predicted(step)
-        slip = self._slip(before.poses, way, step[:, 2])
         seen = self._measured(bank.poses, bank.offsets, od)
+        if not self._begins_checked:
+            self._begins_checked = True
+            if self._start_is_wrong(bank, seen):
+                self._restart()
+                before, bank = self._bank, self._predicted(step)
+                seen = self._measured(bank.poses, bank.offsets, od)
+        slip = self._slip(before.poses, way, step[:, 2])
         parents, modes, prior = branches(bank.history[:, -1], seconds, moving=bool(way.max() > LEAST_WAY))
         axles, n = np.arange(len(od)), len(od)
         by_pose = seen.derivative[:, :, : 3 * n].reshape(len(bank.poses), -1, n, 3).transpose(0, 2, 1, 3)[:, :, None]
@@ -246,6 +261,28 @@ class TrainFilter:
             weight[kept] - weight[kept].max(),
         )
         self._summarise()
+
+    def _start_is_wrong(self, bank: Bank, seen: Measured) -> bool:
+        """Whether the first block contradicts the start, where all frames have readings: a chi-square test.
+
+        Of true starts one in a million fails (`WRONG_START`; the limit is Wilson and Hilferty's approximation).
+        """
+        spread = seen.derivative[0] @ bank.covariance[0] @ seen.derivative[0].T + seen.noise[0]
+        found = seen.innovation[0] @ np.linalg.solve(spread, seen.innovation[0])
+        share = 2 / (9 * len(spread))
+        read = np.isfinite([reading for reading, *_ in self._readings]).any(axis=0).all()
+        return bool(read and found > len(spread) * (1 - share + WRONG_START * share**0.5) ** 3)
+
+    def _restart(self) -> None:
+        """Start from the best fit of start and readings instead, as `inliers.best_fit` finds it, known as OD poses are.
+
+        The readings are those of the first block, in which a train that starts hardly bends.
+        """
+        n = len(self._od_begun)
+        fit, _ = best_fit(self._bank.poses[0], np.nanmean([reading for reading, *_ in self._readings], axis=0))
+        covariance = self._bank.covariance.copy()
+        covariance[0, : 3 * n, : 3 * n] = np.diag(np.tile(ODOMETRY_SIGMA**2, n))
+        self._bank = self._bank._replace(poses=fit.poses[None], covariance=covariance)
 
     def _predicted(self, step: Array) -> Bank:
         """Return the bank moved by odometry's steps (N, 3) in the axles' frames, and by the radii's errors."""

@@ -194,6 +194,16 @@ def test_a_sensor_that_stops_tells_nothing_new(circling):
     np.testing.assert_allclose(poses, truth[:41], rtol=0, atol=3e-3)
 
 
+@pytest.mark.parametrize("axle", [0, 1, 2])
+def test_a_start_that_is_wrong_is_corrected_by_the_first_readings(axle, circling):
+    """Two axles agree with the frames; the third is believed 20 cm and 30 deg away."""
+    train, truth, observations = circling(3, curvature=0.8, seconds=2.0)
+    start = truth[0].copy()
+    start[axle] += (0.12, -0.16, np.radians(30.0))
+    poses = run(TrainFilter(), stiff(train), start, observations)
+    np.testing.assert_allclose(poses[-1, :, :2], truth[-1, :, :2], rtol=0, atol=0.01)
+
+
 def test_branches_are_all_single_changes_and_their_probabilities_add_up():
     modes = np.array([[0, 0, 0], [0, 2, 1]])
     parents, new, weight = branches(modes, 0.25, moving=True)
