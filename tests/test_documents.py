@@ -215,7 +215,8 @@ def test_what_the_pages_say_of_trains():
     drives = [task for task in BOARDS if task.startswith("train-")]
     assert (len(snapshots), len(drives)) == (5, 6)
     for task in snapshots:
-        assert rank(task)["inlier-least-squares"] == 1
+        assert rank(task)["train-filter"] == 1
+        assert rank(task)["inlier-least-squares"] <= 2
     parts = []
     for task in drives:
         assert [name for name, place in rank(task).items() if place == 1] == ["train-filter"]
@@ -228,8 +229,8 @@ def test_what_the_pages_say_of_trains():
         assert grpec["scores"]["sound_axle_chosen"][0] > 0.95
         assert mean(task, "grpec-xy") > mean(task, "inlier-least-squares")
         assert mean(task, "train-least-squares") > 2 * mean(task, "grpec-xy")
-    assert rank("configuration-small")["train-least-squares"] == 2
-    assert rank("configuration-one-of-three")["train-filter"] > 5
+    least_squares = mean("configuration-small", "train-least-squares")
+    assert least_squares < min(mean("configuration-small", f"grpec-{metric}") for metric in ("xy", "phi", "dev"))
     better = {
         name
         for name in scores("train-2-patch")
