@@ -108,8 +108,8 @@ def test_gaps_of_a_log_say_nothing(integrates, missing):
     kept = np.delete(np.arange(len(log)), np.arange(300, 300 + missing))
     assert log.command is not None
     shorter = Log(log.t[kept], log.wheel[kept], log.pivot[kept], log.command[kept])
-    courses = (of[kept] for of in (moved.t, moved.pose, moved.wheel_angle, moved.castor_angle))
-    assert estimate(shorter, Motion(*courses)) == pytest.approx([0.01, 0.0], abs=5e-4)
+    pose, wheel, castor = (of[kept] for of in (moved.pose, moved.wheel_angle, moved.castor_angle))
+    assert estimate(shorter, Motion(moved.t[kept], pose, wheel, castor)) == pytest.approx([0.01, 0.0], abs=5e-4)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.03])

@@ -2,9 +2,11 @@
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.presets import any_preset, preset
@@ -24,16 +26,16 @@ class Shown:
 
     candidates: tuple[Cause, ...]
     logs: tuple[Statistics, ...]
-    columns: tuple[Array, ...]
+    columns: tuple[NDArray[np.intp], ...]
     usual: Array
     lasting = np.zeros(0, dtype=int)
     redundant = True
 
     @classmethod
-    def of(cls, candidates, seed, logs=40):
+    def of(cls, candidates, seed, logs=40) -> Any:
         ends = np.cumsum([0, *(candidate.columns for candidate in candidates)])
         columns = tuple(np.arange(*span) for span in itertools.pairwise(ends))
-        shown = cls(tuple(candidates), (), columns, np.ones(ends[-1]))
+        shown: Any = cls(tuple(candidates), (), columns, np.ones(ends[-1]))
         shown.usual = tolerances(shown)
         random, information = np.random.default_rng(seed), np.diag(SEEN / shown.usual**2)
         sizes = [SCATTER * shown.usual * random.normal(size=ends[-1]) for _ in range(logs)]
@@ -78,7 +80,8 @@ def test_effects_that_clean_logs_do_not_hold_scatter_as_their_class_does():
 
 
 def test_gauges_of_all_frames_scatter_alike():
-    clean = Shown.of(named_candidates(any_preset("cfmmr-3")), 1)
+    train: Any = any_preset("cfmmr-3")
+    clean = Shown.of(named_candidates(train), 1)
     parts = clean.parts(order_of(clean, clean), which=is_of("gauge_gain"))
     assert len(parts) > 2
     assert np.ptp(parts) == pytest.approx(0.0, abs=1e-12)

@@ -80,8 +80,8 @@ def test_errors_are_no_larger_than_stated(errors, task, run):
     estimator = CalibratingFilter()
     estimator.reset(described, np.tile(true[0], (100, 1)))
     for seen in observations:
-        path = estimator.update({name: np.tile(values, (100, 1)) for name, values in seen.items()})
-    off = path - true[-1]
+        estimator.update({name: np.tile(values, (100, 1)) for name, values in seen.items()})
+    off = estimator.pose - true[-1]
     squares = np.einsum("ki,kij,kj->k", off, np.linalg.inv(estimator.covariance), off)
     assert chi2.ppf(0.005, 300) / 5 < squares.sum() < chi2.ppf(0.995, 300)
 

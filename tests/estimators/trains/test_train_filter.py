@@ -1,6 +1,7 @@
 """The filter of the whole train: exact where nothing is wrong, learns offsets, outvotes what slips, knows its error."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,14 +124,14 @@ def test_an_axle_that_slips_is_outvoted(axle, wheel, circling):
 def test_is_not_surer_than_it_is_right(circling):
     """Normalised squared errors of the last axle, against chi-square with three degrees a run: 99.9 %."""
     train, truth, observations = circling(3, curvature=0.8, seconds=5.0)
-    nees = []
+    squares = []
     for seed in range(40):
         seen, _ = noisy(train, observations, np.random.default_rng(100 + seed), 0.8)
         estimator = TrainFilter()
         off = run(estimator, stiff(train), truth[0], seen)[-1] - truth[-1]
-        nees.append(off[2] @ np.linalg.solve(estimator.covariance[2], off[2]))
-    assert np.sum(nees) < chi2.ppf(0.999, 3 * len(nees))
-    assert np.mean(nees) > 0.5
+        squares.append(off[2] @ np.linalg.solve(estimator.covariance[2], off[2]))
+    assert np.sum(squares) < chi2.ppf(0.999, 3 * len(squares))
+    assert np.mean(squares) > 0.5
 
 
 def test_false_alarms_on_clean_floors():
@@ -141,6 +142,7 @@ def test_false_alarms_on_clean_floors():
         train = cfmmr(3)
         log = driven(train, random_path(random), Floor(), seed=seed)
         estimator = TrainFilter()
+        assert log.reference is not None
         estimator.reset(train, log.reference[0].reshape(3, 3))
         for seen in log.observations():
             estimator.update(seen)
@@ -165,6 +167,7 @@ def test_readings_that_are_late_are_taken_where_they_were():
     random = np.random.default_rng(7100)
     train, late = cfmmr(3), 4
     log = driven(train, random_path(random), Floor(), seed=1)
+    assert log.reference is not None
     truth = log.reference.reshape(len(log), 3, 3)
     fresh = list(log.observations())
 
@@ -217,8 +220,9 @@ def test_branches_are_all_single_changes_and_their_probabilities_add_up():
 
 
 def test_robots_are_declined_and_wrong_poses_named():
+    robot: Any = preset("differential")
     with pytest.raises(Declined, match="serves trains"):
-        TrainFilter().reset(preset("differential"), np.zeros((1, 3)))
+        TrainFilter().reset(robot, np.zeros((1, 3)))
     with pytest.raises(InputError, match="starts at poses of shape"):
         TrainFilter().reset(cfmmr(3), np.zeros((2, 3)))
 
