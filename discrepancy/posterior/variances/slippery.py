@@ -217,7 +217,7 @@ class _Spread(NamedTuple):
             return float(windows @ point[:-1] - np.sum(constant)) + scaled.surprise(seen)
 
         bounds = [(None, None)] * len(seen) + [np.log([1.0, NORMAL])]
-        begin = np.append(np.log(np.nanmedian(seen, axis=1)), 1.0)
+        begin = np.append(np.log(np.nanmedian(np.abs(seen), axis=1)), 1.0)
         point = minimize(surprise, begin, method="L-BFGS-B", bounds=bounds).x
         scales[shown] = np.exp(point[:-1])
         return cls(scales, float(np.exp(point[-1])))

@@ -389,7 +389,7 @@ def test_both_kinds_may_be_named_and_all_run_without_names(castor_bench, plugin,
     castor_bench("run", "--estimator", "dead-reckoning-1", "--method", "pivoting")
     assert heard == {"arcs": ["dead-reckoning-1"], "calibration-by-arcs": ["pivoting"]}
     castor_bench("run")
-    assert heard["arcs"] == ["dead-reckoning-1"]
+    assert heard["arcs"] == ["dead-reckoning-1", "filter", "holmberg-khatib", "tidybot", "wheel-odometry"]
     assert heard["calibration-by-arcs"] == ["maximum-likelihood", "pivoting", "umbmark-correction", "uncalibrated"]
 
 
