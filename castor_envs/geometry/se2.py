@@ -42,6 +42,17 @@ def rotate_single(vector: Array, angle: float) -> Array:
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
+def rotation(angle: ArrayLike) -> Array:
+    """Return the matrices (..., 3, 3) that turn x and y of poses by angles (...), rad, and leave the heading."""
+    angle = np.asarray(angle, dtype=float)
+    matrix = np.zeros((*angle.shape, 3, 3))
+    matrix[..., 0, 0] = matrix[..., 1, 1] = np.cos(angle)
+    matrix[..., 1, 0] = np.sin(angle)
+    matrix[..., 0, 1] = -matrix[..., 1, 0]
+    matrix[..., 2, 2] = 1.0
+    return matrix
+
+
 def wrap(angle: Array) -> Array:
     """Return an angle, or a difference of angles, wrapped into (-pi, pi], rad."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)

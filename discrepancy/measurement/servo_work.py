@@ -68,10 +68,9 @@ class _Rows(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """compliance; explained: the deviance that it explains, were there no delay; information (2, 2) and score (2,) of
-    the accelerations (m/s2) that add to the downhill gravity of the robot's floor."""
+    """explained: the deviance that compliance explains, were there no delay; information (2, 2) and score (2,) of the
+    accelerations (m/s2) that add to the downhill gravity of the robot's floor."""
 
-    compliance: float
     explained: float
     information: Array
     score: Array
@@ -82,12 +81,12 @@ class _Fit(NamedTuple):
         noise; with no information where servos do not comply."""
         compliance, lifted, _ = _solved(products)
         if compliance <= 0:
-            return cls(compliance, explained, np.zeros((2, 2)), np.zeros(2))
+            return cls(explained, np.zeros((2, 2)), np.zeros(2))
         pull = -lifted / compliance
         slopes = np.block([[np.ones((1, 1)), np.zeros((1, 2))], [-pull[:, None], -compliance * np.eye(2)]])
         information = slopes.T @ products[:3, :3] @ slopes  # of compliance and accelerations
         beside = information[1:, 1:] - np.outer(information[1:, 0], information[0, 1:]) / max(information[0, 0], 1e-30)
-        return cls(compliance, explained, beside, beside @ pull)
+        return cls(explained, beside, beside @ pull)
 
 
 def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Sequence[Candidate]) -> Pull:

@@ -58,7 +58,7 @@ effects says that a chassis is machined."""
 
 TRUST = 100.0
 """Log-likelihood (natural logarithm) by which a description must be unlikely to be calibrated before it counts as not.
-That its errors are those of Table I shows within 3 s, by 200 and more; slip of steered castors explains up to 70."""
+Errors as those of Table I make more difference within seconds; slip of steered castors makes less."""
 
 SLIP, SIDE_SLIP = 5e-4, 2e-4
 """m after 1 m: standard deviations of the random walks of slip along a wheel's rolling direction and to its side."""
@@ -124,20 +124,31 @@ class _Sample(NamedTuple):
     rolled: Array
 
 
+class _Measured(NamedTuple):
+    """Measurements: derivative (..., m, D) by the state, residuals `left` (..., m), and variances (..., m)."""
+
+    derivative: Array
+    left: Array
+    variance: Array
+
+
 class CalibratingFilter:
     """The filter; serves every robot whose wheels determine its motion.
 
     When to use: a redundant base (two or more castors with encoders) whose dimensions are not exactly known. It cannot
     learn what no redundancy shows: of differential robots, tricycles and three omni wheels it knows nothing that
     `wheel-odometry` does not; on swerve bases the common scale of radii stays as described, and on powered casters,
-    whose short offsets turn them by half a radian in a sample, it is learned wrong by up to 2 % where the description
+    whose short offsets turn them by half a radian in a sample, it is learned wrong where the description
     is not calibrated. It fails where all wheels slip together.
     """
 
     batched = True
 
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
-        """Start at `pose` (..., 3); raises Declined where the wheels do not determine how the robot moves."""
+        """Start at `pose` (..., 3); raises Declined where the wheels do not determine how the robot moves.
+
+        A `Geometry` has no gyro: then readings of a gyro are not used.
+        """
         geometry, self._start = start(robot, pose)
         self._equations = equations = EquationsOfSamples(geometry)
         self._geometry, wheels = geometry, equations.wheels
@@ -177,8 +188,10 @@ class CalibratingFilter:
         if np.any(moves):
             sample = self._sample(before[..., None, :], swivel[..., None, :], rolled[..., None, :])
             uneven = UNEVEN * (swivel - last) ** 2 / (np.abs(swivel) + np.abs(last) + self._step + 1e-9)
-            predicted = self._predicted(sample, swivel, rolled, uneven)
-            found = self._measured(*(predicted if turned is None else self._with_gyro(sample, *predicted, *turned)))
+            state, covariance, measured = self._predicted(sample, swivel, rolled, uneven)
+            if turned is not None:
+                measured = self._with_gyro(measured, sample, state, *turned)
+            found = self._updated(state, covariance, measured)
             self._state, self._covariance, self._log_likelihood = (
                 np.where(moves.reshape(moves.shape + (1,) * (new.ndim - moves.ndim)), new, old)
                 for new, old in zip(found, (self._state, self._covariance, self._log_likelihood), strict=True)
@@ -221,9 +234,7 @@ class CalibratingFilter:
         away = poses - np.sum(parts[..., None] * poses, axis=-2, keepdims=True)
         both = self._covariance[..., at[:, None], at] + away[..., :, None] * away[..., None, :]
         covariance = np.sum(parts[..., None, None] * both, axis=-3)
-        turn = np.zeros((*self._start.shape[:-1], 3, 3))
-        c, s = np.cos(self._start[..., 2]), np.sin(self._start[..., 2])
-        turn[..., 0, 0], turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1], turn[..., 2, 2] = c, -s, s, c, 1.0
+        turn = se2.rotation(self._start[..., 2])
         return turn @ covariance @ np.swapaxes(turn, -1, -2)
 
     @property
@@ -271,9 +282,9 @@ class CalibratingFilter:
 
     def _predicted(
         self, sample: _Sample, swivel: Array, rolled: Array, uneven: Array
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """Return the state and covariance after a sample, and the derivative by the state (..., m, D), residuals (...,
-        m) and variances (..., m) of its measurements: counts, readings of pivots, no side slip."""
+    ) -> tuple[Array, Array, _Measured]:
+        """Return the state and covariance after a sample, and what it measures: counts, readings of pivots, no side
+        slip."""
         at, equations = self._at, self._equations
         of, d, n = equations.castor, len(equations.wheels), self._geometry.n_castors
         radius = self._geometry.radius[..., None, equations.wheels] * np.exp(self._state[..., at.radius])
@@ -317,7 +328,7 @@ class CalibratingFilter:
         variance[..., d : d + n] = np.where(changed, step**2 / 12, repeated) + self._geometry.fixed
         variance[..., d + n :] = SIDE_SLIP**2 * sample.way[..., d:] + LEAST + bent[..., d:]
         left = np.concatenate([-state[..., at.roll], -state[..., at.swivel], -sample.left[..., d:]], axis=-1)
-        return state, covariance, derivative, left, variance
+        return state, covariance, _Measured(derivative, left, variance)
 
     def _turned_by_gyro(self, observation: Observation) -> tuple[Array, Array, Array] | None:
         """Return by how much the body turns in a sample as a gyro says, rad, the variance of that, and the sample's
@@ -333,30 +344,15 @@ class CalibratingFilter:
         return duration * (rate + last[1]) / 2, duration**2 * noise + LEAST, duration
 
     def _with_gyro(
-        self,
-        sample: _Sample,
-        state: Array,
-        covariance: Array,
-        derivative: Array,
-        left: Array,
-        variance: Array,
-        turned: Array,
-        noise: Array,
-        duration: Array,
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """Return what `_predicted` does with the measurement of a turn (..., 1) by the gyro."""
-        row = np.zeros((*derivative.shape[:-2], 1, self._at.size))
+        self, measured: _Measured, sample: _Sample, state: Array, turned: Array, noise: Array, duration: Array
+    ) -> _Measured:
+        """Return measurements with that of a turn (..., 1) by the gyro; noise: its variance."""
+        row = np.zeros((*state.shape[:-1], 1, self._at.size))
         row[..., self._at.motion[2]] = 1.0
         row[..., self._at.bias] = duration[..., None, :]
-        error = turned - sample.turn - duration * state[..., self._at.bias[0]]
-        noise = noise + 0 * error
-        return (
-            state,
-            covariance,
-            np.concatenate([derivative, row], axis=-2),
-            np.concatenate([left, error[..., None]], axis=-1),
-            np.concatenate([variance, noise[..., None]], axis=-1),
-        )
+        error = (turned - sample.turn - duration * state[..., self._at.bias[0]])[..., None]
+        parts = zip(measured, (row, error, noise[..., None] + 0 * error), (-2, -1, -1), strict=True)
+        return _Measured(*(np.concatenate([part, more], axis=axis) for part, more, axis in parts))
 
     def _bent(self, sample: _Sample, swivel: Array, off: Array) -> Array:
         """Return the variance (..., m), m^2, of equations of castors that do not turn evenly in a sample.
@@ -368,10 +364,9 @@ class CalibratingFilter:
         trailing = sample.way**2 * swivel / (24 * np.where(offset > 0, offset, np.inf))
         return (sample.by_angle * off) ** 2 + (sample.way * np.minimum(off, 1.0) ** 2 / 2) ** 2 + trailing**2
 
-    def _measured(
-        self, state: Array, covariance: Array, derivative: Array, left: Array, variance: Array
-    ) -> tuple[Array, Array, Array]:
-        """Return the state, covariance and log-likelihood after measurements with residuals `left`."""
+    def _updated(self, state: Array, covariance: Array, measured: _Measured) -> tuple[Array, Array, Array]:
+        """Return the state, covariance and log-likelihood after measurements."""
+        derivative, left, variance = measured
         at, d, n = self._at, len(self._equations.wheels), self._geometry.n_castors
         with_state = covariance @ np.swapaxes(derivative, -1, -2)
         joint = derivative @ with_state + variance[..., None] * np.eye(variance.shape[-1])

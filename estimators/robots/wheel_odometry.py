@@ -30,7 +30,7 @@ from castor_envs.motion.kinematics import Geometry, left_of, unit
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import start
+from estimators.robots.castor_odometry import displaced, start
 
 RADIUS, LATERAL, OFFSET = 4e-4, 4e-4, 9e-4
 ANGLE = math.radians(0.01)
@@ -173,10 +173,8 @@ def solve(equations: Equations, weight: Array, arc: bool = True) -> Motion:
 
 def moved(pose: Array, motion: Motion) -> Array:
     """Return the pose (..., 3) after a motion."""
-    x, y = motion.displacement[..., 0], motion.displacement[..., 1]
-    half_way = pose[..., 2] + motion.turn / 2
-    c, s = np.cos(half_way), np.sin(half_way)
-    return vectors(pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y, pose[..., 2] + motion.turn)
+    half_way = pose + np.multiply.outer(motion.turn, (0.0, 0.0, 0.5))
+    return displaced(half_way, motion.displacement[..., 0], motion.displacement[..., 1], motion.turn / 2)
 
 
 class WheelOdometry:

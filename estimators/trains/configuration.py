@@ -26,7 +26,8 @@ the tasks of driven trains, which no leaderboard uses.
 MOST_INTERVAL = 1_000_000
 """Sample periods, most of a day: a longer interval would mean no correction at all."""
 
-_SLACK = 1e-9  # s, by which a sample may come early
+SLACK = 1e-9
+"""s, by which a sample may come early."""
 
 
 class Configuration:
@@ -89,7 +90,7 @@ class Configuration:
         if self._corrected is None:
             self._corrected = self._time
             return None
-        due = self._time - self._corrected >= self._wait - _SLACK
+        due = self._time - self._corrected >= self._wait - SLACK
         return relative if due else None
 
     def _take_time(self, time: float) -> None:

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
 from castor_envs.vehicles.train import TrainDescription
@@ -131,7 +132,7 @@ def grown(covariances: ArrayLike, before: ArrayLike, after: ArrayLike) -> Array:
     by_pose = _moved_by_heading(step)
     variance = rolled[..., None] * ROLLING_SIGMA**2
     variance[..., 2] += turned * TURNING_SIGMA**2
-    turn = _turned(0.5 * (before[..., 2] + after[..., 2]))
+    turn = se2.rotation(0.5 * (before[..., 2] + after[..., 2]))
     noise = (turn * variance[..., None, :]) @ np.swapaxes(turn, -1, -2)
     return by_pose @ np.asarray(covariances, dtype=float) @ np.swapaxes(by_pose, -1, -2) + noise
 
@@ -148,7 +149,7 @@ def _predicted(pose: Array, covariance: Array, prediction: Array, front: bool) -
     step = prediction - pose
     by_pose = _moved_by_heading(step)
     # From the front axle the relative pose is taken backwards: its error of heading swings the rear axle about it.
-    by_relative = _moved_by_heading(step) @ -_turned(prediction[2]) if front else _turned(pose[2])
+    by_relative = _moved_by_heading(step) @ -se2.rotation(prediction[2]) if front else se2.rotation(pose[2])
     noise = np.diag(RELATIVE_SIGMA**2)
     return by_pose @ covariance @ by_pose.T + by_relative @ noise @ by_relative.T
 
@@ -158,17 +159,6 @@ def _moved_by_heading(step: Array) -> Array:
     matrix = np.zeros((*step.shape[:-1], 3, 3))
     matrix[..., [0, 1, 2], [0, 1, 2]] = 1.0
     matrix[..., 0, 2], matrix[..., 1, 2] = -step[..., 1], step[..., 0]
-    return matrix
-
-
-def _turned(psi: ArrayLike) -> Array:
-    """Return the matrices (..., 3, 3) that turn x, y by psi (...) and leave the heading."""
-    psi = np.asarray(psi, dtype=float)
-    matrix = np.zeros((*psi.shape, 3, 3))
-    matrix[..., 0, 0] = matrix[..., 1, 1] = np.cos(psi)
-    matrix[..., 1, 0] = np.sin(psi)
-    matrix[..., 0, 1] = -matrix[..., 1, 0]
-    matrix[..., 2, 2] = 1.0
     return matrix
 
 

@@ -45,7 +45,7 @@ from castor_envs.sensors.posture import posture
 from castor_envs.vehicles.train import Frame, TrainDescription
 from estimators.likelihood.trains import bending
 from estimators.protocol import Observation
-from estimators.trains.configuration import MAX_AGE, Configuration
+from estimators.trains.configuration import MAX_AGE, SLACK, Configuration
 from estimators.trains.inliers import best_fit
 from estimators.trains.pose_noise import ODOMETRY_SIGMA
 
@@ -190,7 +190,7 @@ class TrainFilter:
         time, od = float(observation["time"][0]), self._odometry.poses
         self._remember(time, od)
         self._read(observation, time)
-        if time - self._begun >= BLOCK - _SLACK:
+        if time - self._begun >= BLOCK - SLACK:
             self._end_block(time - self._begun, od)
             self._begun, self._od_begun, self._readings = time, od.copy(), []
         return se2.compose(self._mean, se2.relative_pose(self._od_begun, od))
@@ -209,7 +209,7 @@ class TrainFilter:
         """
         f = len(self._taken)
         taken = time - np.asarray(observation["rps_age"], dtype=float)
-        new = self._odometry.usable & (taken > self._taken + _SLACK)
+        new = self._odometry.usable & (taken > self._taken + SLACK)
         self._taken = np.where(new, taken, self._taken)
         reading = np.where(new[:, None], np.asarray(observation["rps"], dtype=float).reshape(f, 3), np.nan)
         then = np.array([[np.interp(taken, self._times, line) for line in axle.T] for axle in self._od.swapaxes(0, 1)])
@@ -289,7 +289,7 @@ class TrainFilter:
         bank, n = self._bank, len(step)
         at, wheels = 3 * np.arange(n), 5 * n - 2 + 2 * np.arange(n)
         rolled = step[:, :1] - self._lateral * step[:, 2:]
-        heading = _turned(bank.poses[..., 2] + 0.5 * step[:, 2])
+        heading = se2.rotation(bank.poses[..., 2] + 0.5 * step[:, 2])
         by_radius = heading @ (rolled[..., None] * self._too_far).swapaxes(-1, -2)
         poses = se2.compose(bank.poses, step) + (by_radius @ bank.radii[..., None])[..., 0]
         moved = poses - bank.poses
@@ -324,7 +324,7 @@ class TrainFilter:
             ahead = self._too_far[:, wheel] * way[:, None]
             mean[:, :, mode] += AHEAD * ahead
             covariance[:, :, mode] += AHEAD_SPREAD**2 * ahead[..., None] * ahead[..., None, :]
-        heading = _turned(poses[..., 2] + 0.5 * turn)[:, :, None]
+        heading = se2.rotation(poses[..., 2] + 0.5 * turn)[:, :, None]
         return Slip((heading @ mean[..., None])[..., 0], heading @ covariance @ heading.swapaxes(-1, -2))
 
     def _ends(self, relative: Array) -> Array:
@@ -418,7 +418,7 @@ def log_normal(value: Array, covariance: Array) -> Array:
 def by_both_poses(poses: Array) -> Array:
     """Return the derivatives (H, F, 3, 6) of relative poses by those of front and rear axle, at poses (H, N, 3)."""
     seen = se2.relative_pose(poses[:, 1:], poses[:, :-1])
-    front = _turned(poses[:, 1:, 2]).swapaxes(-1, -2)
+    front = se2.rotation(poses[:, 1:, 2]).swapaxes(-1, -2)
     rear = -front
     rear[..., 0, 2], rear[..., 1, 2] = seen[..., 1], -seen[..., 0]
     return np.concatenate([front, rear], axis=-1)
@@ -429,17 +429,5 @@ def _by_gauge(frame: Frame) -> Array:
     small = bending.SMALL * np.eye(len(frame.gauge_positions))
     return ((posture(frame, small) - posture(frame, -small)) / (2 * bending.SMALL))[:, 1:].T
 
-
-def _turned(psi: Array) -> Array:
-    """Return the matrices (..., 3, 3) that turn x, y by psi (...) and leave the heading."""
-    matrix = np.zeros((*psi.shape, 3, 3))
-    matrix[..., 0, 0] = matrix[..., 1, 1] = np.cos(psi)
-    matrix[..., 1, 0] = np.sin(psi)
-    matrix[..., 0, 1] = -matrix[..., 1, 0]
-    matrix[..., 2, 2] = 1.0
-    return matrix
-
-
-_SLACK = 1e-9  # s, by which a sample may come early
 
 ESTIMATORS = {"train-filter": TrainFilter}
