@@ -1,6 +1,6 @@
-"""What each ingredient of the filter gives, on seeds that no board scores: the table of docs/estimators.md.
+"""What each ingredient of the filter gives, on seeds of neither boards nor tuning: the table of docs/estimators.md.
 
-    python scripts/study_filter.py [--cases 12]     (8 min of CPU)
+    python scripts/study_filter.py [--cases 12]     (4 min of CPU)
 
 Writes docs/filter.json and the table. Squares are those of the official tasks, also of other robots.
 """
@@ -15,23 +15,20 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.run.worker_estimate import observed_runs
+from benchmarks.run.worker_estimate import estimate_stacked, observed_runs
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, KinematicUMBmark
 from benchmarks.tasks.physics import PhysicsUMBmark, clean_floor, slippery_patch, ten_cables
 from benchmarks.tasks.task import Episode
 from castor_envs.files import write_atomically
-from castor_envs.geometry.arrays import Array
-from castor_envs.motion.kinematics import Geometry
-from castor_envs.sensors.observation import Observations
 from castor_envs.vehicles.presets import preset
-from estimators import CalibratingFilter, Estimator, WheelOdometry
+from estimators import load_estimator
 from estimators.robots import calibrating_filter
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE, FIGURES = DOCS / "estimators.md", DOCS / "filter.json"
 START, END = "<!-- table: made by scripts/study_filter.py -->\n", "<!-- end of table -->\n"
-FORMAT, FIRST_SEED = "castor-filter-figures/1", 500_000
+FORMAT, FIRST_SEED = "castor-filter-figures/1", 600_000
 
 NOTHING = calibrating_filter.Errors(1e-9, 1e-9, 1e-9, 1e-9, 1e-9)
 VARIANTS: dict[str, Mapping[str, Any] | None] = {
@@ -72,22 +69,6 @@ COLUMNS: dict[str, tuple[str, Callable[[int], Episode]]] = {
 """Headings, the score of each, and what is driven."""
 
 
-def followed(make: Callable[[], Estimator], episodes: list[Episode]) -> list[list[Array]]:
-    """Return the poses at the samples of each run of each episode, from all runs of equal length at once."""
-    runs = [(e, r, run) for e, episode in enumerate(episodes) for r, run in enumerate(observed_runs(episode))]
-    poses: list[list[Array]] = [[np.zeros(0)] * len(episode.runs) for episode in episodes]
-    for length in sorted({len(run.observations) for _, _, run in runs}):
-        some = [of for of in runs if len(of[2].observations) == length]
-        estimator = make()
-        robots: list[Any] = [run.robot for _, _, run in some]
-        estimator.reset(Geometry.of(robots), np.stack([run.start for _, _, run in some]))
-        seen = Observations.stack([run.observations for _, _, run in some])
-        path = np.stack([estimator.update(sample) for sample in seen], axis=1)
-        for (e, r, run), of_run in zip(some, path, strict=True):
-            poses[e][r] = of_run[run.samples]
-    return poses
-
-
 def figures(cases: int) -> dict[str, Any]:
     """Return the mean scores of all variants on all columns, in SI."""
     table: dict[str, dict[str, float]] = {name: {} for name in VARIANTS}
@@ -97,8 +78,10 @@ def figures(cases: int) -> dict[str, Any]:
             with ExitStack() as changed:
                 for constant, value in (changes or {}).items():
                     changed.enter_context(patch.object(calibrating_filter, constant, value))
-                kind = WheelOdometry if changes is None else CalibratingFilter
-                poses = followed(kind, episodes)
+                spec = "wheel-odometry" if changes is None else "filter"
+                poses: Any = estimate_stacked(
+                    spec, load_estimator(spec).source_hash, list(map(observed_runs, episodes))
+                )
             scores = [score(episode, of)[metric] for episode, of in zip(episodes, poses, strict=True)]
             table[name][heading] = float(f"{np.mean(scores):.6g}")
         print(heading, {name: row[heading] for name, row in table.items()}, flush=True)
