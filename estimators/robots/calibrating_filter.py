@@ -18,8 +18,8 @@ of its readings at both ends. The state of a robot with n castors and d wheels w
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
     bias (1)         of the gyro, rad/s
 
-Nobody tells whether a description is calibrated: two filters run side by side, one for each column of Table I of
-Doebbler et al. Their log-likelihoods decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control
+Where a description states no tolerances, nobody tells whether it is calibrated: two filters run side by side, one for
+each column of Table I of Doebbler et al. Their log-likelihoods decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control
 10(4), 1965).
 """
 
@@ -35,23 +35,14 @@ from castor_envs.geometry.se2 import wrap
 from castor_envs.motion.kinematics import Geometry, left_of, unit
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.tolerances import Tolerances
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
 from estimators.robots.wheel_odometry import Equations, EquationsOfSamples, moved, solve
 
 
-class Errors(NamedTuple):
-    """Standard deviations of a description's numbers: radius, lateral and offset relative; zero, rad; pivot, m."""
-
-    radius: float
-    lateral: float
-    offset: float
-    zero: float
-    pivot: float
-
-
-CALIBRATED = Errors(radius=4.6e-4, lateral=4.6e-4, offset=1e-3, zero=2e-4, pivot=5e-5)
-UNCALIBRATED = Errors(radius=2.4e-2, lateral=1e-2, offset=2.5e-3, zero=1e-3, pivot=5e-5)
+CALIBRATED = Tolerances(radius=4.6e-4, lateral=4.6e-4, offset=1e-3, pivot_zero=2e-4, pivot=5e-5)
+UNCALIBRATED = Tolerances(radius=2.4e-2, lateral=1e-2, offset=2.5e-3, pivot_zero=1e-3, pivot=5e-5)
 """Table I of Doebbler et al., whose mean absolute errors are taken as those of uniform distributions. It has no zeros
 before calibration that a filter could begin from (8 deg) and no pivots: a milliradian, and as exact as the catalogue of
 effects says that a chassis is machined."""
@@ -145,10 +136,7 @@ class CalibratingFilter:
     batched = True
 
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
-        """Start at `pose` (..., 3); raises Declined where the wheels do not determine how the robot moves.
-
-        A `Geometry` has no gyro: then readings of a gyro are not used.
-        """
+        """Start at `pose` (..., 3); raises Declined where the wheels do not determine how the robot moves."""
         geometry, self._start = start(robot, pose)
         self._equations = equations = EquationsOfSamples(geometry)
         self._geometry, wheels = geometry, equations.wheels
@@ -159,21 +147,22 @@ class CalibratingFilter:
         self._step = step
         self._floor_turns = (geometry.trailing & ~geometry.fixed & ~geometry.driven)[..., None, :]
         lead = geometry.offset.shape[:-1]
-        variance = np.zeros((*lead, 2, at.size))
+        priors = (CALIBRATED, UNCALIBRATED) if geometry.tolerances is None else (geometry.tolerances,)
+        variance = np.zeros((*lead, len(priors), at.size))
         variance[..., at.swivel], variance[..., at.roll] = step**2 / 12, self._count**2 / 12
-        for k, errors in enumerate((CALIBRATED, UNCALIBRATED)):
+        for k, errors in enumerate(priors):
             variance[..., k, at.radius] = errors.radius**2
             variance[..., k, at.lateral] = (errors.lateral * geometry.lateral[..., wheels]) ** 2
             variance[..., k, at.offset] = (errors.offset * geometry.offset) ** 2
-            variance[..., k, at.zero] = errors.zero**2
+            variance[..., k, at.zero] = errors.pivot_zero**2
             variance[..., k, np.concatenate([at.x, at.y])] = errors.pivot**2
         variance[..., at.bias] = BIAS**2
-        shape = (*np.broadcast_shapes(lead, self._start.shape[:-1]), 2)
+        shape = (*np.broadcast_shapes(lead, self._start.shape[:-1]), len(priors))
         self._state = np.zeros((*shape, at.size))
         self._covariance = np.broadcast_to(variance[..., None] * np.eye(at.size), (*shape, at.size, at.size)).copy()
-        self._log_likelihood = np.zeros(shape) - [0.0, TRUST]
+        self._log_likelihood = np.zeros(shape) - TRUST * np.arange(len(priors))
         self._angle: Array | None = None
-        self._swivel, self._gyro = np.zeros_like(step), None if isinstance(robot, Geometry) else robot.gyro
+        self._swivel, self._gyro = np.zeros_like(step), geometry.gyro
         self._last: tuple[Array, Array, Array] | None = None  # time, reading of the gyro, and how much it changed
 
     def update(self, observation: Observation) -> Array:
@@ -239,7 +228,7 @@ class CalibratingFilter:
 
     @property
     def _parts(self) -> Array:
-        """The probabilities (..., 2) that the description is calibrated, and that it is not."""
+        """The probabilities (..., filters): that the description is calibrated, and that it is not."""
         parts = np.exp(self._log_likelihood - self._log_likelihood.max(axis=-1, keepdims=True))
         return parts / parts.sum(axis=-1, keepdims=True)
 
