@@ -25,7 +25,7 @@ from benchmarks.results.rows import check_results_folder
 from benchmarks.run.check import check_apart
 from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
-from benchmarks.tasks import official_tasks, select_tasks, tasks_on
+from benchmarks.tasks import official_tasks, select_tasks, tasks_by_group, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs import command_line
 from castor_envs.errors import InputError
@@ -42,6 +42,9 @@ app = typer.Typer(
 )
 
 TaskNames = Annotated[list[str] | None, typer.Option("--task", help="Only this task (may be given several times).")]
+GroupNames = Annotated[
+    list[str] | None, typer.Option("--group", help="Only the tasks of this group (may be given several times).")
+]
 Results = Annotated[Path, typer.Option("--results", help="The folder that results are kept in.")]
 MeasuredData = Annotated[
     Path | None,
@@ -69,6 +72,7 @@ def options(version: command_line.Version = False, traceback: command_line.Trace
 @app.command()
 def run(
     task: TaskNames = None,
+    group: GroupNames = None,
     estimator: Annotated[
         list[str] | None,
         typer.Option("--estimator", help="A name, module:Class or file.py[:Class]; default: all built-in ones."),
@@ -88,16 +92,16 @@ def run(
 ) -> None:
     """Run what is missing, then show the leaderboard; exit code 1 if a requested row failed.
 
-    If estimators are named, only the tasks that judge estimators are run; if calibration methods are named, only
-    theirs. With --robot the tasks of squares are run on that robot instead; their boards are not official and are kept
-    apart.
+    Without --task and --group all tasks are run but the slow ones, which `castor-bench list` marks. If estimators are
+    named, only the tasks that judge estimators are run; if calibration methods are named, only theirs. With --robot the
+    tasks of squares are run on that robot instead; their boards are not official and are kept apart.
     """
     _at_least("--cases", cases, 1)
     _at_least("--jobs", jobs, 1, 256)
     _above_zero("--timeout", timeout)
     check_results_folder(results)
     user_robot = None if robot is None else OtherRobot.load(robot)
-    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot)
+    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot, group or [])
     with (
         command_line.keeping(f"what is done is kept in {results}: the same command continues"),
         TerminalProgress() as progress,
@@ -260,9 +264,11 @@ def import_data(
 @app.command("list")
 def list_known() -> None:
     """List tasks, estimators, calibration methods, robots and trains."""
-    print("tasks:")
-    for task in official_tasks():
-        print(f"  {task.name}  (version {task.version})  {task.title}")
+    print("tasks by group (castor-bench run --group), * where run needs the task's name or group:")
+    for group, tasks in tasks_by_group(official_tasks()).items():
+        print(f"  {group}")
+        for task in tasks:
+            print(f"  {' ' if task.standard else '*'} {task.name}  (version {task.version})  {task.title}")
     for heading, kind in (("estimators", ESTIMATOR), ("calibration methods", CALIBRATION)):
         print(f"{heading}:")
         for name in kind.names():

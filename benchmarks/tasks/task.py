@@ -214,6 +214,16 @@ class Task(Protocol):
         ...
 
     @property
+    def group(self) -> str:
+        """The group that the overview shows it in: lower-case words joined by hyphens."""
+        ...
+
+    @property
+    def standard(self) -> bool:
+        """Whether ``castor-bench run`` runs it without being told to; slow tasks are run by name or group alone."""
+        ...
+
+    @property
     def missing(self) -> str | None:
         """Why the task cannot be run (its data are not there), or None."""
         ...

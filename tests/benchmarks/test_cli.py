@@ -85,9 +85,55 @@ def test_list_and_version(castor_bench):
     assert castor_bench("--version")[:2] == (0, "castor-envs 0.1.0\n")
 
 
+@pytest.fixture
+def planned(castor_bench, fake_tasks, monkeypatch):
+    """Return a function that gives the command tasks of two groups, one of them slow; it returns what would be run."""
+    tasks = (
+        fake_tasks.Arcs(),
+        fake_tasks.Arcs(name="wide-arcs", group="manoeuvres"),
+        fake_tasks.Arcs(name="long-arcs", group="manoeuvres", standard=False),
+    )
+    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: tasks)
+    monkeypatch.setattr(cli, "official_tasks", lambda measured=None: tasks)
+    plans = []
+
+    def plan_only(plan, *_):
+        plans.append([assignment.task.name for assignment in plan])
+        return {}
+
+    monkeypatch.setattr(cli, "run_plan", plan_only)
+
+    def call(*arguments):
+        plans.clear()
+        code, _, err = castor_bench("run", *arguments)
+        return plans[0] if plans else (code, err)
+
+    return call
+
+
+def test_slow_tasks_run_by_name_or_group_alone(planned):
+    assert planned() == ["arcs", "wide-arcs"]
+    assert planned("--task", "long-arcs") == ["long-arcs"]
+    assert planned("--group", "manoeuvres") == ["wide-arcs", "long-arcs"]
+    assert planned("--group", "manoeuvres", "--group", "squares") == ["wide-arcs", "long-arcs", "arcs"]
+    assert planned("--group", "manoeuvres", "--task", "wide-arcs", "--task", "arcs") == [
+        "wide-arcs",
+        "arcs",
+        "long-arcs",
+    ]
+    assert planned("--estimator", "dead-reckoning") == ["arcs", "wide-arcs"]
+
+
+def test_the_list_shows_groups_and_what_is_slow(planned, castor_bench):
+    lines = castor_bench("list")[1].splitlines()
+    start = lines.index("  manoeuvres")
+    assert [line.split("  (")[0] for line in lines[start + 1 : start + 3]] == ["    wide-arcs", "  * long-arcs"]
+
+
 MISTAKES = {
     "task": (("run", "--task", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
     "task of the board": (("leaderboard", "--task", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
+    "group": (("run", "--group", "sqares"), "unknown group of tasks 'sqares'; did you mean 'squares'?"),
     "estimator": (("run", "--estimator", "kast-0"), "did you mean 'cast-0'?"),
     "two of one name": (
         ("run", "--estimator", "whole.py", "--estimator", "other/whole.py"),
