@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tasks.disturbances import faults_of, faulty, slip_bursts, soft_floor
-from benchmarks.tasks.driving import Drive, drive, joined, recorded
-from benchmarks.tasks.manoeuvres import laps, manoeuvres
-from benchmarks.tasks.oracle import followed
+from benchmarks.tasks.driving.disturbances import faults_of, faulty, slip_bursts, soft_floor
+from benchmarks.tasks.driving.drive import Drive, drive, joined, recorded
+from benchmarks.tasks.driving.manoeuvres import laps, manoeuvres
+from benchmarks.tasks.driving.oracle import followed
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.vehicles.load import load_robot

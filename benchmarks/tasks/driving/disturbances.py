@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.tasks.driving import Drive, disturbed
+from benchmarks.tasks.driving.drive import Drive, disturbed
 from castor_envs.floor import Patch
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array, vectors
