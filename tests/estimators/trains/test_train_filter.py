@@ -16,7 +16,7 @@ from castor_envs.sensors.posture import posture
 from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.robot import Contact
 from estimators import RelativePoseWarning, TrainFilter, TrainOdometry
-from estimators.trains.train_filter import GRIP, branches
+from estimators.trains.train_filter import GRIP, GRIPS, LOST, SLIDES, branches
 
 STIFF = Contact(slip_stiffness_long=1e6, slip_stiffness_lat=1e6)
 
@@ -208,15 +208,60 @@ def test_a_start_that_is_wrong_is_corrected_by_the_first_readings(axle, circling
 
 
 def test_branches_are_all_single_changes_and_their_probabilities_add_up():
-    modes = np.array([[0, 0, 0], [0, 2, 1]])
-    parents, new, weight = branches(modes, 0.25, moving=True)
-    assert len(parents) == 2 + 9 + 3 + 2
-    assert (np.sum(new != modes[parents], axis=1) <= 1).all()
+    history = np.zeros((2, 6, 3), dtype=int)
+    history[1, -1] = (0, 2, 1)
+    parents, new, weight = branches(history, 0.25, moving=True)
+    assert len(parents) == 2 + 12 + 4 + 2
+    assert (np.sum(new != history[parents, -1], axis=1) <= 1).all()
     for parent in (0, 1):
         assert np.exp(weight[parents == parent]).sum() == pytest.approx(1.0, abs=0.02)
-    parents, new, _ = branches(modes, 0.25, moving=False)
-    np.testing.assert_array_equal(new, modes)
-    np.testing.assert_array_equal(parents, [0, 1])
+
+
+def test_a_train_that_stands_is_pushed_at_most():
+    history = np.zeros((2, 6, 3), dtype=int)
+    history[1, -1] = (0, 2, LOST)
+    parents, new, weight = branches(history, 0.25, moving=False)
+    old = history[parents, -1]
+    assert ((new == old) | (new == LOST) | (old == LOST)).all()
+    assert len(parents) == 2 + 3 + 2
+    for parent in (0, 1):
+        assert np.exp(weight[parents == parent]).sum() == pytest.approx(1.0, abs=0.02)
+
+
+def test_an_axle_slips_more_probably_where_another_slipped_just_now():
+    """Odds of the second axle's slip against none: larger while the first slips and a moment later, not long after."""
+    history = np.zeros((3, 6, 2), dtype=int)
+    history[0, -3:, 0] = history[1, 2, 0] = SLIDES
+    parents, new, weight = branches(history, 0.25, moving=True)
+
+    def odds(parent):
+        ((begins,), (stays,)) = (
+            weight[(parents == parent) & (new == (history[parent, -1, 0], mode)).all(axis=1)]
+            for mode in (SLIDES, GRIPS)
+        )
+        return begins - stays
+
+    assert odds(0) == pytest.approx(odds(1))
+    assert odds(0) > odds(2) + 1.0
+
+
+@pytest.mark.parametrize("axle", [0, 1, 2])
+def test_an_axle_whose_wheels_spin_while_the_train_stands_is_found(axle, circling):
+    """Its wheels turn it by 40 deg within 0.2 s, as they say; nothing moves."""
+    train, truth, observations = circling(3, curvature=0.8, seconds=4.0)
+    seen, _ = noisy(train, observations, np.random.default_rng(axle), 0.8)
+    wheels = train.modules[axle].castors[0].wheels
+    turned = [-np.radians(10.0) * w.lateral / w.radius * (w.counts_per_rev or np.nan) / (2 * np.pi) for w in wheels]
+    after = []
+    for k in range(60):
+        counts = np.zeros(6)
+        counts[2 * axle : 2 * axle + 2] = np.round(turned) * (k < 4)
+        now = {"time": seen[0]["time"] + 0.05 * (len(seen) + k), "wheel": counts, "rps": seen[-1 - k]["rps"]}
+        after.append({**seen[-1], **now})
+    by_odometry = run(TrainOdometry(), train, truth[0], [*seen, *after])
+    poses = run(TrainFilter(), stiff(train), truth[0], [*seen, *after])
+    assert abs(by_odometry[-1, axle, 2] - truth[-1, axle, 2]) > np.radians(35.0)
+    np.testing.assert_allclose(poses[-1], truth[-1], rtol=0, atol=0.02)
 
 
 def test_robots_are_declined_and_wrong_poses_named():
