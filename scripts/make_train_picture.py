@@ -5,6 +5,7 @@ Run from the repository: ``python scripts/make_train_picture.py``.
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -27,12 +28,14 @@ def followed():
     episode = task.record(SEED)
     (run,) = episode.runs
     log = run.log
+    assert log.reference is not None
     truth = log.reference.reshape(len(log), -1, 3)
+    train: Any = episode.robot
     estimator, odometry = TrainFilter(), TrainOdometry()
     found = {"train-filter": [], "train-odometry": []}
     covariance = []
     for each in (estimator, odometry):
-        each.reset(episode.robot, truth[0])
+        each.reset(train, truth[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RelativePoseWarning)
         for seen in log.observations():

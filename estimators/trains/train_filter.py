@@ -92,6 +92,9 @@ LASTS = 4.0
 LOSES, LOST_LASTS = 1 / 600.0, 0.5
 """1/s and s: how often an axle is lost, moving or not, and for how long: a push, or wheels that spin on the spot."""
 
+BOTH = 0.1
+"""How probably, where an axle is lost, a certain other one is lost in the same moment."""
+
 LOST_SPREAD = np.array([0.1, 0.1, 0.4])
 """Standard deviation of the motion of a lost axle in a block, m, m, rad, whatever its wheels say."""
 
@@ -411,16 +414,18 @@ def branches(
     """Return all that may follow histories (H, LAG, N) after some seconds: parents (C,), modes (C, N), log probability
     (C,).
 
-    Nothing changes, or, in a train that moves, one axle begins to slip, in one of three modes, or grips again.
+    Nothing changes, or, in a train that moves, one axle begins to slip, in one of three modes, or grips again; or, also
+    in one that stands, one axle is lost, or two at once, or grips again.
     """
     modes = history[:, -1]
     h, slips = len(modes), modes != GRIPS
     troubled = (history != GRIPS).any(axis=(1, 2))[:, None]
-    begins = np.where(troubled, TOGETHER, SLIPS) * seconds * moving
+    begins = np.minimum(np.where(troubled, TOGETHER, SLIPS) * seconds, 0.25) * moving
+    loses = min(LOSES * seconds, 0.25)
     # From what to what, of every filter and axle: (H, N, 5).
     rates = np.where(np.arange(5) == GRIPS, 0.0, np.array([0.0, 1.0, 0.5, 0.5, 0.0]) * begins[..., None])
     rates = np.broadcast_to(rates, (*modes.shape, 5)).copy()
-    rates[..., LOST] = LOSES * seconds
+    rates[..., LOST] = loses
     rates[slips] = 0.0
     rates[slips, GRIPS] = min(seconds / LASTS, 0.5) * moving
     rates[modes == LOST, GRIPS] = min(seconds / LOST_LASTS, 0.5)
@@ -432,7 +437,15 @@ def branches(
     changed[np.arange(len(axles)), axles] = new
     parents = np.concatenate([np.arange(h), filters])
     changes = stays[filters] - keeps[filters, axles] + np.log(rates[filters, axles, new])
-    return parents, np.concatenate([modes, changed]), np.concatenate([stays, changes])
+    # Two axles are lost in the same moment, where none slipped just now: else it is too rare.
+    front, rear = np.triu_indices(modes.shape[1], 1)
+    pairs, pair = np.nonzero(np.broadcast_to(~troubled & (loses > 0.0), (h, len(front))))
+    lost, rows = modes[pairs], np.arange(len(pairs))
+    lost[rows, front[pair]] = lost[rows, rear[pair]] = LOST
+    others = stays[pairs] - keeps[pairs, front[pair]] - keeps[pairs, rear[pair]]
+    together = others + np.log(np.full(len(pairs), loses * BOTH))
+    parents = np.concatenate([parents, pairs])
+    return parents, np.concatenate([modes, changed, lost]), np.concatenate([stays, changes, together])
 
 
 def heaviest(weight: Array) -> NDArray[np.intp]:
