@@ -195,6 +195,9 @@ TABLES: dict[str, Callable[[Figures], str]] = {
         by_estimator, {(task, "sound_axle_chosen"): text for task, text in SNAPSHOTS.items()}
     ),
     "driven trains": partial(by_estimator, {(task, "mean_axle_position"): text for task, text in DRIVES.items()}),
+    "static tests after a drive": partial(
+        by_estimator, {("configuration-history", "final_axle_position"): "static tests after a drive"}
+    ),
 }
 """The tables by the name in their mark."""
 

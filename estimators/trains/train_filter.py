@@ -15,14 +15,16 @@ of them, with the prior `RADII`. One step is a block of samples (`BLOCK`):
      covariance that of `GRIP` and of rounded counts;
    - *slides*: it gives way to these loads `SLIDING` times as much, give or take as much again, and `SLIDING_SPREAD`;
    - *left* or *right wheel runs ahead*: it rolls farther than the ground beneath is long, over bumps or spinning, by
-     `AHEAD` of the way.
+     `AHEAD` of the way;
+   - *is lost*: pushed, or its wheels spin on the spot. They tell nothing of its motion, which is `LOST_SPREAD` at most.
 2. Measurement, for every frame: y and phi of the mean reading, as it would be at the end of the block, with the noise
    of the gauges. The x of readings is not used: a bent frame is shortened by its bend, and this is known far better
    (`SHAPE`) than gauges measure it.
-3. Test. Every filter of the bank branches: one of its axles may change its mode, with the probabilities of `SLIPS` and
-   `LASTS`. A branch's weight is multiplied by the likelihood of its innovation. The `MOST` heaviest are kept, of those
-   with equal modes in the last `LAG` blocks the heaviest alone. On clean floors an axle that grips is thought to slip
-   (probability above 1/2) in 0.4 % of the blocks; the tests allow 1 %.
+3. Test. Every filter of the bank branches: one of its axles may change its mode, with the probabilities of `SLIPS`,
+   `TOGETHER` and `LASTS`, and those of `LOSES` and `LOST_LASTS`. A branch's weight is multiplied by the likelihood of
+   its innovation. The `MOST` heaviest are kept; those with equal modes in the last `LAG` blocks become one, with the
+   mean and the covariance of their mixture: to keep the heaviest alone would forget how unsure the filter was. On clean
+   floors an axle that grips is thought to slip (probability above 1/2) in 0.4 % of the blocks; the tests allow 1 %.
 
 A start that contradicts the first block's readings (`WRONG_START`) is no truth, but a belief: then the filter begins at
 the best fit of both, as `inliers` finds it.
@@ -49,7 +51,7 @@ from estimators.trains.configuration import MAX_AGE, SLACK, Configuration
 from estimators.trains.inliers import best_fit
 from estimators.trains.pose_noise import ODOMETRY_SIGMA
 
-GRIPS, SLIDES, LEFT_AHEAD, RIGHT_AHEAD = MODES = range(4)
+GRIPS, SLIDES, LEFT_AHEAD, RIGHT_AHEAD, LOST = MODES = range(5)
 """How an axle moves on the ground."""
 
 BLOCK = 0.25
@@ -65,36 +67,50 @@ RADII = 5e-4
 WRONG_START = 4.75
 """Standard deviations of a normal variable that one in a million exceeds."""
 
-GRIP = np.array([1.5e-3, 6e-4, 2e-3])
+GRIP = np.array([2e-3, 6e-4, 3e-3])
 """Slip of an axle that grips, beyond predicted creep, after 1 m: along m, across m, turn rad; it grows with the square
-root of the way. Tension of frames causes it, and all that the models leave out."""
+root of the way. Tension of frames causes it, and all that the models leave out. In a block it is half as much; but that
+of successive blocks is correlated (by 0.7 along, 0.3 turning), so that more adds up over a drive."""
 
 SLIDING = 150.0
 """How much more an axle that slides gives way than by creep. Friction of 0.02 to 0.05 carries a tenth of a frame's
 load, and what is left moves the axle until the frame is straight."""
 
-SLIDING_SPREAD = np.array([0.04, 0.04, 0.2])
+SLIDING_SPREAD = np.array([0.06, 0.06, 0.3])
 """Further slip of an axle that slides, standard deviation for each metre: along m, across m, turn rad."""
 
 AHEAD, AHEAD_SPREAD = 0.03, 0.02
 """By how much a wheel runs ahead, part of the way, mean and standard deviation: over cables of 1 cm every 10 cm."""
 
-SLIPS = 1 / 60.0
-"""1/s: how often an axle that grips begins to slide, or one of its two wheels to run ahead: once in a minute each."""
+SLIPS, TOGETHER = 1 / 60.0, 1 / 20.0
+"""1/s: how often an axle that grips begins to slide, or one of its two wheels to run ahead: once in a minute each; and
+while another axle slips, or has slipped in the last `LAG` blocks, as what makes one slip lies in the way of others."""
 
 LASTS = 4.0
 """s: how long an axle slips, on average."""
 
+LOSES, LOST_LASTS = 1 / 600.0, 0.5
+"""1/s and s: how often an axle is lost, moving or not, and for how long: a push, or wheels that spin on the spot."""
+
+BOTH = 0.1
+"""How probably, where an axle is lost, a certain other one is lost in the same moment."""
+
+LOST_SPREAD = np.array([0.1, 0.1, 0.4])
+"""Standard deviation of the motion of a lost axle in a block, m, m, rad, whatever its wheels say."""
+
+FAR, AGAIN = 0.1, 3
+"""rad: where readings turn an axle by more, they are linearised again about what they gave, so many times."""
+
 LEAST_WAY = 1e-4
 """m: in a block in which no axle rolls farther, no mode changes."""
 
-MOST, NEGLIGIBLE = 20, 15.0
+MOST, NEGLIGIBLE = 30, 15.0
 """Filters in the bank, and the logarithm of how much lighter than the heaviest they may be."""
 
 LAG = 6
-"""Blocks after which it no longer counts when an axle began or ceased to slip."""
+"""Blocks after which it no longer counts when an axle began or ceased to slip: such filters become one."""
 
-SHAPE, UNSURE = 3e-4, 0.05
+SHAPE, UNSURE = 1.5e-4, 0.03
 """Standard deviation of a frame's length along x, m; and a part of its shortening, as tension bends it, too."""
 
 ROUGH = np.array([1e-4, 5e-4])
@@ -228,8 +244,8 @@ class TrainFilter:
                 self._restart()
                 before, bank = self._bank, self._predicted(step)
                 seen = self._measured(bank.poses, bank.offsets, od)
-        slip = self._slip(before.poses, way, step[:, 2])
-        parents, modes, prior = branches(bank.history[:, -1], seconds, moving=bool(way.max() > LEAST_WAY))
+        slip = self._slip(before.poses, step)
+        parents, modes, prior = branches(bank.history, seconds, moving=bool(way.max() > LEAST_WAY))
         axles, n = np.arange(len(od)), len(od)
         by_pose = seen.derivative[:, :, : 3 * n].reshape(len(bank.poses), -1, n, 3).transpose(0, 2, 1, 3)[:, :, None]
         mean = (by_pose @ slip.mean[..., None])[..., 0]
@@ -239,7 +255,7 @@ class TrainFilter:
         expected = (seen.derivative @ gain + seen.noise)[parents] + spread[parents[:, None], axles, modes].sum(axis=1)
         weight = bank.weight[parents] + prior + log_normal(left, expected)
         history = np.concatenate([bank.history[parents, 1:], modes[:, None]], axis=1)
-        kept = heaviest(weight, history)
+        kept = heaviest(weight)
 
         parents, modes = parents[kept], modes[kept]
         rows = parents[:, None]
@@ -248,18 +264,25 @@ class TrainFilter:
             at = slice(3 * i, 3 * i + 3)
             slipped[:, at, at] = slip.covariance[parents, i, modes[:, i]]
         covariance = bank.covariance[parents] + slipped
-        seen_by = covariance @ seen.derivative[parents].swapaxes(-1, -2)
-        gain = np.linalg.solve(expected[kept], seen_by.swapaxes(-1, -2)).swapaxes(-1, -2)
-        change = (gain @ left[kept][..., None])[..., 0]
+        moved = bank.poses[parents] + slip.mean[rows, axles, modes]
+        change, gain, seen_by = _updated(left[kept], covariance, seen.derivative[parents], seen.noise[parents])
+        far = np.abs(change[:, 2 : 3 * n : 3]).max(axis=1) > FAR
+        for _ in range(AGAIN * bool(far.any())):
+            at = moved[far] + change[far, : 3 * n].reshape(-1, n, 3)
+            offsets = bank.offsets[parents][far] + change[far, 3 * n : 5 * n - 2].reshape(-1, n - 1, 2)
+            again = self._measured(at, offsets, od)
+            off = again.innovation + (again.derivative @ change[far][..., None])[..., 0]
+            change[far], gain[far], seen_by[far] = _updated(off, covariance[far], again.derivative, again.noise)
         covariance = covariance - gain @ seen_by.swapaxes(-1, -2)
-        self._bank = Bank(
-            bank.poses[parents] + slip.mean[rows, axles, modes] + change[:, : 3 * n].reshape(-1, n, 3),
+        updated = Bank(
+            moved + change[:, : 3 * n].reshape(-1, n, 3),
             bank.offsets[parents] + change[:, 3 * n : 5 * n - 2].reshape(-1, n - 1, 2),
             bank.radii[parents] + change[:, 5 * n - 2 :].reshape(-1, n, 2),
             0.5 * (covariance + covariance.swapaxes(-1, -2)),
             history[kept],
-            weight[kept] - weight[kept].max(),
+            weight[kept],
         )
+        self._bank = merged(updated)
         self._summarise()
 
     def _start_is_wrong(self, bank: Bank, seen: Measured) -> bool:
@@ -301,9 +324,10 @@ class TrainFilter:
         covariance = by_state @ bank.covariance @ by_state.swapaxes(-1, -2)
         return bank._replace(poses=poses, covariance=covariance)
 
-    def _slip(self, poses: Array, way: Array, turn: Array) -> Slip:
-        """Return the slip of axles at poses (H, N, 3) that roll a way (N,), m, and turn (N,), rad, by odometry."""
-        size = (*poses.shape[:2], 4, 3)
+    def _slip(self, poses: Array, step: Array) -> Slip:
+        """Return the slip of axles at poses (H, N, 3) that move by odometry's steps (N, 3)."""
+        way, turn = np.abs(step[:, 0]), step[:, 2]
+        size = (*poses.shape[:2], len(MODES), 3)
         mean, covariance = np.zeros(size), np.zeros((*size, 3))
         along, across = bending.compliance(self._train)
         relative = se2.relative_pose(poses[:, 1:], poses[:, :-1])
@@ -325,7 +349,10 @@ class TrainFilter:
             mean[:, :, mode] += AHEAD * ahead
             covariance[:, :, mode] += AHEAD_SPREAD**2 * ahead[..., None] * ahead[..., None, :]
         heading = se2.rotation(poses[..., 2] + 0.5 * turn)[:, :, None]
-        return Slip((heading @ mean[..., None])[..., 0], heading @ covariance @ heading.swapaxes(-1, -2))
+        mean, covariance = (heading @ mean[..., None])[..., 0], heading @ covariance @ heading.swapaxes(-1, -2)
+        mean[:, :, LOST] = poses - se2.compose(poses, step)
+        covariance[:, :, LOST] = np.diag(LOST_SPREAD**2)
+        return Slip(mean, covariance)
 
     def _ends(self, relative: Array) -> Array:
         """Return the curvature of all frames' ends (H, F, 2), 1/m, in relative poses (H, F, 3)."""
@@ -381,32 +408,80 @@ class TrainFilter:
         self.covariance = np.einsum("h,nhjk->njk", weight, own) + spread
 
 
-def branches(modes: NDArray[np.intp], seconds: float, moving: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Return all that may follow modes (H, N) after some seconds: parents (C,), modes (C, N), log probability (C,).
+def branches(
+    history: NDArray[np.intp], seconds: float, moving: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return all that may follow histories (H, LAG, N) after some seconds: parents (C,), modes (C, N), log probability
+    (C,).
 
-    Nothing changes, or, in a train that moves, one axle begins to slip, in one of three modes, or grips again.
+    Nothing changes, or, in a train that moves, one axle begins to slip, in one of three modes, or grips again; or, also
+    in one that stands, one axle is lost, or two at once, or grips again.
     """
-    h = len(modes)
-    begins, ends = SLIPS * seconds, min(seconds / LASTS, 0.5)
-    slips = modes != GRIPS
-    stays = np.where(slips, np.log(1 - ends), np.log(max(1 - 2 * begins, 0.5))).sum(axis=1)
-    if not moving:
-        return np.arange(h), modes, stays
+    modes = history[:, -1]
+    h, slips = len(modes), modes != GRIPS
+    troubled = (history != GRIPS).any(axis=(1, 2))[:, None]
+    begins = np.minimum(np.where(troubled, TOGETHER, SLIPS) * seconds, 0.25) * moving
+    loses = min(LOSES * seconds, 0.25)
+    # From what to what, of every filter and axle: (H, N, 5).
+    rates = np.where(np.arange(5) == GRIPS, 0.0, np.array([0.0, 1.0, 0.5, 0.5, 0.0]) * begins[..., None])
+    rates = np.broadcast_to(rates, (*modes.shape, 5)).copy()
+    rates[..., LOST] = loses
+    rates[slips] = 0.0
+    rates[slips, GRIPS] = min(seconds / LASTS, 0.5) * moving
+    rates[modes == LOST, GRIPS] = min(seconds / LOST_LASTS, 0.5)
+    keeps = np.log(1.0 - rates.sum(axis=-1))
+    stays = keeps.sum(axis=1)
     # Which filter, which axle, and its new mode.
-    filters, axles, new = np.nonzero(slips[..., None] == (np.arange(4) == GRIPS))
+    filters, axles, new = np.nonzero(rates)
     changed = modes[filters]
     changed[np.arange(len(axles)), axles] = new
-    probability = np.log(np.array([ends, begins, begins / 2, begins / 2]))[new]
     parents = np.concatenate([np.arange(h), filters])
-    return parents, np.concatenate([modes, changed]), np.concatenate([stays, stays[filters] + probability])
+    changes = stays[filters] - keeps[filters, axles] + np.log(rates[filters, axles, new])
+    # Two axles are lost in the same moment, where none slipped just now: else it is too rare.
+    front, rear = np.triu_indices(modes.shape[1], 1)
+    pairs, pair = np.nonzero(np.broadcast_to(~troubled & (loses > 0.0), (h, len(front))))
+    lost, rows = modes[pairs], np.arange(len(pairs))
+    lost[rows, front[pair]] = lost[rows, rear[pair]] = LOST
+    others = stays[pairs] - keeps[pairs, front[pair]] - keeps[pairs, rear[pair]]
+    together = others + np.log(np.full(len(pairs), loses * BOTH))
+    parents = np.concatenate([parents, pairs])
+    return parents, np.concatenate([modes, changed, lost]), np.concatenate([stays, changes, together])
 
 
-def heaviest(weight: Array, history: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the `MOST` heaviest branches, heaviest first, one of each history; weight (C,), history (C, LAG, N)."""
-    order = np.argsort(-weight, kind="stable")
-    order = order[weight[order] >= weight[order[0]] - NEGLIGIBLE]
-    _, first = np.unique(history[order].reshape(len(order), -1), axis=0, return_index=True)
-    return order[np.sort(first)[:MOST]]
+def heaviest(weight: Array) -> NDArray[np.intp]:
+    """Return the `MOST` heaviest branches of weight (C,), heaviest first, that are not `NEGLIGIBLE`."""
+    order = np.argsort(-weight, kind="stable")[:MOST]
+    return order[weight[order] >= weight[order[0]] - NEGLIGIBLE]
+
+
+def merged(bank: Bank) -> Bank:
+    """Return a bank in which filters of one history are one, with the mean and the covariance of their mixture."""
+    h, n, _ = bank.poses.shape
+    _, first, group = np.unique(bank.history.reshape(h, -1), axis=0, return_index=True, return_inverse=True)
+    share = np.exp(bank.weight - bank.weight.max()) * (group.ravel() == np.arange(len(first))[:, None])
+    total = share.sum(axis=1)
+    share = share / total[:, None]
+    state = np.concatenate([part.reshape(h, -1) for part in (bank.poses, bank.offsets, bank.radii)], axis=1)
+    mean = share @ state
+    away = state - mean[group.ravel()]
+    spread = bank.covariance + away[:, :, None] * away[:, None, :]
+    poses, offsets, radii = np.split(mean, [3 * n, 5 * n - 2], axis=1)
+    weight = np.log(total)
+    return Bank(
+        poses.reshape(-1, n, 3),
+        offsets.reshape(-1, n - 1, 2),
+        radii.reshape(-1, n, 2),
+        np.tensordot(share, spread, axes=1),
+        bank.history[first],
+        weight - weight.max(),
+    )
+
+
+def _updated(left: Array, covariance: Array, derivative: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """Return the change (H, n) of states by innovations (H, 3F), the gain (H, n, 3F), and the covariance of both."""
+    seen_by = covariance @ derivative.swapaxes(-1, -2)
+    gain = np.linalg.solve(derivative @ seen_by + noise, seen_by.swapaxes(-1, -2)).swapaxes(-1, -2)
+    return (gain @ left[..., None])[..., 0], gain.astype(float, copy=False), seen_by
 
 
 def log_normal(value: Array, covariance: Array) -> Array:
