@@ -1,0 +1,36 @@
+"""What peers take from a yaw-rate gyro: how much the body turned in a sample."""
+
+import numpy as np
+
+from castor_envs.errors import Declined
+from castor_envs.geometry.arrays import Array
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.vehicles.robot import Gyro, RobotDescription
+from estimators.protocol import Observation
+
+
+def gyro_of(robot: RobotDescription | Geometry) -> Gyro:
+    """Return the robot's gyro; raises Declined where it has none, or is a bare `Geometry`, which does not know."""
+    gyro = robot.gyro if isinstance(robot, RobotDescription) else None
+    if gyro is None:
+        raise Declined("needs a gyro; the robot has none")
+    return gyro
+
+
+class GyroTurns:
+    """Integrates readings by the trapezoid rule, sample by sample. Arithmetic broadcasts."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Array, Array] | None = None
+
+    def read(self, observation: Observation) -> tuple[Array, Array] | None:
+        """Take one sample; return the turn (...), rad, and the time (...), s, since the one before.
+
+        The first turn is 0. None where the sample has no reading of a gyro.
+        """
+        if "gyro" not in observation:
+            return None
+        time, rate = observation["time"][..., 0], observation["gyro"][..., 0]
+        before, slower = (time, rate) if self._last is None else self._last
+        self._last = np.array(time), np.array(rate)
+        return (time - before) * (slower + rate) / 2, time - before
