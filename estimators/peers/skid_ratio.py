@@ -55,7 +55,7 @@ class SkidRatio:
         displacement, turn = rigid_motion(self._pivot, path, kept)
         read = self._gyro.read(observation)
         if read is not None:
-            turn = read[0]
+            turn = read.turn
             parts = rotation_taken_out(self._pivot, path, turn)
             displacement = np.sum(kept[..., None] * parts, axis=-2) / kept.sum(axis=-1)[..., None]
         self._pose = moved(self._pose, Motion(along_arc(displacement, turn), turn))

@@ -61,7 +61,7 @@ class WPILibSwerve:
         length, angle = np.hypot(path[:, 0], path[:, 1]), np.arctan2(path[:, 1], path[:, 0])
         read = self._gyro.read(observation)
         wheels = self._kinematics.toTwist2d(self._positions(length, angle)).dtheta
-        self._turned += wheels if read is None else float(read[0])
+        self._turned += wheels if read is None else float(read.turn)
         self._distance += length
         moved = self._odometry.update(self._geometry.Rotation2d(self._turned), self._positions(self._distance, angle))
         return np.array([moved.X(), moved.Y(), self._start[2] + self._turned])
