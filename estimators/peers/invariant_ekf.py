@@ -45,6 +45,9 @@ WHEELS = 2e-3
 BIAS, STANDS = 0.02, 5e-3
 """rad/s: prior standard deviation of the gyro's bias, and that of the yaw rate of a body whose wheels count nothing."""
 
+SETTLED = 0.25
+"""s that wheels must stand before the body does: between a drive and a turn they may count nothing in a sample."""
+
 V, P, U = slice(1, 3), slice(3, 5), slice(5, 7)
 """Where velocity, position and slip stand in the error; the heading stands first."""
 
@@ -68,6 +71,7 @@ class InvariantEKF:
         self._heading, self._bias, self._bias_variance = 0.0, 0.0, BIAS**2
         self._velocity, self._position, self._slip = np.zeros(2), np.zeros(2), np.zeros(2)  # in the start pose's axes
         self._time: float | None = None
+        self._stood = 0.0
         self._covariance = np.zeros((7, 7))
 
     def update(self, observation: Observation) -> Array:
@@ -82,10 +86,11 @@ class InvariantEKF:
             turn, variance = float(motion.turn), 0.0
         else:
             turn = float(read.turn) - self._bias * duration
-            variance = float((self._noise * duration) ** 2 + read.uneven**2)
+            variance = (self._noise * duration) ** 2
         self._propagate(turn, duration, variance)
         self._correct_velocity(se2.rotate_single(motion.displacement / duration, self._heading - turn / 2))
-        if read is not None and not equations.rolled.any():
+        self._stood = 0.0 if equations.rolled.any() else self._stood + duration
+        if read is not None and self._stood > SETTLED:
             self._correct_bias(turn / duration)
         return self.pose
 
@@ -117,7 +122,7 @@ class InvariantEKF:
         self._slip = decayed * self._slip
 
     def _correct_velocity(self, measured: Array) -> None:
-        """Update with the velocity by wheels (2,), m/s, in the axes of the start pose: X becomes exp(K innovation) X."""
+        """Update with the velocity by wheels (2,), m/s, in the axes of the start: X becomes exp(K innovation) X."""
         derivative = np.zeros((2, 7))
         derivative[:, V] = derivative[:, U] = np.eye(2)
         with_error = self._covariance @ derivative.T
