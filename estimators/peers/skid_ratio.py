@@ -46,12 +46,8 @@ class SkidRatio:
         """Take one sample, return the pose (..., 3)."""
         path, swivel = self._modules.read(observation)
         path = along_arc(path, swivel)
-        all_alike = np.ones(path.shape[:-1])
-        kept = (
-            all_alike
-            if path.shape[-2] == 2
-            else self._not_skidding(path, rigid_motion(self._pivot, path, all_alike)[1])
-        )
+        _, turn = rigid_motion(self._pivot, path, np.ones(path.shape[:-1]))
+        kept = self._not_skidding(path, turn)
         displacement, turn = rigid_motion(self._pivot, path, kept)
         read = self._gyro.read(observation)
         if read is not None:

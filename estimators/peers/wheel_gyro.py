@@ -149,12 +149,10 @@ class WheelGyro:
         weighted = matrix.T * self._weight
         by_errors = np.linalg.pinv(weighted @ matrix) @ weighted
         by_errors[2] /= np.cos(turn / 2)  # the unknown is a = 2 sin(turn / 2)
+        rolled = equations.rolled * np.sinc((turn + equations.swivel) / (2 * np.pi))
         by_numbers = np.zeros((len(matrix), d + 1))
-        by_numbers[np.arange(d), np.arange(d)] = (equations.rolled * np.sinc((turn + equations.swivel) / (2 * np.pi)))[
-            :d
-        ]
-        by_numbers[:, d] = equations.right(turn) - matrix[:, 2] * 2 * np.sin(turn / 2)
-        by_numbers[:d, d] -= by_numbers[np.arange(d), np.arange(d)]  # the swivel's part of the right side alone scales
+        by_numbers[:d, :d] = np.diag(rolled[:d])
+        by_numbers[:, d] = equations.right(turn) - rolled - matrix[:, 2] * 2 * np.sin(turn / 2)
         return by_errors @ by_numbers, by_errors
 
 
