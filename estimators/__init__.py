@@ -2,10 +2,11 @@
 
 Of robots: `DeadReckoning` uses one castor, `IPEC` two, `CAST` and `CASTArc` two or more; `WheelOdometry` serves every
 robot, and `HolmbergKhatib` and `TidyBot` are what others run of it; `CalibratingFilter` learns a robot's dimensions
-while it drives. Of trains: `TrainOdometry` alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and
-`GRPEC` (Methods 1, 2 and 3 of Vogt and Minor) and `InlierLeastSquares` on any number; `TrainFilter` uses all samples so
-far. `load_estimator` finds these and plug-ins by name; the `Estimator` protocol says what a plug-in needs. Estimators
-raise `Declined` for robots and trains that they do not serve.
+while it drives. `estimators.peers` holds what others run on swerve drives and with a gyro. Of trains: `TrainOdometry`
+alone, `TwoTruckIPEC` on two axles, `RMSPEC`, `TrainLeastSquares` and `GRPEC` (Methods 1, 2 and 3 of Vogt and Minor)
+and `InlierLeastSquares` on any number; `TrainFilter` uses all samples so far. `load_estimator` finds these and plug-
+ins by name; the `Estimator` protocol says what a plug-in needs. Estimators raise `Declined` for robots and trains
+that they do not serve.
 """
 
 from castor_envs.errors import Declined

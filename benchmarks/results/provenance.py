@@ -15,7 +15,7 @@ import benchmarks.tasks
 import castor_envs
 from castor_envs.description import CONFIG
 
-_PACKAGES = ("castor-envs", "numpy", "pymunk", "numba")
+_PACKAGES = ("castor-envs", "numpy", "pymunk", "numba", "robotpy-wpimath")
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)

@@ -10,8 +10,8 @@ The spec of an estimator is one of
 - ``path/to/file.py`` or ``path/to/file.py:Class``
 
 That of a calibration method is the same, without numbers; its group is ``castor.calibrations``. Built-in ones are found
-in the modules of `estimators.robots`, `estimators.trains` and `estimators.calibration`, by their constants
-``ESTIMATORS`` and ``METHODS`` (names to classes); a new one is a new module.
+in the modules of `estimators.robots`, `estimators.peers`, `estimators.trains` and `estimators.calibration`, by their
+constants ``ESTIMATORS`` and ``METHODS`` (names to classes); a new one is a new module.
 """
 
 import warnings
@@ -31,8 +31,10 @@ from estimators.plugins.find import PlugInKind, find
 from estimators.protocol import Estimator
 from estimators.robots.cast import SmallTurnWarning
 
-ROBOTS, TRAINS = "estimators.robots", "estimators.trains"
-ESTIMATOR = PlugInKind("estimator", "castor.estimators", ("reset", "update"), (ROBOTS, TRAINS), "ESTIMATORS", True)
+ROBOTS, PEERS, TRAINS = "estimators.robots", "estimators.peers", "estimators.trains"
+ESTIMATOR = PlugInKind(
+    "estimator", "castor.estimators", ("reset", "update"), (ROBOTS, PEERS, TRAINS), "ESTIMATORS", True
+)
 CALIBRATION = PlugInKind(
     "calibration method", "castor.calibrations", ("calibrate",), ("estimators.calibration",), "METHODS"
 )
@@ -151,10 +153,10 @@ def builtin_names(vehicle: Vehicle) -> list[str]:
 
     A class that can be made with several numbers has those that its `variants` names, in that order.
     """
-    package = TRAINS if isinstance(vehicle, TrainDescription) else ROBOTS
+    packages = (TRAINS,) if isinstance(vehicle, TrainDescription) else (ROBOTS, PEERS)
     variants = [
         (name, partial(kind)) if number is None else (f"{name}-{number}", partial(kind, number))
-        for name, kind in built_in_of(package).items()
+        for name, kind in built_in_of(*packages).items()
         for number in (kind.variants(vehicle) if hasattr(kind, "variants") else (None,))
     ]
     return [spec for spec, factory in variants if _unserved(factory, vehicle) is None]
@@ -169,6 +171,6 @@ def _unserved(factory: Callable[[], Estimator], vehicle: Vehicle) -> str | None:
     return None
 
 
-def built_in_of(package: str) -> dict[str, type]:
-    """Return the built-in estimators of a package, `ROBOTS` or `TRAINS`, by their names in alphabetical order."""
-    return {name: kind for name, kind in ESTIMATOR.built_in.items() if kind.__module__.startswith(f"{package}.")}
+def built_in_of(*packages: str) -> dict[str, type]:
+    """Return the built-in estimators of packages (`ROBOTS`, `PEERS`, `TRAINS`) by their names in alphabetical order."""
+    return {name: kind for name, kind in ESTIMATOR.built_in.items() if kind.__module__.rpartition(".")[0] in packages}

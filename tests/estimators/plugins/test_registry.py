@@ -1,6 +1,7 @@
 """Estimators are found by name, module or file; what is wrong with a spec is said in one line."""
 
 import dataclasses
+import importlib.util
 import pickle
 import shutil
 import subprocess
@@ -16,6 +17,9 @@ from castor_envs.vehicles.presets import cfmmr, preset, preset_names
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, WheelOdometry, builtin_names, load_estimator
 from estimators.plugins.registry import ESTIMATOR, declines
 from estimators.plugins.source_hash import source_files
+
+WPILIB = " wpilib-swerve wpilib-swerve-midpoint" if importlib.util.find_spec("wpimath") else ""
+"""What the optional wheel `robotpy-wpimath` adds."""
 
 MINE = """
 import numpy as np
@@ -71,16 +75,20 @@ def test_builtin_by_name(spec, kind, attributes):
         (
             "asoc-prototype",
             "cast-1 cast-2 cast-3 cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib ipec-1 ipec-2 ipec-3"
-            " tidybot wheel-odometry",
+            f" module-mean skid-ratio tidybot wheel-odometry{WPILIB}",
         ),
-        ("omnimate", "cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib ipec-0 tidybot wheel-odometry"),
+        (
+            "omnimate",
+            "cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib ipec-0 module-mean skid-ratio tidybot"
+            f" wheel-odometry{WPILIB}",
+        ),
         (
             "4-castor",
-            "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib tidybot"
-            " wheel-odometry",
+            "cast-1 cast-2 cast-3 cast-4 cast-0 cast-arc-0 dead-reckoning-1 filter holmberg-khatib module-mean"
+            f" skid-ratio tidybot wheel-odometry{WPILIB}",
         ),
         ("differential", "dead-reckoning-1 filter holmberg-khatib tidybot wheel-odometry"),
-        ("swerve", "filter holmberg-khatib tidybot wheel-odometry"),
+        ("swerve", f"filter holmberg-khatib module-mean skid-ratio tidybot wheel-odometry{WPILIB}"),
     ],
 )
 def test_builtin_names_are_those_that_apply(robot, names):
