@@ -34,8 +34,9 @@ class Estimator(Protocol):
     its arithmetic broadcasts: `reset` may then get a `Geometry` with leading axes, and pose and observations
     leading axes too. Without the attribute, and on a train, it is only given single vehicles and 1-D observations.
 
-    A correcting estimator of trains may have an attribute `status`: None, or a text that says why it cannot use
-    relative poses now.
+    After an update an estimator may have two attributes. `covariance` (..., 3, 3), of a train (N, 3, 3): that of the
+    pose returned, in N, m and rad; scored as NEES, which shows whether it may be trusted. `status`: None, or a text
+    that says what is wrong now, such as why relative poses cannot be used.
     """
 
     def reset(self, robot: Any, pose: Array, /) -> None:

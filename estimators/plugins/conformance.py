@@ -26,6 +26,7 @@ from estimators.plugins import drives as check_drives
 from estimators.plugins import train_drives
 from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped
 from estimators.plugins.registry import EstimatorEntry, declines, reset_at_origin
+from estimators.plugins.uncertainty import covariance_of, has_status, invalid
 from estimators.protocol import Estimator
 
 TOLERANCE = 1e-9
@@ -289,6 +290,30 @@ def _reads_wrapped_pivots(subject: _Subject) -> None:
         )
 
 
+def _says_how_sure_it_is(subject: _Subject) -> None:
+    given = {}
+    for start in (STARTS[0], STARTS[1]):
+        estimator = subject.entry.factory()
+        poses = subject.estimate(subject.winding, start, estimator)
+        try:
+            given[float(start[2])] = covariance = covariance_of(estimator, poses[-1].shape)
+            has_status(estimator)
+        except ValueError as error:
+            raise _Wrong(f"after an update its {error}") from None
+        if covariance is None:
+            return
+        if (problem := invalid(covariance)) is not None:
+            raise _Wrong(f"after an update its {problem}")
+    at_origin, turned = given.values()
+    turn = se2.rotation(np.array(STARTS[1][2]))
+    expected = turn @ at_origin @ turn.T
+    if np.abs(turned - expected).max() > 1e-6 * np.abs(expected).max():
+        raise _Wrong(
+            "started with another heading its covariance is not that of the first start turned: give it in the world's "
+            "axes, not in the body's"
+        )
+
+
 def _batch(subject: _Subject) -> None:
     robots = [_scaled(_robot(subject), 1.0 + 0.01 * i) for i in range(BATCH)]
     starts = np.array([STARTS[i % len(STARTS)] + i for i in range(BATCH)])
@@ -328,6 +353,7 @@ _CHECKS: dict[str, Callable[[_Subject], None]] = {
     "is deterministic": _is_deterministic,
     "forgets all at reset": _is_reset,
     "leaves its input alone": _leaves_input_alone,
+    "says how sure it is, if it does": _says_how_sure_it_is,
 }
 
 _OF_ROBOTS: dict[str, Callable[[_Subject], None]] = {"reads pivot counts that wrap": _reads_wrapped_pivots}
