@@ -193,13 +193,12 @@ class _Followed:
 
     def at(self, samples: NDArray[np.intp]) -> Estimate:
         """Return the estimate at some of the samples that were watched."""
-        covariances, stated = (
-            [one for k in samples.tolist() if (one := of[k]) is not None] for of in (self.covariance, self.stated)
-        )
+        covariances = [one for k in samples.tolist() if (one := self.covariance[k]) is not None]
+        stated = [one for k in samples.tolist() if (one := self.stated[k]) is not None]
         return Estimate(
             self.poses[..., samples, :],
             np.stack(covariances, axis=-3) if len(covariances) == len(samples) else None,
-            np.stack(stated) if len(stated) == len(samples) else None,
+            np.stack(stated).astype(bool) if len(stated) == len(samples) else None,
         )
 
 
