@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.uncertainty import invalid
 
 ROW_FORMAT = "castor-row/2"
-TIME_FORMAT = "castor-time/2"
+TIME_FORMAT = "castor-time/3"
 DECLINED = "declined: "
 """Beginning of a row's failure where the estimator declined the robot; the estimator's reason follows."""
 
@@ -73,6 +73,13 @@ class Row:
         return self.failure.removeprefix(DECLINED)
 
 
+class UpdateCost(NamedTuple):
+    """CPU time of an update of a single vehicle, microseconds: the mean, and that of the most expensive update."""
+
+    mean: float
+    worst: float
+
+
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
 class _Metadata:
     """A row without its estimates, as it is stored; a row that failed has a reason and no scores."""
@@ -103,7 +110,8 @@ class _Metadata:
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
 class _TimeMetadata:
     format: str
-    time_per_update_us: NonNegativeFloat
+    mean_us: NonNegativeFloat
+    worst_us: NonNegativeFloat
     origin: Origin
 
 
@@ -172,19 +180,20 @@ class ResultsStore:
         return [(match[1], int(match[2])) for match in found if match]
 
     def save_time(
-        self, task: str, version: int, estimator: str, source_hash: str, time_us: float, origin: Origin
+        self, task: str, version: int, estimator: str, source_hash: str, cost: UpdateCost, origin: Origin
     ) -> None:
-        """Store the median CPU time of an update, microseconds."""
-        metadata = _TimeMetadata(format=TIME_FORMAT, time_per_update_us=time_us, origin=origin)
+        """Store what an update costs."""
+        metadata = _TimeMetadata(format=TIME_FORMAT, mean_us=cost.mean, worst_us=cost.worst, origin=origin)
         path = self.folder(task, version, estimator, source_hash) / "time.json"
         write_json(path, _TIME_ADAPTER.dump_python(metadata, mode="json"))
 
-    def load_time(self, task: str, version: int, estimator: str, source_hash: str) -> float | None:
-        """Return the stored time of an update, microseconds, None if there is none."""
+    def load_time(self, task: str, version: int, estimator: str, source_hash: str) -> UpdateCost | None:
+        """Return what an update costs, None if that is not stored, or in an older format."""
         path = self.folder(task, version, estimator, source_hash) / "time.json"
         try:
             text = path.read_text(encoding="utf-8")
-            return checked(path, text, TIME_FORMAT, _TIME_ADAPTER).time_per_update_us
+            stored = checked(path, text, TIME_FORMAT, _TIME_ADAPTER)
+            return UpdateCost(stored.mean_us, stored.worst_us)
         except (FileNotFoundError, OlderFormatError):
             return None
         except CorruptFileError as error:

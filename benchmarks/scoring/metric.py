@@ -83,14 +83,15 @@ class Column(NamedTuple):
     """A metric's column on a terminal's board.
 
     place: columns stand by rising place. keep: where a terminal is too narrow for all, columns of lower `keep` go
-    first; the time of an update has `TIME_KEEP`, the interval of the ranking metric `INTERVAL_KEEP`.
+    first; the mean time of an update has `TIME_KEEP`, the worst `WORST_TIME_KEEP`, the interval of the ranking metric
+    `INTERVAL_KEEP`.
     """
 
     place: int
     keep: int
 
 
-TIME_KEEP, INTERVAL_KEEP = 40, 160
+TIME_KEEP, WORST_TIME_KEEP, INTERVAL_KEEP = 40, 12, 160
 
 
 @dataclass(frozen=True)
