@@ -11,7 +11,7 @@ from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.plugins import conformance
 from estimators.plugins.conformance import Finding
-from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, load_estimator
+from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, load_calibration, load_estimator
 
 Load = Callable[[str], EstimatorEntry] | Callable[[str], CalibrationEntry]
 """`load_estimator` or `load_calibration`."""
@@ -46,10 +46,10 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
         worker.close()
 
 
-def load_apart(spec: str, timeout: float, load: Load = load_estimator) -> None:
+def load_apart(spec: str, timeout: float, load: Callable[[str], Any] = load_estimator) -> None:
     """Load a plug-in in a separate process; raises InputError if it cannot be, hangs or ends its process."""
     worker = _Worker(timeout)
-    kind = "estimator" if load is load_estimator else "calibration method"
+    kind = {load_estimator: "estimator", load_calibration: "calibration method"}.get(load, "task")
     try:
         worker.call(conformance.candidates, limited=False)
         worker.call(_name, spec, load)
@@ -170,7 +170,7 @@ def _ready() -> None:
     import scipy.integrate  # noqa: F401
 
 
-def _name(spec: str, load: Load = load_estimator) -> str | InputError:
+def _name(spec: str, load: Callable[[str], Any] = load_estimator) -> str | InputError:
     try:
         return load(spec).name
     except InputError as error:
