@@ -13,6 +13,9 @@ Observation = Mapping[str, Array]
   `pivot_counts_per_rev`
 - ``time`` (..., 1): s
 - ``gyro`` (..., 1): yaw rate, rad/s, where the robot has one
+- ``command`` (..., driven wheels) and ``steering_command`` (..., driven castors): what the motors were told in the
+  period that led to this sample, rad/s, 0 in the first; only where a log has them (those of tasks in physics do, of
+  perfect rolling and of most measured data do not, and the environments' observations do not)
 
 Of a train of N axles and F = N - 1 frames, front first, it sees
 
@@ -21,6 +24,9 @@ Of a train of N axles and F = N - 1 frames, front first, it sees
 - ``rps`` (3F,): each frame's relative pose, x (m), y (m), phi (rad) of its front axle in its rear axle's frame; NaN
   where there is no reading
 - ``rps_age`` (F,): s since each of these was taken
+- ``command`` (2N,): as above
+
+Motor torques are not among them.
 
 Only estimators with ``batched = True`` are given leading axes.
 """

@@ -21,7 +21,7 @@ from castor_envs.errors import Declined, message_of, one_line
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.processes import MOST_MEMORY, end_if_forked
-from castor_envs.sensors.observation import Observations
+from castor_envs.sensors.observation import OPTIONAL, Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
@@ -155,7 +155,7 @@ def _stack_key(run: ObservedRun) -> tuple:
         geometry.gyro,
         geometry.tolerances,
         len(run.observations),
-        run.observations.gyro is None,
+        *(getattr(run.observations, part) is None for part in OPTIONAL),
     )
 
 
