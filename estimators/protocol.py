@@ -1,9 +1,10 @@
-"""What an estimator is: anything with `reset` and `update` as below. No base class is needed."""
+"""What an estimator is: anything with `reset` and `update`, or with `estimate`, as below. No base class is needed."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.sensors.observation import Observations
 
 Observation = Mapping[str, Array]
 """What an estimator sees of one sample.
@@ -30,6 +31,23 @@ Motor torques are not among them.
 
 Only estimators with ``batched = True`` are given leading axes.
 """
+
+
+@runtime_checkable
+class Smoother(Protocol):
+    """Estimates the poses of a whole log at once, each by what came before and after it.
+
+    A class with `update` is judged by that, sample by sample, whatever else it has: give a smoother a class without
+    `update`. Boards show its name with ``(smoother)`` behind it, as it sees the future. It is given single vehicles.
+    """
+
+    def estimate(self, robot: Any, pose: Array, observations: Observations, /) -> Array:
+        """Return the poses (K, 3), of a train (K, N, 3), at all K samples of a log that starts at `pose`.
+
+        observations: the arrays (K, ...) of what `Observation` says, None where there is none. Raises `Declined` as
+        `Estimator.reset` does.
+        """
+        ...
 
 
 @runtime_checkable

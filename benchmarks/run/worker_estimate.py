@@ -128,7 +128,8 @@ def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> Up
 
     Over the first run, or, where it is short, over several runs and repeatedly: at least FEWEST_TIMED updates. The
     first observation of a run, that of the start pose, does not count. Each run is followed twice, and of each sample
-    the cheaper update counts: what the sample costs every time is seen, an interruption or a compilation is not.
+    the cheaper update counts: what the sample costs every time is seen, an interruption or a compilation is not. Of a
+    smoother it is the whole time, divided by the samples.
     """
     spent: list[int] = []
     try:
@@ -243,6 +244,17 @@ def _follow(
             warnings.simplefilter("ignore", RelativePoseWarning)
             warnings.simplefilter("ignore", SmallTurnWarning)
             estimator = entry.factory()
+            if entry.smoother:
+                stage, began = "in estimate", time.process_time_ns()
+                answer = estimator.estimate(robot, start.copy(), observations)
+                end_if_forked()
+                if spent is not None:
+                    spent += [(time.process_time_ns() - began) // len(observations)] * len(observations)
+                poses = _pose(answer, (len(observations), *start.shape), stage)
+                followed.poses[...] = np.moveaxis(poses, 0, -2)
+                followed.covariance.update(dict.fromkeys(asked))
+                followed.stated.update(dict.fromkeys(asked))
+                return followed
             stage = "in reset"
             estimator.reset(robot, start.copy())
             end_if_forked()
@@ -268,7 +280,7 @@ def _follow(
         raise
     except BaseException as error:
         end_if_forked()
-        if stage == "in reset" and (reason := _declined(error, robot)) is not None:
+        if stage in ("in reset", "in estimate") and (reason := _declined(error, robot)) is not None:
             raise FailedError(DECLINED + reason) from None
         raise FailedError(f"{raised(error)} {stage}") from None
     return followed

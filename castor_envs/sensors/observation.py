@@ -85,6 +85,13 @@ class Observations:
     steering_command: Numbers | None = None
 
     @classmethod
+    def of(cls, samples: Sequence[Observation]) -> "Observations":
+        """Return the observations of single samples, one or more, that all have the same parts."""
+        parts = {name: np.stack([sample[name] for sample in samples]) for name in samples[0]}
+        flat = {name: parts.pop(name)[..., 0] for name in ("time", "gyro") if name in parts}
+        return cls(**parts, **flat)
+
+    @classmethod
     def stack(cls, members: Sequence["Observations"]) -> "Observations":
         """Return the observations of runs of equal length and layout along one new leading axis."""
 

@@ -29,7 +29,7 @@ class PlugInKind:
 
     packages: those of this project whose modules offer built-in classes by name, as the constant `constant`. numbered:
     whether ``NAME-N`` constructs the class called NAME with the number N, and ``...?parameter=value`` a class with
-    keyword arguments.
+    keyword arguments. instead: methods that do as well as `methods`.
     """
 
     what: str
@@ -38,6 +38,7 @@ class PlugInKind:
     packages: tuple[str, ...]
     constant: str
     numbered: bool = False
+    instead: tuple[str, ...] = ()
 
     @cached_property
     def built_in(self) -> dict[str, type]:
@@ -220,6 +221,9 @@ def _own_classes(module: ModuleType) -> dict[str, type]:
 
 
 def _missing(kind: type, role: PlugInKind) -> list[str]:
+    """Return the methods that a class lacks to play a role."""
+    if role.instead and all(callable(getattr(kind, name, None)) for name in role.instead):
+        return []
     return [name for name in role.methods if not callable(getattr(kind, name, None))]
 
 

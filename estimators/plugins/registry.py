@@ -19,7 +19,7 @@ in the modules of `estimators.robots`, `estimators.trains` and `estimators.calib
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
@@ -35,7 +35,11 @@ from estimators.protocol import Estimator
 from estimators.robots.cast import SmallTurnWarning
 
 ROBOTS, TRAINS = "estimators.robots", "estimators.trains"
-ESTIMATOR = PlugInKind("estimator", "castor.estimators", ("reset", "update"), (ROBOTS, TRAINS), "ESTIMATORS", True)
+ESTIMATOR = PlugInKind(
+    "estimator", "castor.estimators", ("reset", "update"), (ROBOTS, TRAINS), "ESTIMATORS", True, ("estimate",)
+)
+SMOOTHER = " (smoother)"
+"""End of the names of estimators that see a whole log, the future too, so that every board tells them apart."""
 CALIBRATION = PlugInKind(
     "calibration method", "castor.calibrations", ("calibrate",), ("estimators.calibration",), "METHODS"
 )
@@ -60,15 +64,20 @@ class EstimatorEntry:
     @property
     def batched(self) -> bool:
         """Whether the estimator's arithmetic broadcasts over leading axes."""
-        return bool(getattr(self.kind, "batched", False))
+        return bool(getattr(self.kind, "batched", False)) and not self.smoother
+
+    @property
+    def smoother(self) -> bool:
+        """Whether it is given whole logs: it has no `update`, by which all others are judged."""
+        return not callable(getattr(self.kind, "update", None))
 
     @property
     def builtin(self) -> bool:
         """Whether the estimator belongs to this package."""
         return self.kind.__module__.startswith("estimators.")
 
-    def factory(self) -> Estimator:
-        """Make a new estimator."""
+    def factory(self) -> Any:
+        """Make a new estimator: an `Estimator`, or a `Smoother` if `smoother`."""
         number = () if self.argument is None else (self.argument,)
         return self.kind(*number, **self.parameters)
 
@@ -114,7 +123,8 @@ class CalibrationEntry:
 def load_estimator(spec: str) -> EstimatorEntry:
     """Return the estimator that `spec` names (see the module's text); raises InputError with what to do."""
     found = find(spec, ESTIMATOR)
-    return EstimatorEntry(found.name, spec, found.source_hash, found.kind, found.argument, found.parameters)
+    entry = EstimatorEntry(found.name, spec, found.source_hash, found.kind, found.argument, found.parameters)
+    return replace(entry, name=entry.name + SMOOTHER) if entry.smoother else entry
 
 
 def load_calibration(spec: str) -> CalibrationEntry:
