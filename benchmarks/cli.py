@@ -88,7 +88,9 @@ def run(
     group: GroupNames = None,
     estimator: Annotated[
         list[str] | None,
-        typer.Option("--estimator", help="A name, module:Class or file.py[:Class]; default: all built-in ones."),
+        typer.Option(
+            "--estimator", help="A name, module:Class or file.py[:Class], with ?parameter=value; default: all built-in."
+        ),
     ] = None,
     method: Annotated[
         list[str] | None,
@@ -185,9 +187,9 @@ def leaderboard(
 def check(
     estimator: Annotated[str, typer.Argument(help="A name, module:Class or file.py[:Class].")],
     robot: Annotated[
-        str | None, typer.Option(help="A preset, or a robot's or train's file; default: one that it serves.")
+        str | None, typer.Option(help="A preset, or a robot's or train's file; default: all presets that it serves.")
     ] = None,
-    timeout: Annotated[float, typer.Option(help="Seconds that the check may take.")] = 60.0,
+    timeout: Annotated[float, typer.Option(help="Seconds that each step may take.")] = 60.0,
 ) -> None:
     """Check an estimator before a benchmark does; exit code 1 if anything is wrong with it."""
     _above_zero("--timeout", timeout)
