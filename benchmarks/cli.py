@@ -29,6 +29,7 @@ from benchmarks.results.rows import check_results_folder
 from benchmarks.run.check import check_apart
 from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
+from benchmarks.run.task_plugins import with_plugged
 from benchmarks.tasks import official_tasks, select_tasks, tasks_by_group, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs import command_line
@@ -45,7 +46,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-TaskNames = Annotated[list[str] | None, typer.Option("--task", help="Only this task (may be given several times).")]
+TaskNames = Annotated[
+    list[str] | None,
+    typer.Option("--task", help="Only this task: a name, or file.py[:Class] (may be given several times)."),
+]
 GroupNames = Annotated[
     list[str] | None, typer.Option("--group", help="Only the tasks of this group (may be given several times).")
 ]
@@ -63,6 +67,8 @@ MOST_NAMED = 5
 MOST_DETAILED = 3
 """Most tasks whose whole boards are shown after a run; of more the overview is shown."""
 DETAILS = "details: castor-bench leaderboard TASK..., or --group NAME"
+LOADING = 60.0
+"""s: how long a task of a file may take to be loaded, where no option says."""
 DEFAULT_RESULTS = Path("castor-results")
 
 
@@ -82,7 +88,9 @@ def run(
     group: GroupNames = None,
     estimator: Annotated[
         list[str] | None,
-        typer.Option("--estimator", help="A name, module:Class or file.py[:Class]; default: all built-in ones."),
+        typer.Option(
+            "--estimator", help="A name, module:Class or file.py[:Class], with ?parameter=value; default: all built-in."
+        ),
     ] = None,
     method: Annotated[
         list[str] | None,
@@ -150,7 +158,8 @@ def leaderboard(
 ) -> None:
     """Show the leaderboard of the stored results: an overview of groups of tasks, or the tasks that are named."""
     names = [*(tasks or []), *(task or [])]
-    chosen = select_tasks(with_stored_robots(official_tasks(), results), names, group or [])
+    known, names = with_plugged(with_stored_robots(official_tasks(), results), names, LOADING)
+    chosen = select_tasks(known, names, group or [])
     _at_least("--cases", cases, 1)
     if as_json_text + as_markdown_text + as_csv_text + as_html_text > 1:
         raise InputError("choose one of --json, --markdown, --csv and --html")
@@ -178,9 +187,9 @@ def leaderboard(
 def check(
     estimator: Annotated[str, typer.Argument(help="A name, module:Class or file.py[:Class].")],
     robot: Annotated[
-        str | None, typer.Option(help="A preset, or a robot's or train's file; default: one that it serves.")
+        str | None, typer.Option(help="A preset, or a robot's or train's file; default: all presets that it serves.")
     ] = None,
-    timeout: Annotated[float, typer.Option(help="Seconds that the check may take.")] = 60.0,
+    timeout: Annotated[float, typer.Option(help="Seconds that each step may take.")] = 60.0,
 ) -> None:
     """Check an estimator before a benchmark does; exit code 1 if anything is wrong with it."""
     _above_zero("--timeout", timeout)
@@ -200,7 +209,7 @@ def rescore(
     """Compute scores again from stored episodes and trajectories, for example for a new metric; no estimator runs."""
     check_results_folder(results, write=not dry_run)
     _with_rows(results)
-    for chosen in select_tasks(with_stored_robots(official_tasks(), results), task or []):
+    for chosen in select_tasks(*with_plugged(with_stored_robots(official_tasks(), results), task or [], LOADING)):
         rescored = rescore_task(results, chosen, write=not dry_run)
         if rescored.rows:
             print(f"{rescored.task}: {rescored.changed} of {rescored.rows} rows changed")
@@ -212,7 +221,7 @@ def rescore(
 
 @app.command()
 def export(
-    task: Annotated[str, typer.Argument(help="A task's name.")],
+    task: Annotated[str, typer.Argument(help="A task's name, or file.py[:Class].")],
     cases: Annotated[int, typer.Option(help="The first so many cases.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder to write to; it must not exist yet.")] = Path("castor-episodes"),
     form: Annotated[
@@ -226,7 +235,7 @@ def export(
 ) -> None:
     """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text."""
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
-    (chosen,) = select_tasks(known, [task])
+    (chosen,) = select_tasks(*with_plugged(known, [task], LOADING))
     _at_least("--cases", cases, 1)
     if results is not None:
         check_results_folder(results, write=False)

@@ -1,9 +1,10 @@
-"""What an estimator is: anything with `reset` and `update` as below. No base class is needed."""
+"""What an estimator is: anything with `reset` and `update`, or with `estimate`, as below. No base class is needed."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.sensors.observation import Observations
 
 Observation = Mapping[str, Array]
 """What an estimator sees of one sample.
@@ -13,6 +14,9 @@ Observation = Mapping[str, Array]
   `pivot_counts_per_rev`
 - ``time`` (..., 1): s
 - ``gyro`` (..., 1): yaw rate, rad/s, where the robot has one
+- ``command`` (..., driven wheels) and ``steering_command`` (..., driven castors): what the motors were told in the
+  period that led to this sample, rad/s, 0 in the first; only where a log has them (those of tasks in physics do, of
+  perfect rolling and of most measured data do not, and the environments' observations do not)
 
 Of a train of N axles and F = N - 1 frames, front first, it sees
 
@@ -21,9 +25,29 @@ Of a train of N axles and F = N - 1 frames, front first, it sees
 - ``rps`` (3F,): each frame's relative pose, x (m), y (m), phi (rad) of its front axle in its rear axle's frame; NaN
   where there is no reading
 - ``rps_age`` (F,): s since each of these was taken
+- ``command`` (2N,): as above
+
+Motor torques are not among them.
 
 Only estimators with ``batched = True`` are given leading axes.
 """
+
+
+@runtime_checkable
+class Smoother(Protocol):
+    """Estimates the poses of a whole log at once, each by what came before and after it.
+
+    A class with `update` is judged by that, sample by sample, whatever else it has: give a smoother a class without
+    `update`. Boards show its name with ``(smoother)`` behind it, as it sees the future. It is given single vehicles.
+    """
+
+    def estimate(self, robot: Any, pose: Array, observations: Observations, /) -> Array:
+        """Return the poses (K, 3), of a train (K, N, 3), at all K samples of a log that starts at `pose`.
+
+        observations: the arrays (K, ...) of what `Observation` says, None where there is none. Raises `Declined` as
+        `Estimator.reset` does.
+        """
+        ...
 
 
 @runtime_checkable
@@ -34,8 +58,9 @@ class Estimator(Protocol):
     its arithmetic broadcasts: `reset` may then get a `Geometry` with leading axes, and pose and observations
     leading axes too. Without the attribute, and on a train, it is only given single vehicles and 1-D observations.
 
-    A correcting estimator of trains may have an attribute `status`: None, or a text that says why it cannot use
-    relative poses now.
+    After an update an estimator may have two attributes. `covariance` (..., 3, 3), of a train (N, 3, 3): that of the
+    pose returned, in N, m and rad; scored as NEES, which shows whether it may be trusted. `status`: None, or a text
+    that says what is wrong now, such as why relative poses cannot be used.
     """
 
     def reset(self, robot: Any, pose: Array, /) -> None:

@@ -83,7 +83,9 @@ def figures(cases: int) -> dict[str, Any]:
                 poses: Any = estimate_stacked(
                     spec, load_estimator(spec).source_hash, list(map(observed_runs, episodes))
                 )
-            scores = [score(episode, of)[metric] for episode, of in zip(episodes, poses, strict=True)]
+            scores = [
+                score(episode, [run.poses for run in of])[metric] for episode, of in zip(episodes, poses, strict=True)
+            ]
             table[name][heading] = float(f"{np.mean(scores):.6g}")
         print(heading, {name: row[heading] for name, row in table.items()}, flush=True)
     return {"format": FORMAT, "cases": cases, "first_seed": FIRST_SEED, "means": table}

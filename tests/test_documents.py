@@ -141,7 +141,7 @@ def test_a_case_recorded_and_estimated_afresh_has_the_stored_scores(name):
     for estimator in AFRESH[name]:
         estimates = estimate_singly(estimator, load_estimator(estimator).source_hash, observed_runs(episode))
         assert not isinstance(estimates, Failure)
-        found = score(episode, estimates)[task.metric]
+        found = score(episode, [estimate.poses for estimate in estimates])[task.metric]
         assert found == pytest.approx(scores(name)[estimator][0], rel=1e-6, abs=rounding)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.leaderboard.ranking import Interval, interval, ranks
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.results.rows import DECLINED, ResultsStore, Row
+from benchmarks.results.rows import DECLINED, ResultsStore, Row, UpdateCost
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.path_metrics import STANDING_STILL
 from benchmarks.scoring.registry import BOARD_METRICS
@@ -46,7 +46,7 @@ class Entry:
     estimator: str
     source_hash: str
     scores: dict[str, Interval]
-    time_per_update_us: float | None
+    cost: UpdateCost | None
     done: int
     failed: tuple[FailedCases, ...]
     lacking: tuple[Case, ...]
@@ -244,7 +244,7 @@ def _entry(
             for key, metric in BOARD_METRICS.items()
             if good and all(key in row.scores for row in good)
         },
-        time_per_update_us=store.load_time(task.name, task.version, name, source_hash),
+        cost=store.load_time(task.name, task.version, name, source_hash),
         done=len(good),
         failed=tuple(
             FailedCases(reason, tuple(failed_cases), reason.startswith(DECLINED))

@@ -8,7 +8,7 @@ from rich.cells import cell_len
 
 from benchmarks.leaderboard.board import Entry, TaskBoard
 from benchmarks.leaderboard.ranking import LEVEL
-from benchmarks.scoring.metric import INTERVAL_KEEP, TIME_KEEP, Metric
+from benchmarks.scoring.metric import INTERVAL_KEEP, TIME_KEEP, WORST_TIME_KEEP, Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 
 FRAME = 3
@@ -56,9 +56,10 @@ def board_columns(board: TaskBoard) -> list[Column]:
     for place, metric in sorted(further, key=lambda pair: pair[0].place):
         columns.append(_scores(metric.name, metric, entries, place.keep))
     if board.odometry is None:
-        times = (entry.time_per_update_us for entry in entries)
-        cells = tuple("–" if time is None else f"{time:.1f}" for time in times)
-        columns.append(Column("time", "µs", cells, keep=TIME_KEEP))
+        for name, heading, keep in (("mean", "update, µs", TIME_KEEP), ("worst", "worst, µs", WORST_TIME_KEEP)):
+            costs = (None if entry.cost is None else getattr(entry.cost, name) for entry in entries)
+            cells = tuple("–" if cost is None else f"{cost:.1f}" for cost in costs)
+            columns.append(Column(f"{name} time", heading, cells, keep=keep))
     return columns
 
 

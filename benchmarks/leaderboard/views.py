@@ -16,10 +16,11 @@ from benchmarks.leaderboard.ranking import LEVEL
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 
-FORMAT = "castor-leaderboard/1"
+FORMAT = "castor-leaderboard/2"
 CSV_COLUMNS = (
     *("group", "task", "version", "estimator", "source_hash", "rank", "metric", "unit", "mean", "low", "high"),
-    *("cases", "cases_done", "cases_failed", "cases_declined", "cases_lacking", "time_per_update_us"),
+    *("cases", "cases_done", "cases_failed", "cases_declined", "cases_lacking"),
+    *("mean_update_us", "worst_update_us"),
 )
 
 
@@ -59,7 +60,8 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
                     BOARD_METRICS[name].key: {"mean": score.mean, "low": score.low, "high": score.high}
                     for name, score in entry.scores.items()
                 },
-                "time_per_update_us": entry.time_per_update_us,
+                "mean_update_us": None if entry.cost is None else entry.cost.mean,
+                "worst_update_us": None if entry.cost is None else entry.cost.worst,
                 "cases_done": entry.done,
                 "failed": [{"reason": failed.reason, "cases": list(failed.cases)} for failed in entry.failed],
                 "lacking": list(entry.lacking),
@@ -111,7 +113,9 @@ def as_csv(leaderboard: Leaderboard) -> str:
             failed = sum(len(failure.cases) for failure in entry.failed) - declined
             outcomes = (len(board.cases), entry.done, failed, declined, len(entry.lacking))
             row = (board.group, board.task, board.version, entry.estimator, entry.source_hash, entry.rank)
-            writer.writerow((*row, board.metric.key, board.metric.unit, *numbers, *outcomes, entry.time_per_update_us))
+            writer.writerow(
+                (*row, board.metric.key, board.metric.unit, *numbers, *outcomes, *(entry.cost or (None, None)))
+            )
     return text.getvalue()
 
 
@@ -151,7 +155,7 @@ def _header(board: TaskBoard, metrics: list[Metric]) -> list[str]:
     titles = [f"{metric.title}, {metric.shown_unit}" for metric in metrics]
     if board.odometry is not None:
         return ["rank", "method", *titles]
-    return ["rank", "estimator", *titles, "update, µs"]
+    return ["rank", "estimator", *titles, "update, µs", "worst, µs"]
 
 
 def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
@@ -165,4 +169,4 @@ def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
         cells.append(text)
     if not timed:
         return cells
-    return [*cells, "–" if entry.time_per_update_us is None else f"{entry.time_per_update_us:.1f}"]
+    return [*cells, *(["–", "–"] if entry.cost is None else [f"{cost:.1f}" for cost in entry.cost])]

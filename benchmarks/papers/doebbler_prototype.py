@@ -77,7 +77,7 @@ def _physics(effort: Effort) -> PaperTable:
             estimates = estimate_singly(entry.spec, entry.source_hash, seen)
             if isinstance(estimates, Failure):
                 raise RuntimeError(f"{name}: {estimates.reason}")
-            errors[name].append(1e3 * score(driven, estimates)["E_max_syst"])
+            errors[name].append(1e3 * score(driven, [estimate.poses for estimate in estimates])["E_max_syst"])
         effort.progress.advance()
     values = tuple(
         Comparison(

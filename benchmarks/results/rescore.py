@@ -42,7 +42,7 @@ def rescore(results: Path, task: str, version: int) -> Iterator[Rescored]:
                 yield Rescored(row, problem=f"case {row.case}: its episode was recorded again; run again")
                 continue
             with np.errstate(all="ignore"):
-                scores = score(episode, row.estimates, row.calibrated)
+                scores = score(episode, row.estimates, row.calibrated, row.covariances, row.stated)
         except (CorruptFileError, ValueError) as error:
             yield Rescored(row, problem=str(error))
             continue

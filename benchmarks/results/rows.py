@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,10 @@ from castor_envs.errors import InputError
 from castor_envs.files import remove_leftovers, write_json
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.plugins.uncertainty import invalid
 
 ROW_FORMAT = "castor-row/2"
-TIME_FORMAT = "castor-time/2"
+TIME_FORMAT = "castor-time/3"
 DECLINED = "declined: "
 """Beginning of a row's failure where the estimator declined the robot; the estimator's reason follows."""
 
@@ -43,9 +44,9 @@ class Row:
 
     episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the time limit
     that a failed row exceeded, s; a run with a longer limit tries again. scores: SI, by the names of metrics.
-    estimates: for each run the poses (M, 3) at `task.Run.samples`. calibrated: the robot as a calibration method
-    returned it; then `estimator` names the method, and the estimates are those of the task's odometry. origin:
-    versions, machine and time.
+    estimates: for each run the poses (M, 3) at `task.Run.samples`. covariances, stated: what the estimator said beside,
+    as in `scoring.metric.Judged`. calibrated: the robot as a calibration method returned it; then `estimator` names the
+    method, and the estimates are those of the task's odometry. origin: versions, machine and time.
     """
 
     task: str
@@ -59,6 +60,8 @@ class Row:
     timeout: float | None = None
     scores: dict[str, float] = field(default_factory=dict)
     estimates: tuple[Array, ...] = ()
+    covariances: tuple[Array | None, ...] = ()
+    stated: tuple[NDArray[np.bool_] | None, ...] = ()
     calibrated: RobotDescription | None = None
     origin: Origin = field(default_factory=provenance)
 
@@ -68,6 +71,13 @@ class Row:
         if self.failure is None or not self.failure.startswith(DECLINED):
             return None
         return self.failure.removeprefix(DECLINED)
+
+
+class UpdateCost(NamedTuple):
+    """CPU time of an update of a single vehicle, microseconds: the mean, and that of the most expensive update."""
+
+    mean: float
+    worst: float
 
 
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -100,7 +110,8 @@ class _Metadata:
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
 class _TimeMetadata:
     format: str
-    time_per_update_us: NonNegativeFloat
+    mean_us: NonNegativeFloat
+    worst_us: NonNegativeFloat
     origin: Origin
 
 
@@ -147,8 +158,9 @@ class ResultsStore:
             calibrated=None if row.calibrated is None else row.calibrated.to_dict(),
         )
         folder = self.folder(row.task, row.version, row.estimator, row.source_hash)
-        estimates = {f"estimate_{k}": estimate for k, estimate in enumerate(row.estimates)}
-        write_archive(folder / file_name(row.case), _ADAPTER, metadata, estimates)
+        parts = {"estimate": row.estimates, "covariance": row.covariances, "stated": row.stated}
+        arrays = {f"{part}_{k}": a for part, of in parts.items() for k, a in enumerate(of) if a is not None}
+        write_archive(folder / file_name(row.case), _ADAPTER, metadata, arrays)
 
     def load(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Row | None:
         """Return a stored row, None if there is none or it cannot be read (then it is in `corrupt`)."""
@@ -168,19 +180,20 @@ class ResultsStore:
         return [(match[1], int(match[2])) for match in found if match]
 
     def save_time(
-        self, task: str, version: int, estimator: str, source_hash: str, time_us: float, origin: Origin
+        self, task: str, version: int, estimator: str, source_hash: str, cost: UpdateCost, origin: Origin
     ) -> None:
-        """Store the median CPU time of an update, microseconds."""
-        metadata = _TimeMetadata(format=TIME_FORMAT, time_per_update_us=time_us, origin=origin)
+        """Store what an update costs."""
+        metadata = _TimeMetadata(format=TIME_FORMAT, mean_us=cost.mean, worst_us=cost.worst, origin=origin)
         path = self.folder(task, version, estimator, source_hash) / "time.json"
         write_json(path, _TIME_ADAPTER.dump_python(metadata, mode="json"))
 
-    def load_time(self, task: str, version: int, estimator: str, source_hash: str) -> float | None:
-        """Return the stored time of an update, microseconds, None if there is none."""
+    def load_time(self, task: str, version: int, estimator: str, source_hash: str) -> UpdateCost | None:
+        """Return what an update costs, None if that is not stored, or in an older format."""
         path = self.folder(task, version, estimator, source_hash) / "time.json"
         try:
             text = path.read_text(encoding="utf-8")
-            return checked(path, text, TIME_FORMAT, _TIME_ADAPTER).time_per_update_us
+            stored = checked(path, text, TIME_FORMAT, _TIME_ADAPTER)
+            return UpdateCost(stored.mean_us, stored.worst_us)
         except (FileNotFoundError, OlderFormatError):
             return None
         except CorruptFileError as error:
@@ -239,9 +252,20 @@ def _utf8(text: str) -> str:
 
 
 def _row(path: Path, metadata: _Metadata, arrays: dict[str, NDArray]) -> Row:
-    names = [f"estimate_{k}" for k in range(len(arrays))]
-    if sorted(arrays) != sorted(names) or not all(map(_poses, arrays.values())):
+    runs = sum(name.startswith("estimate_") for name in arrays)
+    names = [f"estimate_{k}" for k in range(runs)]
+    beside = {f"{part}_{k}" for part in ("covariance", "stated") for k in range(runs)}
+    if not set(names) <= set(arrays) or not all(_poses(arrays[name]) for name in names):
         raise CorruptFileError(path, "does not hold poses as estimates")
+    covariances = tuple(arrays.get(f"covariance_{k}") for k in range(runs))
+    stated = tuple(arrays.get(f"stated_{k}") for k in range(runs))
+    shapes = [arrays[name].shape for name in names]
+    if not (
+        set(arrays) <= {*names, *beside}
+        and all(map(_covariances, covariances, shapes))
+        and all(map(_stated, stated, shapes))
+    ):
+        raise CorruptFileError(path, "holds covariances or states that do not belong to its estimates")
     try:
         stored = metadata.calibrated
         calibrated = None if stored is None else RobotDescription.from_dict(stored, str(path))
@@ -259,6 +283,8 @@ def _row(path: Path, metadata: _Metadata, arrays: dict[str, NDArray]) -> Row:
         timeout=metadata.timeout_s,
         scores=metadata.scores,
         estimates=tuple(arrays[name] for name in names),
+        covariances=covariances,
+        stated=stated,
         calibrated=calibrated,
         origin=metadata.origin,
     )
@@ -269,3 +295,13 @@ def _poses(array: NDArray) -> bool:
     return (
         array.dtype == np.float64 and array.ndim in (2, 3) and array.shape[-1] == 3 and bool(np.isfinite(array).all())
     )
+
+
+def _covariances(array: NDArray | None, poses: tuple[int, ...]) -> bool:
+    """Return whether an array holds covariances of poses of a shape, or is None."""
+    return array is None or (array.dtype == np.float64 and array.shape == (*poses, 3) and invalid(array) is None)
+
+
+def _stated(array: NDArray | None, poses: tuple[int, ...]) -> bool:
+    """Return whether an array holds a yes or no for each sample of poses of a shape, or is None."""
+    return array is None or (array.dtype == bool and array.shape == poses[-2:-1])

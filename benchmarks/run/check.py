@@ -2,25 +2,31 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from castor_envs.errors import InputError
 from castor_envs.processes import Died, Done, Exceeded, Job, Raised, TimedOut, run_jobs
 from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.plugins import conformance
 from estimators.plugins.conformance import Finding
-from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, load_estimator
+from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, load_calibration, load_estimator
 
 Load = Callable[[str], EstimatorEntry] | Callable[[str], CalibrationEntry]
 """`load_estimator` or `load_calibration`."""
+
+HANGS, ENDS, EXCEEDS = LOST = ("answers in time", "stays alive", "stays within its limits")
+"""Names of the findings of a worker process that had to be given up."""
 
 
 def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[[str], None]) -> list[Finding]:
     """Check an estimator in a separate process; returns what was found.
 
-    robot: what to check on; None takes the first preset that the estimator serves. timeout: s, for each of loading the
-    estimator, asking it whether it serves a robot, and the check. say: called first with what is checked, and on which
-    robot.
+    robot: what to check on; None takes all presets that the estimator serves: the first robot and the first train for
+    all checks, the others for the brief ones, until a step hangs or ends the process. timeout: s, for each of loading
+    the estimator, asking it whether it serves a preset, and the checks on one. say: called first with what is checked,
+    on which robot, and which presets are declined.
 
     Raises InputError if the spec is wrong, or the robot cannot be checked on.
     """
@@ -35,28 +41,15 @@ def check_apart(spec: str, robot: Vehicle | None, timeout: float, say: Callable[
         if robot is not None:
             say(f"checking {name} on robot {robot.name!r}")
             return _findings(worker, spec, robot)
-        declined: dict[str, list[str]] = {}
-        for candidate in conformance.candidates():
-            try:
-                reason = worker.call(_refusal, spec, load_vehicle(candidate))
-            except _LostError as lost:
-                say(_header(name, candidate, declined))
-                return [lost.finding]
-            if reason is None:
-                say(_header(name, candidate, declined))
-                return _findings(worker, spec, load_vehicle(candidate))
-            declined.setdefault(reason, []).append(candidate)
-        first = conformance.candidates()[0]
-        say(f"checking {name} on preset {first!r} (it declines every preset)")
-        return _findings(worker, spec, load_vehicle(first))
+        return _findings_on_presets(worker, spec, name, say)
     finally:
         worker.close()
 
 
-def load_apart(spec: str, timeout: float, load: Load = load_estimator) -> None:
+def load_apart(spec: str, timeout: float, load: Callable[[str], Any] = load_estimator) -> None:
     """Load a plug-in in a separate process; raises InputError if it cannot be, hangs or ends its process."""
     worker = _Worker(timeout)
-    kind = "estimator" if load is load_estimator else "calibration method"
+    kind = {load_estimator: "estimator", load_calibration: "calibration method"}.get(load, "task")
     try:
         worker.call(conformance.candidates, limited=False)
         worker.call(_name, spec, load)
@@ -96,11 +89,11 @@ class _Worker:
             case Done(value):
                 return value
             case TimedOut():
-                raise _LostError("answers in time", f"took over {self._timeout:g} s; --timeout gives it more")
+                raise _LostError(HANGS, f"took over {self._timeout:g} s; --timeout gives it more")
             case Died(exit_code):
-                raise _LostError("stays alive", f"ended its process (exit code {exit_code})")
+                raise _LostError(ENDS, f"ended its process (exit code {exit_code})")
             case Exceeded(excess):
-                raise _LostError("stays within its limits", excess)
+                raise _LostError(EXCEEDS, excess)
             case Raised() as raised:
                 raise raised.again("a worker process failed")
 
@@ -108,17 +101,65 @@ class _Worker:
         self._outcomes.close()
 
 
-def _findings(worker: _Worker, spec: str, robot: Vehicle) -> list[Finding]:
+def _findings(worker: "_Worker", spec: str, robot: Vehicle, brief: bool = False) -> list[Finding]:
     try:
-        return worker.call(_check, spec, robot)
+        return worker.call(_check, spec, robot, brief)
     except _LostError as lost:
         return [lost.finding]
 
 
-def _header(name: str, robot: str, declined: dict[str, list[str]]) -> str:
-    """Return the line that names the robot, and why presets before it were declined."""
-    reasons = "; ".join(f"{', '.join(robots)}: {reason}" for reason, robots in declined.items())
-    return f"checking {name} on preset {robot!r}" + (f" (declined: {reasons})" if reasons else "")
+def _findings_on_presets(worker: "_Worker", spec: str, name: str, say: Callable[[str], None]) -> list[Finding]:
+    """Return the findings on all presets that an estimator serves, those on further ones one a preset at most."""
+    served: list[str] = []
+    declined: dict[str, list[str]] = {}
+    for preset in conformance.candidates():
+        vehicle = load_vehicle(preset)
+        try:
+            reason = worker.call(_refusal, spec, vehicle)
+        except _LostError as lost:
+            say(f"checking {name} on preset {preset!r}")
+            return [lost.finding]
+        if reason is None:
+            served.append(preset)
+        else:
+            declined.setdefault(reason.replace(repr(vehicle.name), "'...'"), []).append(preset)
+    if not served:
+        first = conformance.candidates()[0]
+        say(f"checking {name} on preset {first!r} (it declines every preset)")
+        return _findings(worker, spec, load_vehicle(first))
+    wholly = [of[0] for kind in (preset_names, train_names) if (of := [one for one in served if one in kind()])]
+    further = [preset for preset in served if preset not in wholly]
+    briefly = f", briefly on {', '.join(further)}" if further else ""
+    say(f"checking {name} on preset {' and '.join(map(repr, wholly))}{briefly}")
+    for reason, presets in declined.items():
+        say(f"declined: {', '.join(presets)}: {reason}")
+    findings = []
+    for preset in wholly:
+        on = f" (on {preset})" if len(wholly) > 1 else ""
+        found = _findings(worker, spec, load_vehicle(preset))
+        findings += [replace(finding, name=f"{finding.name}{on}") for finding in found]
+        if _lost(found):
+            return findings
+    passed, failed = [], {}
+    for preset in further:
+        vehicle = load_vehicle(preset)
+        found = _findings(worker, spec, vehicle, brief=True)
+        wrong = next((finding for finding in found if not finding.passed), None)
+        if wrong is None:
+            passed.append(preset)
+        else:
+            failed.setdefault((wrong.name, wrong.message.replace(repr(vehicle.name), "'...'")), []).append(preset)
+        if _lost(found):
+            break
+    if passed:
+        findings.append(Finding(f"stays near the truth on {', '.join(passed)}", True))
+    of_further = ((f"{name} (on {', '.join(presets)})", message) for (name, message), presets in failed.items())
+    return [*findings, *(Finding(name, False, message) for name, message in of_further)]
+
+
+def _lost(findings: list[Finding]) -> bool:
+    """Return whether the worker hung or ended during a check, so that it may do so during the next."""
+    return [finding.name for finding in findings if not finding.passed] in ([name] for name in LOST)
 
 
 # The functions below run in the worker process. They return the InputError of a wrong spec: what they raise comes
@@ -129,7 +170,7 @@ def _ready() -> None:
     import scipy.integrate  # noqa: F401
 
 
-def _name(spec: str, load: Load = load_estimator) -> str | InputError:
+def _name(spec: str, load: Callable[[str], Any] = load_estimator) -> str | InputError:
     try:
         return load(spec).name
     except InputError as error:
@@ -140,8 +181,8 @@ def _refusal(spec: str, robot: Vehicle) -> str | None:
     return conformance.refusal(load_estimator(spec), robot)
 
 
-def _check(spec: str, robot: Vehicle) -> list[Finding] | InputError:
+def _check(spec: str, robot: Vehicle, brief: bool) -> list[Finding] | InputError:
     try:
-        return conformance.check(load_estimator(spec), robot)
+        return conformance.check(load_estimator(spec), robot, brief)
     except InputError as error:
         return error

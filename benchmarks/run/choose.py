@@ -9,6 +9,7 @@ from benchmarks.leaderboard import board as boards
 from benchmarks.run.check import Load, load_apart
 from benchmarks.run.evaluate import Competitor
 from benchmarks.run.plan import Assignment
+from benchmarks.run.task_plugins import is_plugged, with_plugged
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.task import Task, odometry_of
@@ -50,13 +51,16 @@ def choose(
     user_robot: OtherRobot | None,
     groups: Sequence[str] = (),
 ) -> Choice:
-    """Return what a run does, from names of tasks and of their groups, specs of estimators and calibration methods.
+    """Return what a run does, from names of tasks and groups, specs of tasks, estimators and calibration methods.
 
     Without names and groups, all standard tasks are run. If only estimators are given, those of them that judge
     estimators; if only methods, theirs; if neither, all with all built-in estimators and methods. user_robot: the robot
     of the tasks instead of the official one. Raises InputError where that is impossible.
     """
     known = tasks_with(measured) if user_robot is None else tasks_on(user_robot)
+    if user_robot is not None and any(map(is_plugged, names)):
+        raise InputError("--robot: a task of a file has a robot of its own; leave one of both out")
+    known, names = with_plugged(known, names, timeout)
     named = bool(names or groups)
     selected = select_tasks(known, names, groups) if named else [task for task in known if task.standard]
     tasks = judging(selected, bool(estimators), bool(methods), named)

@@ -10,13 +10,12 @@ from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.progress import RunProgress
 from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import DECLINED, ResultsStore, Row
 from benchmarks.run.worker_calibrate import Calibrated, calibrate_and_follow, observed_calibration
-from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_stacked, observed_runs
+from benchmarks.run.worker_estimate import Estimate, Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.task import Case, Episode, Task
 from castor_envs.processes import Died, Done, Exceeded, Job, Outcome, Raised, TimedOut, run_jobs
@@ -130,20 +129,22 @@ class Estimating:
         work: Work,
         case: Case,
         episode: Episode,
-        result: list[NDArray[np.float64]] | Calibrated | Failure,
+        result: list[Estimate] | Calibrated | Failure,
         timeout: float | None = None,
     ) -> None:
-        failure, calibrated, estimates, scores = None, None, (), {}
+        failure, calibrated, estimates, covariances, stated, scores = None, None, (), (), (), {}
         match result:
             case Failure(reason):
                 failure = reason
             case Calibrated(calibrated, followed):
                 estimates = tuple(followed)
             case _:
-                estimates = tuple(result)
+                estimates = tuple(estimate.poses for estimate in result)
+                covariances = tuple(estimate.covariance for estimate in result)
+                stated = tuple(estimate.stated for estimate in result)
         if failure is None:
             with np.errstate(all="ignore"):
-                scores = score(episode, estimates, calibrated)
+                scores = score(episode, estimates, calibrated, covariances, stated)
             if work.task.metric not in scores:
                 failure, scores, estimates = f"the runs of this episode give no {work.task.metric}", {}, ()
             elif not np.isfinite(scores[work.task.metric]):
@@ -160,6 +161,8 @@ class Estimating:
             timeout=timeout,
             scores={name: value for name, value in scores.items() if np.isfinite(value)},
             estimates=estimates,
+            covariances=covariances if failure is None else (),
+            stated=stated if failure is None else (),
             calibrated=calibrated if failure is None else None,
             origin=provenance(),
         )

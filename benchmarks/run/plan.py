@@ -12,7 +12,7 @@ from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
-from benchmarks.results.rows import ResultsStore, check_results_folder, clean_results_folder, older_rows
+from benchmarks.results.rows import ResultsStore, UpdateCost, check_results_folder, clean_results_folder, older_rows
 from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
 from benchmarks.run.record import record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
@@ -160,7 +160,7 @@ class _Run:
         self.progress.start("timing updates", len(jobs))
         with closing(run_jobs(_InOrder(jobs), self.processes)) as outcomes:
             for job, outcome in outcomes:
-                if isinstance(outcome, Done) and isinstance(outcome.value, float):
+                if isinstance(outcome, Done) and isinstance(outcome.value, UpdateCost):
                     task, entry = job.subject
                     self.rows.save_time(
                         task.name, task.version, entry.name, entry.source_hash, outcome.value, provenance()
@@ -177,7 +177,8 @@ class _Run:
             row = self.rows.load(task.name, task.version, entry.name, entry.source_hash, case)
             if row is not None and row.failure is None and self.episodes.path(task.name, task.version, case).exists():
                 arguments = (entry.spec, entry.source_hash, observed_runs(self._load(task, case)))
-                return Job(time_updates, arguments, (task, entry), self.timeout, owner_of(entry))
+                # Twice the time limit of an episode: each run is followed twice.
+                return Job(time_updates, arguments, (task, entry), 2 * self.timeout, owner_of(entry))
         return None
 
 

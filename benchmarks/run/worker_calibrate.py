@@ -73,7 +73,7 @@ def calibrate_and_follow(spec: str, source_hash: str, seen: ObservedCalibration)
     answer = followed[0] if isinstance(followed, list) else followed
     if isinstance(answer, Failure):
         return Failure(f"{seen.odometry} with the calibrated robot: {answer.reason}")
-    return Calibrated(robot, answer)
+    return Calibrated(robot, [estimate.poses for estimate in answer])
 
 
 def _calibrated(spec: str, source_hash: str, seen: ObservedCalibration) -> RobotDescription:

@@ -7,6 +7,7 @@ from functools import cached_property, wraps
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.tasks.task import Episode, Run
 from castor_envs.geometry.arrays import Array
@@ -33,12 +34,16 @@ class Judged:
     """What metrics are computed from: an episode, and what an estimator or a calibration method made of it.
 
     estimates: for each run, the poses (M, 3) at `Run.samples`, of a train (N, M, 3). calibrated: the robot as a
-    calibration method returned it. Raises ValueError for estimates of another shape than the truth.
+    calibration method returned it. covariances: for each run (M, 3, 3), of a train (N, M, 3, 3), in the world's axes,
+    m and rad; stated: for each run (M,), whether the estimator had a status. None where it gives none; both are ()
+    where that is not known. Raises ValueError for estimates of another shape than the truth.
     """
 
     episode: Episode
     estimates: Sequence[Array]
     calibrated: RobotDescription | None = None
+    covariances: Sequence[Array | None] = ()
+    stated: Sequence[NDArray[np.bool_] | None] = ()
     _computed: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self):
@@ -78,14 +83,15 @@ class Column(NamedTuple):
     """A metric's column on a terminal's board.
 
     place: columns stand by rising place. keep: where a terminal is too narrow for all, columns of lower `keep` go
-    first; the time of an update has `TIME_KEEP`, the interval of the ranking metric `INTERVAL_KEEP`.
+    first; the mean time of an update has `TIME_KEEP`, the worst `WORST_TIME_KEEP`, the interval of the ranking metric
+    `INTERVAL_KEEP`.
     """
 
     place: int
     keep: int
 
 
-TIME_KEEP, INTERVAL_KEEP = 40, 160
+TIME_KEEP, WORST_TIME_KEEP, INTERVAL_KEEP = 40, 12, 160
 
 
 @dataclass(frozen=True)
@@ -130,5 +136,5 @@ class Metric:
 
     @property
     def within(self) -> tuple[float, float]:
-        """Range of its mean: errors are not negative; metrics that are no errors are shares, from 0 to 1."""
-        return (0.0, math.inf if self.ranks else 1.0)
+        """Range of its mean: nothing is negative, and shares, which are shown in %, are at most 1."""
+        return (0.0, math.inf if self.ranks or self.shown_unit != "%" else 1.0)

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from benchmarks.scoring.metric import Judged, Metric
 from benchmarks.tasks.task import Episode
 from castor_envs.discovery import offers
@@ -24,13 +27,20 @@ BOARD_METRICS: dict[str, Metric] = {metric.name: metric for metric in _ALL if me
 """The metrics that boards show, by name."""
 
 
-def score(episode: Episode, estimates: Sequence[Array], calibrated: RobotDescription | None = None) -> dict[str, float]:
+def score(
+    episode: Episode,
+    estimates: Sequence[Array],
+    calibrated: RobotDescription | None = None,
+    covariances: Sequence[Array | None] = (),
+    stated: Sequence[NDArray[np.bool_] | None] = (),
+) -> dict[str, float]:
     """Return the scores of an estimator in an episode, in SI, by the names of metrics; what does not apply is left out.
 
     estimates: for each run, the estimated poses (M, 3) at `Run.samples`, of a train (N, M, 3). calibrated: the robot as
-    a calibration method returned it, which is scored too where the true one is known. Raises ValueError for estimates
-    of another shape than the truth.
+    a calibration method returned it, which is scored too where the true one is known. covariances and stated: for each
+    run, what the estimator said beside (see `Judged`); () where it is not known. Raises ValueError for estimates of
+    another shape than the truth.
     """
-    judged = Judged(episode, estimates, calibrated)
+    judged = Judged(episode, estimates, calibrated, covariances, stated)
     values = ((metric.name, metric.value(judged)) for metric in _ALL)
     return {name: value for name, value in values if value is not None}

@@ -148,7 +148,8 @@ class Episode:
         for run in self.runs:
             seen.update(f"{run.direction} {run.baseline}".encode())
             seen.update(_log_bytes(run.log))
-            for name, array in (("rps", run.log.rps), ("rps_age", run.log.rps_age), ("belief", run.belief)):
+            further = {name: getattr(run.log, name) for name in ("rps", "rps_age", "command", "steering_command")}
+            for name, array in (further | {"belief": run.belief}).items():
                 if array is not None:
                     seen.update(name.encode() + _bytes(array))
             if run.sound:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Numbers
-from castor_envs.sensors.observation import Observations, increments
+from castor_envs.sensors.observation import Observations, commanded_before, increments
 from castor_envs.vehicles.effect import Effect
 
 #: The parts of a log that are always there, and those that may be None.
@@ -57,9 +57,10 @@ class Log:
         return len(self.t)
 
     def observations(self) -> Observations:
-        """Return what an estimator sees, sample by sample: increments of counts, never the reference."""
+        """Return what an estimator sees, sample by sample: increments of counts, commands, never the reference."""
         pivot = self.pivot if self.rps is None else None
-        return Observations(increments(self.wheel), self.t, pivot, self.gyro, self.rps, self.rps_age)
+        told = [None if of is None else commanded_before(of) for of in (self.command, self.steering_command)]
+        return Observations(increments(self.wheel), self.t, pivot, self.gyro, self.rps, self.rps_age, *told)
 
 
 def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:

@@ -4,6 +4,10 @@ Of a robot "wheel" (driven wheels,), counts since the sample before (0 in the fi
 absolute counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one. Of a train "wheel" as above, axle by axle;
 "rps" (3 F,), x, y (m), phi (rad) of every frame's front axle in its rear axle's frame, NaN where there is no reading;
 "rps_age" (F,), s since that reading was taken; and "time". Never the truth.
+
+From logs that have them also "command" (driven wheels,) and "steering_command" (driven castors,), rad/s: what the
+motors were told in the period that led to this sample, 0 in the first, NaN where the log has a blank. The environments
+leave them to `info`: some agents are those who command.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,11 +20,20 @@ from castor_envs.geometry.arrays import Numbers
 
 Observation = dict[str, Numbers]
 
+OPTIONAL = ("pivot", "gyro", "rps", "rps_age", "command", "steering_command")
+"""The parts of `Observations` that may be None."""
+
 
 def increments(counts: ArrayLike) -> Numbers:
     """Return the counts since the sample before (K, ...), 0 in the first, from cumulative counts (K, ...)."""
     counts = np.asarray(counts, dtype=float)
     return np.diff(counts, axis=0, prepend=counts[:1])
+
+
+def commanded_before(command: ArrayLike) -> Numbers:
+    """Return commands (K, ...) of the periods that begin at rows as those of the periods that end there: 0 first."""
+    command = np.asarray(command, dtype=float)
+    return np.concatenate([np.zeros_like(command[:1]), command[:-1]])
 
 
 def observation(
@@ -31,11 +44,14 @@ def observation(
     gyro: ArrayLike | None = None,
     rps: ArrayLike | None = None,
     rps_age: ArrayLike | None = None,
+    command: ArrayLike | None = None,
+    steering_command: ArrayLike | None = None,
 ) -> Observation:
     """Return one observation, its arrays copied; parts that are None are left out.
 
     wheel (..., driven wheels): increments of counts. time and gyro (...): a number for each robot of a stack. pivot
-    (..., pivot encoders). rps (..., 3 F) and rps_age (..., F).
+    (..., pivot encoders). rps (..., 3 F) and rps_age (..., F). command (..., driven wheels) and steering_command (...,
+    driven castors): of the period that led to it.
     """
     parts = {
         "wheel": wheel,
@@ -44,6 +60,8 @@ def observation(
         "rps_age": rps_age,
         "time": np.asarray(time)[..., None],
         "gyro": None if gyro is None else np.asarray(gyro)[..., None],
+        "command": command,
+        "steering_command": steering_command,
     }
     return {name: np.array(values, dtype=float) for name, values in parts.items() if values is not None}
 
@@ -53,7 +71,8 @@ class Observations:
     """All observations of a run of K samples, or of several alike along leading axes. Iterating yields the samples.
 
     wheel (..., K, driven wheels): increments of counts. time (..., K), s. pivot (..., K, pivot encoders), gyro
-    (..., K), rps (..., K, 3 F) and rps_age (..., K, F): None where the vehicle has none.
+    (..., K), rps (..., K, 3 F), rps_age (..., K, F), command (..., K, driven wheels), steering_command (..., K, driven
+    castors), both of the period that led to each sample: None where there are none.
     """
 
     wheel: Numbers
@@ -62,6 +81,15 @@ class Observations:
     gyro: Numbers | None = None
     rps: Numbers | None = None
     rps_age: Numbers | None = None
+    command: Numbers | None = None
+    steering_command: Numbers | None = None
+
+    @classmethod
+    def of(cls, samples: Sequence[Observation]) -> "Observations":
+        """Return the observations of single samples, one or more, that all have the same parts."""
+        parts = {name: np.stack([sample[name] for sample in samples]) for name in samples[0]}
+        flat = {name: parts.pop(name)[..., 0] for name in ("time", "gyro") if name in parts}
+        return cls(**parts, **flat)
 
     @classmethod
     def stack(cls, members: Sequence["Observations"]) -> "Observations":
@@ -72,7 +100,7 @@ class Observations:
             return None if any(part is None for part in parts) else np.stack(parts)
 
         wheel, time = (np.stack([getattr(member, name) for member in members]) for name in ("wheel", "time"))
-        return cls(wheel, time, stacked("pivot"), stacked("gyro"), stacked("rps"), stacked("rps_age"))
+        return cls(wheel, time, **{name: stacked(name) for name in OPTIONAL})
 
     def __len__(self) -> int:
         return self.time.shape[-1]
@@ -93,4 +121,6 @@ class Observations:
             gyro=None if self.gyro is None else self.gyro[..., k],
             rps=sample(self.rps),
             rps_age=sample(self.rps_age),
+            command=sample(self.command),
+            steering_command=sample(self.steering_command),
         )

@@ -4,11 +4,13 @@ Runs the estimator on short noise-free drives of one robot or train, in this pro
 estimator that hangs hangs the check. ``castor-bench check`` runs it in a separate process, with a time limit.
 """
 
+import copy
 import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.processes import end_if_forked
+from castor_envs.sensors.observation import Observations as SampledObservations
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from castor_envs.vehicles.robot import RobotDescription
@@ -26,13 +29,16 @@ from estimators.plugins import drives as check_drives
 from estimators.plugins import train_drives
 from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped
 from estimators.plugins.registry import EstimatorEntry, declines, reset_at_origin
-from estimators.protocol import Estimator
+from estimators.plugins.uncertainty import covariance_of, has_status, invalid
 
 TOLERANCE = 1e-9
 """m and rad: largest difference allowed after a change of frame or of batch size."""
 
 BATCH = 7
 """Robots in the batch that is compared with single robots: no other axis is as long, so that mixed-up axes show."""
+
+NEAR = 0.1
+"""m and rad: how far an estimate may be from the truth on the winding drive of 3 m; no built-in one is off by 2 cm."""
 
 LOST = slice(40, 100)
 """Samples without relative poses, in the check that a train's estimator survives them."""
@@ -53,11 +59,13 @@ class _Wrong(Exception):  # noqa: N818 - a verdict, not an error of this program
     """What is wrong with the estimator and what to do."""
 
 
-def check(entry: EstimatorEntry, vehicle: Vehicle | None = None) -> list[Finding]:
+def check(entry: EstimatorEntry, vehicle: Vehicle | None = None, brief: bool = False) -> list[Finding]:
     """Return what was checked of an estimator, in the order of the checks.
 
     vehicle: robot or train to check on; None takes the first preset, in the order of `candidates`, that the estimator
-    serves. What the estimator raises becomes a finding. If it does not return poses at all, nothing further is checked.
+    serves. brief: only whether it gives poses, starts at the start and stays near the truth, for further layouts of an
+    estimator that has passed the rest. What the estimator raises becomes a finding. If it does not return poses at all,
+    nothing further is checked.
     """
     findings = [_finding(entry, "is constructed without arguments", entry.factory)]
     if findings[-1].passed:
@@ -66,9 +74,10 @@ def check(entry: EstimatorEntry, vehicle: Vehicle | None = None) -> list[Finding
             findings.append(_finding(entry, name, lambda run=run: run(subject)))
             if not findings[-1].passed:
                 return findings
-        checks = _OF_TRAINS if isinstance(subject.vehicle, TrainDescription) else _OF_ROBOTS
-        findings += [_finding(entry, name, lambda run=run: run(subject)) for name, run in (_CHECKS | checks).items()]
-        if entry.batched and isinstance(subject.vehicle, RobotDescription):
+        is_train = isinstance(subject.vehicle, TrainDescription)
+        checks = _BRIEF if brief else _CHECKS | (_OF_TRAINS if is_train else _OF_ROBOTS)
+        findings += [_finding(entry, name, lambda run=run: run(subject)) for name, run in checks.items()]
+        if entry.batched and not brief and isinstance(subject.vehicle, RobotDescription):
             findings.append(_finding(entry, "gives in a batch what it gives alone", lambda: _batch(subject), _BATCHED))
     return findings
 
@@ -79,7 +88,7 @@ def candidates() -> list[str]:
 
 
 def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
-    """Return why the estimator's `reset` declines a robot or a train; None if it does not.
+    """Return why the estimator's `reset`, or a smoother's `estimate`, declines a robot or a train; None if it does not.
 
     Other failures are left for `check` to find.
     """
@@ -88,7 +97,12 @@ def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
     except (Exception, SystemExit):
         return None
     try:
-        reset_at_origin(estimator, vehicle)
+        if entry.smoother:
+            shape = (vehicle.n_axles, 3) if isinstance(vehicle, TrainDescription) else (3,)
+            seen = SampledObservations.of(_drives(vehicle)[0].observations)
+            estimator.estimate(vehicle, np.zeros(shape), seen)
+        else:
+            reset_at_origin(estimator, vehicle)
     except (Exception, SystemExit) as error:
         return declines(error, vehicle)
     return None
@@ -126,7 +140,7 @@ class _Subject:
         self,
         drive: Drive,
         start: Array = STARTS[1],
-        estimator: Estimator | None = None,
+        estimator: Any = None,
         vehicle: Vehicle | None = None,
         observations: Observations | None = None,
     ) -> Array:
@@ -136,24 +150,29 @@ class _Subject:
         """
         estimator = estimator or self.entry.factory()
         first = se2.compose(start, drive.pose[0])
-        estimator.reset(vehicle or self.vehicle, first.copy())
         seen = drive.observations if observations is None else observations
+        if self.entry.smoother:
+            poses = estimator.estimate(vehicle or self.vehicle, first.copy(), SampledObservations.of(seen))
+            return _pose(poses, None, (len(seen), *first.shape))
+        estimator.reset(vehicle or self.vehicle, first.copy())
         return np.array([_pose(estimator.update(_copy(row)), k, first.shape) for k, row in enumerate(seen)])
 
 
 def _serves(subject: _Subject) -> None:
     try:
-        subject.estimate(subject.straight, observations=[])
+        # A smoother has no `reset` that could be asked alone.
+        subject.estimate(subject.straight, observations=None if subject.entry.smoother else [])
     except Exception as error:
         kind, reason = _kind(subject.vehicle), declines(error, subject.vehicle)
+        asked = "estimate" if subject.entry.smoother else "reset"
         if reason is not None:
             raise _Wrong(
-                f"reset declines {kind} {subject.vehicle.name!r}: {reason}; check with one that it serves"
+                f"{asked} declines {kind} {subject.vehicle.name!r}: {reason}; check with one that it serves"
             ) from None
         if isinstance(error, ValueError):
             raise _Wrong(
-                f"reset raises {one_line(error)} {_place(subject.entry, error)}: mend it, or, if the estimator is not "
-                f"made for {kind} {subject.vehicle.name!r}, raise estimators.Declined with what it needs"
+                f"{asked} raises {one_line(error)} {_place(subject.entry, error)}: mend it, or, if the estimator is "
+                f"not made for {kind} {subject.vehicle.name!r}, raise estimators.Declined with what it needs"
             ) from None
         raise
 
@@ -163,8 +182,9 @@ def _returns_poses(subject: _Subject) -> None:
 
 
 def _starts_at_start(subject: _Subject) -> None:
+    seen = subject.winding.observations[: None if subject.entry.smoother else 1]
     for start in STARTS:
-        first = subject.estimate(subject.winding, start, observations=subject.winding.observations[:1])[0]
+        first = subject.estimate(subject.winding, start, observations=seen)[0]
         given = se2.compose(start, subject.winding.pose[0])
         if np.abs(first - given).max() > TOLERANCE:
             raise _Wrong(
@@ -213,6 +233,17 @@ def _drives_round(subject: _Subject) -> None:
                 "frames belong to which axle (both are counted from the front), and whose frame a relative pose is in "
                 "(its rear axle's)"
             )
+
+
+def _stays_near(subject: _Subject) -> None:
+    error = np.abs(subject.estimate(subject.winding, np.zeros(3)) - subject.winding.pose)
+    far = np.argwhere(error.reshape(len(error), -1).max(axis=1) > NEAR)
+    if far.size:
+        raise _Wrong(
+            f"driven through bends for {subject.winding.observations[-1]['time'][0]:.0f} s, without slip and with the "
+            f"dimensions described, it is off by {error[far[0, 0]].max():.2g} (m, rad) at update {far[0, 0]} and by up "
+            f"to {error.max():.2g}: it diverges on this layout; mend it, or raise estimators.Declined in reset"
+        )
 
 
 def _survives_silence(subject: _Subject) -> None:
@@ -265,6 +296,14 @@ def _is_reset(subject: _Subject) -> None:
 def _leaves_input_alone(subject: _Subject) -> None:
     estimator, start = subject.entry.factory(), se2.compose(STARTS[1], subject.winding.pose[0])
     pose = start.copy()
+    if subject.entry.smoother:
+        given = SampledObservations.of(subject.winding.observations)
+        before = copy.deepcopy(vars(given))
+        estimator.estimate(subject.vehicle, pose, given)
+        changed = [name for name, of in vars(given).items() if of is not None and not np.array_equal(of, before[name])]
+        if changed or not np.array_equal(pose, start):
+            raise _Wrong(f"estimate changes {changed[0] if changed else 'the start pose'!r} that it is given: copy it")
+        return
     estimator.reset(subject.vehicle, pose)
     for k, observation in enumerate(subject.winding.observations):
         given = _copy(observation)
@@ -286,6 +325,30 @@ def _reads_wrapped_pivots(subject: _Subject) -> None:
         raise _Wrong(
             f"pivot counts that wrap at pivot_counts_per_rev change the estimate by up to {error:.2g}: wrap "
             "differences of pivot angles into (-pi, pi]"
+        )
+
+
+def _says_how_sure_it_is(subject: _Subject) -> None:
+    given = {}
+    for start in (STARTS[0], STARTS[1]):
+        estimator = subject.entry.factory()
+        poses = subject.estimate(subject.winding, start, estimator)
+        try:
+            given[float(start[2])] = covariance = covariance_of(estimator, poses[-1].shape)
+            has_status(estimator)
+        except ValueError as error:
+            raise _Wrong(f"after an update its {error}") from None
+        if covariance is None:
+            return
+        if (problem := invalid(covariance)) is not None:
+            raise _Wrong(f"after an update its {problem}")
+    at_origin, turned = given.values()
+    turn = se2.rotation(np.array(STARTS[1][2]))
+    expected = turn @ at_origin @ turn.T
+    if np.abs(turned - expected).max() > 1e-6 * np.abs(expected).max():
+        raise _Wrong(
+            "started with another heading its covariance is not that of the first start turned: give it in the world's "
+            "axes, not in the body's"
         )
 
 
@@ -328,9 +391,19 @@ _CHECKS: dict[str, Callable[[_Subject], None]] = {
     "is deterministic": _is_deterministic,
     "forgets all at reset": _is_reset,
     "leaves its input alone": _leaves_input_alone,
+    "says how sure it is, if it does": _says_how_sure_it_is,
 }
 
-_OF_ROBOTS: dict[str, Callable[[_Subject], None]] = {"reads pivot counts that wrap": _reads_wrapped_pivots}
+_BRIEF: dict[str, Callable[[_Subject], None]] = {
+    "returns the start pose first": _starts_at_start,
+    "drives straight where the robot does": _drives_straight,
+    "stays near the truth in bends": _stays_near,
+}
+
+_OF_ROBOTS: dict[str, Callable[[_Subject], None]] = {
+    "stays near the truth in bends": _stays_near,
+    "reads pivot counts that wrap": _reads_wrapped_pivots,
+}
 
 _OF_TRAINS: dict[str, Callable[[_Subject], None]] = {
     "drives round where the train does": _drives_round,
@@ -367,9 +440,10 @@ def _robot(subject: _Subject) -> RobotDescription:
     return subject.vehicle
 
 
-def _pose(value: object, k: int, shape: tuple[int, ...]) -> Array:
-    """Return what update number k returned as an array of this shape; raises _Wrong for anything else."""
+def _pose(value: object, k: int | None, shape: tuple[int, ...]) -> Array:
+    """Return what update number k, or the whole log if None, returned as an array of this shape; else raises _Wrong."""
     end_if_forked()
+    did = "estimate" if k is None else f"update {k}"
     try:
         pose = np.asarray(value)
     except ValueError:
@@ -377,11 +451,13 @@ def _pose(value: object, k: int, shape: tuple[int, ...]) -> Array:
     if pose.shape != shape:
         given = f"shape {pose.shape}" if pose.dtype.kind in "fiu" else type(value).__name__
         of_axles = "" if shape == (3,) else f" for each of {shape[0]} axles, shape {shape}"
-        raise _Wrong(f"update {k} returns {given}: return an array of three numbers x, y, psi{of_axles}")
+        if k is None:
+            of_axles = f" for each of {shape[0]} samples{' and the axles' if len(shape) == 3 else ''}, shape {shape}"
+        raise _Wrong(f"{did} returns {given}: return an array of three numbers x, y, psi{of_axles}")
     if pose.dtype != np.float64:
-        raise _Wrong(f"update {k} returns numbers of type {pose.dtype}: return float64, as np.array(..., dtype=float)")
+        raise _Wrong(f"{did} returns numbers of type {pose.dtype}: return float64, as np.array(..., dtype=float)")
     if not np.isfinite(pose).all():
-        raise _Wrong(f"update {k} returns {_text(pose)}: return finite numbers, from the first update on")
+        raise _Wrong(f"{did} returns {_text(pose)}: return finite numbers, from the first update on")
     return pose.copy()
 
 
@@ -399,11 +475,11 @@ def _copy(observation: dict[str, Array]) -> dict[str, Array]:
 
 
 def _file_of(entry: EstimatorEntry) -> str | None:
-    reset = getattr(entry.kind.update, "__code__", None)
-    return None if reset is None else reset.co_filename
+    code = getattr(getattr(entry.kind, "estimate" if entry.smoother else "update"), "__code__", None)
+    return None if code is None else code.co_filename
 
 
 def _text(pose: Array) -> str:
     if pose.ndim > 1:
-        return f"[{', '.join(_text(row) for row in pose)}]"
+        return f"[{', '.join(_text(row) for row in pose[:3])}{', ...' if len(pose) > 3 else ''}]"
     return f"({', '.join(f'{number:.4g}' for number in pose)})"

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean, one_line
+from estimators.plugins import parameters
 from estimators.plugins.source_hash import source_files, source_hash
 
 _FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbours
@@ -27,7 +28,8 @@ class PlugInKind:
     """A kind of plug-in: what people call it, its group of entry points, the methods that its class needs.
 
     packages: those of this project whose modules offer built-in classes by name, as the constant `constant`. numbered:
-    whether ``NAME-N`` constructs the class called NAME with the number N.
+    whether ``NAME-N`` constructs the class called NAME with the number N, and ``...?parameter=value`` a class with
+    keyword arguments. instead: methods that do as well as `methods`.
     """
 
     what: str
@@ -36,6 +38,7 @@ class PlugInKind:
     packages: tuple[str, ...]
     constant: str
     numbered: bool = False
+    instead: tuple[str, ...] = ()
 
     @cached_property
     def built_in(self) -> dict[str, type]:
@@ -56,16 +59,35 @@ class PlugInKind:
 
 
 class PlugIn(NamedTuple):
-    """What a spec names: the name for people and results, the hash of its source, the class, its number or None."""
+    """What a spec names: the name for people and results, the hash of its source, the class, what that is made with."""
 
     name: str
     source_hash: str
     kind: type
     argument: int | None
+    parameters: dict[str, Any]
 
 
 def find(spec: str, role: PlugInKind) -> PlugIn:
-    """Return what `spec` names: NAME, ``module:Class`` or ``file.py[:Class]``; raises InputError with what to do."""
+    """Return what `spec` names: NAME, ``module:Class`` or ``file.py[:Class]``; of numbered roles with parameters too.
+
+    Raises InputError with what to do.
+    """
+    whole, (spec, given) = spec, parameters.split(spec, role.what) if role.numbered else (spec, {})
+    name, kind, argument = _found(spec, role)
+    place = f"{role.what} {whole!r}"
+    converted = parameters.arguments(kind, given, place, 0 if argument is None else 1)
+    if kind.__module__.startswith("estimators.") and (converted or argument is not None):
+        try:
+            kind(*(() if argument is None else (argument,)), **converted)
+        except InputError as error:
+            raise InputError(f"{place}: {error}") from None
+    made_with = source_hash(kind, argument, converted)
+    return PlugIn(parameters.named(name, converted, place), made_with, kind, argument, converted)
+
+
+def _found(spec: str, role: PlugInKind) -> tuple[str, type, int | None]:
+    """Return the name, the class and the number of a spec without parameters."""
     if spec.endswith(".py") or ".py:" in spec:
         path, _, class_name = spec.partition(".py:") if ".py:" in spec else (spec[:-3], "", "")
         return _from_file(spec, Path(path + ".py"), class_name, role)
@@ -76,6 +98,7 @@ def find(spec: str, role: PlugInKind) -> PlugIn:
 
 def runs_others_code(spec: str, role: PlugInKind) -> bool:
     """Return whether `find` imports code of others: any spec but that of a built-in class, or of nothing known."""
+    spec = spec.partition("?")[0] if role.numbered else spec
     if ":" in spec or spec.endswith(".py"):
         return True
     declared = importlib.metadata.entry_points(group=role.group).names
@@ -88,7 +111,7 @@ def _name_and_number(spec: str) -> tuple[str, int | None]:
     return (numbered[1], int(numbered[2])) if numbered else (spec, None)
 
 
-def _by_name(spec: str, role: PlugInKind) -> PlugIn:
+def _by_name(spec: str, role: PlugInKind) -> tuple[str, type, int | None]:
     points = importlib.metadata.entry_points(group=role.group)
     names = role.names_with(points)
     if spec not in names and spec and os.path.isfile(f"{spec}.py"):
@@ -113,7 +136,7 @@ def _by_name(spec: str, role: PlugInKind) -> PlugIn:
     return _plug_in(spec, spec, _class_in(module, point.attr, point.value), role, argument)
 
 
-def _from_module(spec: str, role: PlugInKind) -> PlugIn:
+def _from_module(spec: str, role: PlugInKind) -> tuple[str, type, int | None]:
     module_name, _, class_name = spec.partition(":")
     if not module_name or not class_name:
         raise InputError(f"{role.what} {spec!r}: expected module:Class")
@@ -124,7 +147,7 @@ def _from_module(spec: str, role: PlugInKind) -> PlugIn:
     return _plug_in(spec, spec, _class_in(module, class_name, module_name), role)
 
 
-def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> PlugIn:
+def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> tuple[str, type, int | None]:
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -198,6 +221,9 @@ def _own_classes(module: ModuleType) -> dict[str, type]:
 
 
 def _missing(kind: type, role: PlugInKind) -> list[str]:
+    """Return the methods that a class lacks to play a role."""
+    if role.instead and all(callable(getattr(kind, name, None)) for name in role.instead):
+        return []
     return [name for name in role.methods if not callable(getattr(kind, name, None))]
 
 
@@ -205,7 +231,9 @@ def _with_article(noun: str) -> str:
     return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
 
 
-def _plug_in(name: str, spec: str, kind: type, role: PlugInKind, argument: int | None = None) -> PlugIn:
+def _plug_in(
+    name: str, spec: str, kind: type, role: PlugInKind, argument: int | None = None
+) -> tuple[str, type, int | None]:
     if missing := _missing(kind, role):
         raise InputError(f"{role.what} {spec!r}: class {kind.__name__} has no method {' and no '.join(missing)}")
     if argument is not None:
@@ -214,9 +242,4 @@ def _plug_in(name: str, spec: str, kind: type, role: PlugInKind, argument: int |
         except (TypeError, ValueError):
             text = f"{role.what} {spec!r}: {kind.__name__} takes no number; leave out '-{argument}'"
             raise InputError(text) from None
-        if kind.__module__.startswith("estimators."):
-            try:
-                kind(argument)
-            except InputError as error:
-                raise InputError(f"{role.what} {spec!r}: {error}") from None
-    return PlugIn(name, source_hash(kind, argument), kind, argument)
+    return name, kind, argument

@@ -9,14 +9,17 @@ The spec of an estimator is one of
 - ``module:Class``, where the module is installed or lies in the current folder
 - ``path/to/file.py`` or ``path/to/file.py:Class``
 
+Each of these with parameters, ``cast-0?step=euler`` or ``file.py?gain=0.5&robust=true``, gives keyword arguments to the
+class, converted by its annotations; the estimator's name then has them too.
+
 That of a calibration method is the same, without numbers; its group is ``castor.calibrations``. Built-in ones are found
 in the modules of `estimators.robots`, `estimators.peers`, `estimators.trains` and `estimators.calibration`, by their
 constants ``ESTIMATORS`` and ``METHODS`` (names to classes); a new one is a new module.
 """
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
@@ -33,8 +36,10 @@ from estimators.robots.cast import SmallTurnWarning
 
 ROBOTS, PEERS, TRAINS = "estimators.robots", "estimators.peers", "estimators.trains"
 ESTIMATOR = PlugInKind(
-    "estimator", "castor.estimators", ("reset", "update"), (ROBOTS, PEERS, TRAINS), "ESTIMATORS", True
+    "estimator", "castor.estimators", ("reset", "update"), (ROBOTS, PEERS, TRAINS), "ESTIMATORS", True, ("estimate",)
 )
+SMOOTHER = " (smoother)"
+"""End of the names of estimators that see a whole log, the future too, so that every board tells them apart."""
 CALIBRATION = PlugInKind(
     "calibration method", "castor.calibrations", ("calibrate",), ("estimators.calibration",), "METHODS"
 )
@@ -45,8 +50,8 @@ class EstimatorEntry:
     """An estimator that a spec names, ready to be made.
 
     name: for people and results. source_hash: 16 hex digits that change with the code (see `source_files`), the class
-    and its argument. argument: the number in ``NAME-N``. Pickles as its spec, so that another process loads a plug-in
-    by itself.
+    and what it is made with. argument: the number in ``NAME-N``. parameters: those of ``...?parameter=value``. Pickles
+    as its spec, so that another process loads a plug-in by itself.
     """
 
     name: str
@@ -54,20 +59,27 @@ class EstimatorEntry:
     source_hash: str
     kind: type
     argument: int | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     @property
     def batched(self) -> bool:
         """Whether the estimator's arithmetic broadcasts over leading axes."""
-        return bool(getattr(self.kind, "batched", False))
+        return bool(getattr(self.kind, "batched", False)) and not self.smoother
+
+    @property
+    def smoother(self) -> bool:
+        """Whether it is given whole logs: it has no `update`, by which all others are judged."""
+        return not callable(getattr(self.kind, "update", None))
 
     @property
     def builtin(self) -> bool:
         """Whether the estimator belongs to this package."""
         return self.kind.__module__.startswith("estimators.")
 
-    def factory(self) -> Estimator:
-        """Make a new estimator."""
-        return self.kind() if self.argument is None else self.kind(self.argument)
+    def factory(self) -> Any:
+        """Make a new estimator: an `Estimator`, or a `Smoother` if `smoother`."""
+        number = () if self.argument is None else (self.argument,)
+        return self.kind(*number, **self.parameters)
 
     def applicable(self, vehicle: Vehicle) -> str | None:
         """Return None if the estimator serves this robot or train, else the reason why not.
@@ -111,7 +123,8 @@ class CalibrationEntry:
 def load_estimator(spec: str) -> EstimatorEntry:
     """Return the estimator that `spec` names (see the module's text); raises InputError with what to do."""
     found = find(spec, ESTIMATOR)
-    return EstimatorEntry(found.name, spec, found.source_hash, found.kind, found.argument)
+    entry = EstimatorEntry(found.name, spec, found.source_hash, found.kind, found.argument, found.parameters)
+    return replace(entry, name=entry.name + SMOOTHER) if entry.smoother else entry
 
 
 def load_calibration(spec: str) -> CalibrationEntry:
@@ -143,7 +156,7 @@ def declines(error: BaseException, vehicle: Any) -> str | None:
         is_train = isinstance(vehicle, TrainDescription)
         other_kind = RobotDescription if is_train else TrainDescription
         name = error.name or ""
-        if hasattr(other_kind, name) or name in {field.name for field in fields(other_kind)}:
+        if hasattr(other_kind, name) or name in {part.name for part in fields(other_kind)}:
             return f"is written for {'robots' if is_train else 'trains'}: it asks for {name!r}"
     return None
 

@@ -10,16 +10,19 @@ import hashlib
 import importlib.util
 import site
 import sys
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
 OTHER_PARTS = ("castor_envs", "benchmarks", "discrepancy")
 
 
-def source_hash(kind: type, argument: int | None = None) -> str:
-    """Return 16 hex digits of the sha256 over a class's source files, its name and the number it is made with."""
-    total = hashlib.sha256(f"{kind.__qualname__} {argument}".encode())
+def source_hash(kind: type, argument: int | None = None, parameters: Mapping[str, Any] | None = None) -> str:
+    """Return 16 hex digits of the sha256 over a class's source files, its name, and what it is made with."""
+    made_with = f" {dict(parameters)}" if parameters else ""
+    total = hashlib.sha256(f"{kind.__qualname__} {argument}{made_with}".encode())
     for file in sorted(source_files(kind)):
         total.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
     return total.hexdigest()[:16]

@@ -40,3 +40,18 @@ class Pretends(Follower):
 
     def update(self, observation):
         return super().update(observation).reshape(3)
+
+
+class Pauses(Single):
+    """Computes for a millisecond in every tenth update."""
+
+    def reset(self, robot, pose):
+        super().reset(robot, pose)
+        self.k = 0
+
+    def update(self, observation):
+        self.k += 1
+        until = time.process_time() + 1e-3
+        while self.k % 10 == 0 and time.process_time() < until:
+            pass
+        return super().update(observation)

@@ -14,7 +14,7 @@ from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
-from benchmarks.results.rows import ResultsStore, Row
+from benchmarks.results.rows import ResultsStore, Row, UpdateCost
 
 MANY = 10**40
 ESTIMATE = np.zeros((2, 3))
@@ -31,7 +31,7 @@ def folder(tmp_path, fake_tasks):
             scores = {"E_max_syst": 0.01 * (1 + case), "ate": 0.01}
             row = Row("arcs", 1, name, "a" * 16, case, episode.digest, "d" * 16, scores=scores, estimates=(ESTIMATE,))
             store.save(row)
-    store.save_time("arcs", 1, "mine", "a" * 16, 12.0, provenance())
+    store.save_time("arcs", 1, "mine", "a" * 16, UpdateCost(12.0, 34.0), provenance())
     return tmp_path
 
 
@@ -175,14 +175,14 @@ def test_whatever_stands_in_a_row_it_is_read_or_refused(folder, fake_tasks, keys
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"format": "castor-time/2"}', "[" * 100_000, '{"format": 1e999}', "\x00"]
+    "text", ["", "[]", "{}", '{"format": "castor-time/3"}', "[" * 100_000, '{"format": 1e999}', "\x00"]
 )
 def test_a_time_that_cannot_be_read_is_refused(folder, fake_tasks, text):
     path = row_path(folder).with_name("time.json")
     path.write_text(text)
     leaderboard, _ = shown(folder, fake_tasks.Arcs())
     assert [error.path for error in leaderboard.refused] == [path]
-    assert leaderboard.boards[0].entries[0].time_per_update_us is None
+    assert leaderboard.boards[0].entries[0].cost is None
 
 
 @pytest.mark.parametrize(

@@ -187,3 +187,15 @@ def test_damaged_episodes_are_named(stored, damage):
 def test_case_names_stay_in_their_folder(tmp_path):
     with pytest.raises(ValueError, match="letters"):
         EpisodeStore(tmp_path).path("task", 1, "../elsewhere")
+
+
+def test_what_estimators_see_changes_an_episodes_digest():
+    """Commands too: rows of an estimator that uses them must not be taken for those on other commands."""
+    t, told = np.arange(3.0), np.ones((3, 2))
+    log = log_at(t)
+
+    def digest(**parts):
+        return Episode(differential(), (Run(dataclasses.replace(log, **parts)),)).digest
+
+    digests = {digest(), digest(command=told), digest(command=2 * told), digest(steering_command=told)}
+    assert len(digests) == 4

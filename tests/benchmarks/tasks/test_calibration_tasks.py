@@ -188,7 +188,8 @@ def test_uncalibrated_is_plain_odometry(turns):
     task, episode, rows = turns
     row, cast = rows["uncalibrated", 0], load_estimator(odometry_of(task))
     poses = estimate_singly(cast.spec, cast.source_hash, observed_runs(episode))
-    plain = score(episode, poses)
+    assert isinstance(poses, list)
+    plain = score(episode, [estimate.poses for estimate in poses])
     assert row.calibrated == episode.robot
     for name, value in plain.items():
         assert row.scores[name] == pytest.approx(value, abs=1e-12)

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.rescore import rescore
-from benchmarks.results.rows import ResultsStore
+from benchmarks.results.rows import ResultsStore, UpdateCost
 from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_estimate import estimate_singly, observed_runs, time_updates
 from benchmarks.scoring.path_metrics import STANDING_STILL
@@ -236,16 +236,16 @@ def test_a_driving_train_starts_from_the_truth_and_is_followed(fake_trains):
     entry = load_estimator("estimators.trains.odometry:TrainOdometry")
     answer = estimate_singly(entry.spec, entry.source_hash, [observed])
     assert isinstance(answer, list)
-    (estimate,) = answer
+    estimate = answer[0].poses
     np.testing.assert_allclose(estimate, episode.runs[0].truth, atol=1e-12)
     scores = score(episode, [estimate])
     assert scores["mean_axle_position"] < 1e-12
     assert scores[STANDING_STILL] == pytest.approx(0.4 * np.sqrt(np.mean(np.array([0, 0.5, 1, 1.5, 2]) ** 2)))
     assert scores["ate"] < 1e-12
     assert scores["contradiction"] < 1e-12
-    time = time_updates(entry.spec, entry.source_hash, [observed])
-    assert isinstance(time, float)
-    assert time > 0
+    cost = time_updates(entry.spec, entry.source_hash, [observed])
+    assert isinstance(cost, UpdateCost)
+    assert 0 < cost.mean <= cost.worst
 
 
 def test_without_any_reading_odometry_continues_silently(fake_trains):
@@ -254,7 +254,7 @@ def test_without_any_reading_odometry_continues_silently(fake_trains):
     entry = load_estimator("estimators.trains.grpec:GRPECXY")
     answer = estimate_singly(entry.spec, entry.source_hash, observed_runs(Episode(cfmmr(3), (blind,))))
     assert isinstance(answer, list)
-    np.testing.assert_allclose(answer[0], drive.truth, atol=1e-12)
+    np.testing.assert_allclose(answer[0].poses, drive.truth, atol=1e-12)
 
 
 def test_what_rounding_leaves_is_shown_as_nothing():
@@ -393,7 +393,7 @@ def test_a_plug_in_runs_on_a_trains_task(castor_bench):
     assert entry["rank"] == 1
     assert not entry["stands_still"]
     assert entry["scores"]["share_within_5cm"]["mean"] == 1.0
-    assert entry["time_per_update_us"] > 0
+    assert 0 < entry["mean_update_us"] <= entry["worst_update_us"]
 
 
 def test_who_stays_put_in_a_snapshot_is_ranked_all_the_same(castor_bench):
@@ -462,7 +462,7 @@ def test_a_metric_of_which_more_is_better_ranks_nothing(tmp_path, fake_trains):
         with pytest.raises(ValueError, match="larger"):
             run([Assignment(fake_trains.Ahead(metric=name), (0,), ())], tmp_path)
     unranked = [name for name, metric in BOARD_METRICS.items() if not metric.ranks]
-    assert unranked == ["share_within_5cm", "sound_axle_chosen"]
+    assert {"share_within_5cm", "sound_axle_chosen", "nees", "inside_95"} <= set(unranked)
 
 
 def test_a_driving_train_passes_a_whole_run(tmp_path, fake_trains, jobs_here):

@@ -323,13 +323,17 @@ def test_many_environments_at_once_are_the_single_ones_and_their_spec_is_data(na
 
 
 def test_what_is_seen_live_is_what_the_log_of_it_gives():
+    """But the commands, which `info` has: those of the period that led to the observation."""
     for name, parts in (("castor/ASOC-v0", {"pivot"}), ("castor/CFMMR-v0", {"rps", "rps_age"})):
         env = RecordLog(gym.make(name))
         action = np.full_like(env.action_space.sample(), 0.3)
-        seen = [env.reset(seed=3)[0], *(env.step(action)[0] for _ in range(20))]
+        first, info = env.reset(seed=3)
+        steps = [env.step(action * (k % 3)) for k in range(20)]
+        seen, told = [first, *(step[0] for step in steps)], [info, *(step[4] for step in steps)]
         logged = list(env.log().observations())
         assert len(logged) == len(seen)
-        for live, again in zip(seen, logged, strict=True):
-            assert live.keys() == again.keys() == {"wheel", "time"} | parts
+        for live, again, said in zip(seen, logged, told, strict=True):
+            assert live.keys() == again.keys() - {"command"} == {"wheel", "time"} | parts
+            np.testing.assert_array_equal(again["command"], said["command"])
             for key in live:
                 np.testing.assert_array_equal(live[key], again[key])

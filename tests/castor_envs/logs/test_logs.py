@@ -113,7 +113,7 @@ def test_a_trains_log_is_read_back_bit_for_bit(train_and_log):
     for part in ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age"):
         assert same_values(getattr(again, part), getattr(log, part)), part
     for seen, expected in zip(again.observations(), log.observations(), strict=True):
-        assert sorted(seen) == ["rps", "rps_age", "time", "wheel"]
+        assert sorted(seen.keys() - {"command"}) == ["rps", "rps_age", "time", "wheel"]
         assert all(same_values(seen[key], expected[key]) for key in seen)
 
 

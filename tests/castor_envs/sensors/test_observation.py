@@ -49,3 +49,13 @@ def test_a_stack_gives_each_members_observations_in_its_row():
         assert seen.keys() == members[0].keys()
         for key, values in seen.items():
             np.testing.assert_array_equal(values, [member[key] for member in members])
+
+
+def test_commands_are_those_of_the_period_that_led_to_the_sample():
+    t, told = 0.05 * np.arange(4), np.array([[1.0, 2], [3, 4], [5, 6], [0, 0]])
+    log = Log(t, np.zeros((4, 2)), np.empty((4, 0)), command=told, steering_command=10 * told[:, :1])
+    seen = list(log.observations())
+    np.testing.assert_array_equal([one["command"] for one in seen], [[0, 0], [1, 2], [3, 4], [5, 6]])
+    np.testing.assert_array_equal([one["steering_command"] for one in seen], [[0], [10], [30], [50]])
+    stack = Observations.stack([log.observations()] * 2)
+    np.testing.assert_array_equal(stack.at(2)["command"], [[3, 4], [3, 4]])

@@ -208,11 +208,43 @@ def failed(kind, robot=None):
     return {finding.name: finding.message for finding in check(entry(kind), robot) if not finding.passed}
 
 
+class InTheBody(Careful):
+    """Gives a covariance in the axes of its body: 1 cm along, 2 cm across."""
+
+    covariance = np.diag([1e-4, 4e-4, 1e-3])
+
+
+class Unequal(Careful):
+    covariance = np.diag([1e-4, 4e-4, -1e-3])
+
+
+class Shapeless(Careful):
+    covariance = np.eye(2)
+
+
+class Chatty(Careful):
+    status = ("lost", "found")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (InTheBody, "world's axes"),
+        (Unequal, "a variance is negative"),
+        (Shapeless, r"covariance has shape \(2, 2\) instead of \(3, 3\)"),
+        (Chatty, "status is of type tuple: None or a text"),
+    ],
+)
+def test_a_wrong_covariance_or_status_is_found(kind, words):
+    (message,) = failed(kind).values()
+    assert re.search(words, message)
+
+
 @pytest.mark.parametrize("robot", ["asoc-prototype", "differential", None])
 def test_careful_plugin_passes(robot):
     findings = check(entry(Careful), robot and preset(robot))
     assert all(finding.passed and not finding.message for finding in findings)
-    assert len(findings) == 11
+    assert len(findings) == 13
 
 
 @pytest.mark.parametrize(
@@ -278,7 +310,7 @@ def test_what_is_right_is_not_blamed(kind):
 def test_builtins_pass(spec, robot):
     findings = check(load_estimator(spec), robot and preset(robot))
     assert [finding for finding in findings if not finding.passed] == []
-    assert len(findings) == 12
+    assert len(findings) == 14
 
 
 def test_a_robot_that_the_estimator_does_not_serve_is_reported():

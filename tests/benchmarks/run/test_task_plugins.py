@@ -1,0 +1,113 @@
+"""Tasks of others: found by file, checked before they run, recorded by other processes, on boards of their own."""
+
+import json
+import pickle
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.cli import app
+from benchmarks.run import task_plugins
+from benchmarks.run.task_plugins import load_task, with_plugged
+from benchmarks.tasks import official_tasks
+from castor_envs import command_line
+from castor_envs.errors import InputError
+
+ADDING = (Path(__file__).parents[3] / "docs" / "adding.md").read_text(encoding="utf-8")
+(CORRIDOR,) = re.findall(r"```python\n# file: my_task.py\n(.*?)```", ADDING, flags=re.S)
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    Path("my_task.py").write_text(CORRIDOR)
+
+
+@pytest.fixture
+def call(capsys):
+    """Return a function that runs castor-bench; it returns code, out and err."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as leaving:
+            command_line.run(app, [str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return leaving.value.code, out, err
+
+    return run
+
+
+def test_the_example_is_run_and_has_a_board_of_its_own(call):
+    run = ("run", "--task", "my_task.py", "--estimator", "dead-reckoning", "--cases", 2, "--jobs", 1)
+    code, out, err = call(*run)
+    assert code == 0, (out, err)
+    assert "A corridor of 4 m" in out
+    shown = call("leaderboard", "--task", "my_task.py:Corridor", "--json")[1]
+    (board,) = json.loads(shown)["tasks"]
+    assert board["task"] == load_task("my_task.py").name
+    assert re.fullmatch(r"corridor\[[0-9a-f]{16}\]", board["task"])
+    (entry,) = board["entries"]
+    # The robot turns away from the side of the wheel that is taken for too large: y = (0.01 / 2b) x^2 and its rms.
+    bend = 0.01 / (2 * load_task("my_task.py").true.castors[0].wheels[0].lateral)
+    assert entry["scores"]["ate_m"]["mean"] == pytest.approx(bend * 16 / 2 / 5**0.5, rel=0.1)
+
+
+def test_an_edited_task_has_another_board_and_is_not_believed_in_a_run():
+    before = load_task("my_task.py")
+    sent = pickle.dumps(before)
+    assert pickle.loads(sent).record(1).digest == before.record(1).digest
+    Path("my_task.py").write_text(CORRIDOR.replace("0.5 * t", "0.4 * t"))
+    assert load_task("my_task.py").name != before.name
+    task_plugins._again.cache_clear()
+    with pytest.raises(InputError, match="its source changed while the benchmark ran"):
+        pickle.loads(sent)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"corridor", 1, "ate"', '"corridor", 1, "speed"', "unknown metric 'speed'"),
+        ('"corridor", 1, "ate"', '"corridor", 1, "inside_95"', "'inside_95' is no error"),
+        ('"corridor", 1, "ate"', '"My Corridor", 1, "ate"', "lower-case words joined by hyphens"),
+        ('"corridor", 1, "ate"', '"corridor", 0, "ate"', "its version is 0"),
+        ('"corridor", 1, "ate"', '"umbmark-physics-clean", 1, "ate"', "an official task is named"),
+        ('    title = "A corridor of 4 m"\n', "", "class Corridor has no title"),
+        ("    def record", "    def recall", "has no method record"),
+        ("def __init__(self):", "def __init__(self, length):", "cannot be made without arguments"),
+        ("self.true, self.robot =", "self.true, self.robots =", "has no robot"),
+        ("range(8 if n is None else n)", "range(0)", r"cases\(1\) returns"),
+        ("import dataclasses", "import dataclass", "cannot be imported, line 3"),
+    ],
+)
+def test_what_is_missing_in_the_protocol_is_named(jobs_here, old, new, words):
+    assert old in CORRIDOR
+    Path("my_task.py").write_text(CORRIDOR.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        with_plugged(official_tasks(), ["my_task.py"], 60.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("t = 0.05 *", "t = 1 / 0 *", "case 3: record raises ZeroDivisionError: .*, line 3[0-9] of .*my_task.py"),
+        ("return Episode(", "return (", "record returns tuple instead of"),
+    ],
+)
+def test_what_fails_in_record_is_named(old, new, words):
+    Path("my_task.py").write_text(CORRIDOR.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        load_task("my_task.py").record(3)
+
+
+def test_a_task_that_hangs_is_refused():
+    Path("my_task.py").write_text("while True: pass")
+    with pytest.raises(InputError, match=r"task 'my_task.py' cannot be loaded: took over 1 s"):
+        with_plugged(official_tasks(), ["my_task.py"], 1.0)
+
+
+def test_a_robot_of_the_users_is_refused_beside_it(call):
+    code, _, err = call("run", "--task", "my_task.py", "--robot", "differential")
+    assert code == 2
+    assert "has a robot of its own" in err
