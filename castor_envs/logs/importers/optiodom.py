@@ -31,7 +31,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import Declined, InputError, did_you_mean
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.log import Log
 from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
@@ -123,7 +123,7 @@ def find_sessions(root: str | os.PathLike[str]) -> dict[str, Path]:
 def read_session(folder: str | os.PathLike[str]) -> Session:
     """Read a session of the differential robot, the tricycle or the robot on three omni wheels.
 
-    Raises InputError, with file, line and column, for anything missing or garbled, and for other kinds of robot.
+    Raises InputError, with file, line and column, for anything missing or garbled; Declined for other kinds of robot.
     """
     folder = Path(os.path.abspath(folder))
     if not folder.is_dir():
@@ -201,7 +201,7 @@ def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
     if kind not in _COLUMNS:
         *kinds, last = _COLUMNS
         known = f"{', '.join(kinds)} or {last}"
-        raise metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {known}")
+        raise Declined(str(metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {known}")))
     (gear,), (resolution,) = metadata.numbers("ngear", 1), metadata.numbers("encRes", 1)
     counts = gear * resolution
     (base,) = metadata.numbers("Li", 1)
