@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -12,7 +13,10 @@ from rich.console import Console
 
 from benchmarks.calibrate import calibrate_logs
 from benchmarks.leaderboard import board as boards
-from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
+from benchmarks.leaderboard.overview import overviews
+from benchmarks.leaderboard.overview_views import overviews_markdown, print_overviews
+from benchmarks.leaderboard.page import as_html
+from benchmarks.leaderboard.views import as_csv, as_json, as_markdown, print_leaderboard
 from benchmarks.papers import select_tables
 from benchmarks.papers.assumptions import Assumptions, with_assumptions
 from benchmarks.papers.comparison import Effort, compute_tables
@@ -25,7 +29,7 @@ from benchmarks.results.rows import check_results_folder
 from benchmarks.run.check import check_apart
 from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
-from benchmarks.tasks import official_tasks, select_tasks, tasks_on
+from benchmarks.tasks import official_tasks, select_tasks, tasks_by_group, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs import command_line
 from castor_envs.errors import InputError
@@ -42,6 +46,9 @@ app = typer.Typer(
 )
 
 TaskNames = Annotated[list[str] | None, typer.Option("--task", help="Only this task (may be given several times).")]
+GroupNames = Annotated[
+    list[str] | None, typer.Option("--group", help="Only the tasks of this group (may be given several times).")
+]
 Results = Annotated[Path, typer.Option("--results", help="The folder that results are kept in.")]
 MeasuredData = Annotated[
     Path | None,
@@ -53,6 +60,9 @@ OtherRobotName = Annotated[
 ]
 MOST_NAMED = 5
 """Most failures that are named in the last line of a run, so that it fits in one or two lines."""
+MOST_DETAILED = 3
+"""Most tasks whose whole boards are shown after a run; of more the overview is shown."""
+DETAILS = "details: castor-bench leaderboard TASK..., or --group NAME"
 DEFAULT_RESULTS = Path("castor-results")
 
 
@@ -69,6 +79,7 @@ def options(version: command_line.Version = False, traceback: command_line.Trace
 @app.command()
 def run(
     task: TaskNames = None,
+    group: GroupNames = None,
     estimator: Annotated[
         list[str] | None,
         typer.Option("--estimator", help="A name, module:Class or file.py[:Class]; default: all built-in ones."),
@@ -88,16 +99,16 @@ def run(
 ) -> None:
     """Run what is missing, then show the leaderboard; exit code 1 if a requested row failed.
 
-    If estimators are named, only the tasks that judge estimators are run; if calibration methods are named, only
-    theirs. With --robot the tasks of squares are run on that robot instead; their boards are not official and are kept
-    apart.
+    Without --task and --group all tasks are run but the slow ones, which `castor-bench list` marks. If estimators are
+    named, only the tasks that judge estimators are run; if calibration methods are named, only theirs. With --robot the
+    tasks of squares are run on that robot instead; their boards are not official and are kept apart.
     """
     _at_least("--cases", cases, 1)
     _at_least("--jobs", jobs, 1, 256)
     _above_zero("--timeout", timeout)
     check_results_folder(results)
     user_robot = None if robot is None else OtherRobot.load(robot)
-    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot)
+    choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot, group or [])
     with (
         command_line.keeping(f"what is done is kept in {results}: the same command continues"),
         TerminalProgress() as progress,
@@ -106,37 +117,61 @@ def run(
             save_robot(results, user_robot)
         missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress)
     board = boards.build(choice.tasks, results, cases, missing, choice.sources, choice.left_out)
-    print_leaderboard(board, _console())
-    print(f"\nresults in {results}; show them again: castor-bench leaderboard --results {results}")
+    detailed = len(choice.tasks) <= MOST_DETAILED
+    shown = [task.name for task in choice.tasks] if detailed else []
+    again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])
+    if detailed:
+        print_leaderboard(board, _console())
+    else:
+        print_overviews(board, _console())
+        print(DETAILS)
+    print(f"\nresults in {results}; show them again: {again}")
     failures = [*failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
     if failures:
         unnamed = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
-        print(f"not all succeeded: {', '.join(failures[:MOST_NAMED])}{unnamed}; the reasons are above", file=sys.stderr)
+        where = "the reasons are above" if detailed else "castor-bench leaderboard TASK shows the reasons"
+        print(f"not all succeeded: {', '.join(failures[:MOST_NAMED])}{unnamed}; {where}", file=sys.stderr)
         raise typer.Exit(1)
 
 
 @app.command()
 def leaderboard(
+    tasks: Annotated[
+        list[str] | None, typer.Argument(metavar="TASK", help="Tasks to show in detail; none: an overview of all.")
+    ] = None,
     task: TaskNames = None,
+    group: GroupNames = None,
     cases: Annotated[int | None, typer.Option(help="Only the first so many cases of each task.")] = None,
     results: Results = DEFAULT_RESULTS,
     as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     as_markdown_text: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
+    as_csv_text: Annotated[bool, typer.Option("--csv", help="Print CSV: a row for each task and estimator.")] = False,
+    as_html_text: Annotated[bool, typer.Option("--html", help="Print a static HTML page.")] = False,
 ) -> None:
-    """Show the leaderboard of the stored results."""
-    tasks = select_tasks(with_stored_robots(official_tasks(), results), task or [])
+    """Show the leaderboard of the stored results: an overview of groups of tasks, or the tasks that are named."""
+    names = [*(tasks or []), *(task or [])]
+    chosen = select_tasks(with_stored_robots(official_tasks(), results), names, group or [])
     _at_least("--cases", cases, 1)
-    if as_json_text and as_markdown_text:
-        raise InputError("choose one of --json and --markdown")
+    if as_json_text + as_markdown_text + as_csv_text + as_html_text > 1:
+        raise InputError("choose one of --json, --markdown, --csv and --html")
     check_results_folder(results, write=False)
     _with_rows(results)
-    board = boards.build(tasks, results, cases)
+    board, detailed = boards.build(chosen, results, cases), bool(names or group)
     if as_json_text:
         print(json.dumps(as_json(board), indent=2, allow_nan=False))
+    elif as_csv_text:
+        print(as_csv(board), end="")
+    elif as_html_text:
+        print(as_html(board))
     elif as_markdown_text:
-        print(as_markdown(board))
-    else:
+        print(
+            as_markdown(board) if detailed else f"{overviews_markdown(overviews(board.boards))}\n{as_markdown(board)}"
+        )
+    elif detailed:
         print_leaderboard(board, _console())
+    else:
+        print_overviews(board, _console())
+        print(DETAILS)
 
 
 @app.command()
@@ -260,9 +295,11 @@ def import_data(
 @app.command("list")
 def list_known() -> None:
     """List tasks, estimators, calibration methods, robots and trains."""
-    print("tasks:")
-    for task in official_tasks():
-        print(f"  {task.name}  (version {task.version})  {task.title}")
+    print("tasks by group (castor-bench run --group), * where run needs the task's name or group:")
+    for group, tasks in tasks_by_group(official_tasks()).items():
+        print(f"  {group}")
+        for task in tasks:
+            print(f"  {' ' if task.standard else '*'} {task.name}  (version {task.version})  {task.title}")
     for heading, kind in (("estimators", ESTIMATOR), ("calibration methods", CALIBRATION)):
         print(f"{heading}:")
         for name in kind.names():

@@ -22,6 +22,7 @@ from benchmarks.tasks.physics import PhysicsUMBmark, clean_floor, slippery_patch
 from benchmarks.tasks.task import Episode
 from castor_envs.files import write_atomically
 from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.tolerances import Tolerances
 from estimators import load_estimator
 from estimators.robots import calibrating_filter
 
@@ -30,7 +31,7 @@ PAGE, FIGURES = DOCS / "estimators.md", DOCS / "filter.json"
 START, END = "<!-- table: made by scripts/study_filter.py -->\n", "<!-- end of table -->\n"
 FORMAT, FIRST_SEED = "castor-filter-figures/1", 600_000
 
-NOTHING = calibrating_filter.Errors(1e-9, 1e-9, 1e-9, 1e-9, 1e-9)
+NOTHING = Tolerances(radius=1e-9, lateral=1e-9, offset=1e-9, pivot=1e-9, pivot_zero=1e-9)
 VARIANTS: dict[str, Mapping[str, Any] | None] = {
     "wheel-odometry": None,
     "filter": {},

@@ -13,6 +13,7 @@ from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.path_metrics import STANDING_STILL
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Task, odometry_of
+from castor_envs.vehicles.train import TrainDescription
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class TaskBoard:
-    """The board of a task.
+    """The board of a task. of_train: it judges estimators of trains.
 
     missing: why there are no results. declined: estimators that declined every case, with the reason. superseded:
     estimators with the hash and number of rows of their older sources. odometry: on a board of calibration methods
@@ -62,6 +63,8 @@ class TaskBoard:
     """
 
     task: str
+    group: str
+    of_train: bool
     version: int
     title: str
     description: str
@@ -207,6 +210,8 @@ def _board(
     entries.sort(key=lambda entry: _entry_order(entry, task.metric))
     return TaskBoard(
         task=task.name,
+        group=task.group,
+        of_train=isinstance(task.robot, TrainDescription),
         version=task.version,
         title=task.title,
         description=task.description,

@@ -11,7 +11,8 @@ from benchmarks.leaderboard.ranking import LEVEL
 from benchmarks.scoring.metric import INTERVAL_KEEP, TIME_KEEP, Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 
-_FRAME = 3  # a column's border and padding; one border more closes the table
+FRAME = 3
+"""Width of a column's border and padding; one border more closes the table."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def fitting(columns: list[Column], width: int) -> tuple[list[Column], bool]:
     """Return the columns that a terminal of a width holds, and whether any had to be left out."""
     kept = list(columns)
     for keep in sorted(column.keep for column in columns if column.keep is not None):
-        if sum(column.width + _FRAME for column in kept) + 1 <= width:
+        if sum(column.width + FRAME for column in kept) + 1 <= width:
             break
         kept = [column for column in kept if column.keep is None or column.keep > keep]
     return kept, len(kept) < len(columns)

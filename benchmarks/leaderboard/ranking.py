@@ -87,6 +87,23 @@ def ranks(scores: Mapping[str, ArrayLike], rounding: float = 0.0) -> dict[str, i
     return found
 
 
+def places(ranks: Mapping[str, int | None]) -> dict[str, float]:
+    """Return each name's place on a board, 1 to n: the mean of the places that those who share its rank take together.
+
+    Ranks 1, 1, 1, 4 become places 2, 2, 2, 4: three who share the first rank have not won as one alone has. The places
+    of a board always sum to n (n + 1) / 2, so means over boards can be compared (J. Demšar, "Statistical comparisons of
+    classifiers over multiple data sets", J. Machine Learning Research 7, 2006). Those without a rank (None) share the
+    places behind all who have one.
+    """
+    order = {name: math.inf if rank is None else rank for name, rank in ranks.items()}
+    found = {}
+    for name, rank in order.items():
+        before = sum(other < rank for other in order.values())
+        beside = sum(other == rank for other in order.values())
+        found[name] = before + (beside + 1) / 2
+    return found
+
+
 def different(scores: ArrayLike, rounding: float = 0.0) -> NDArray[np.bool_]:
     """Return which estimators' means differ significantly, (estimators, estimators), by scores (estimators, cases).
 

@@ -1,6 +1,7 @@
-"""A leaderboard for people (terminal, Markdown: mm and degrees) and for programs (JSON: SI, units in the keys)."""
+"""Boards for people (terminal, Markdown: mm and degrees) and for programs (JSON: SI, units in the keys; CSV: SI)."""
 
-from collections.abc import Sequence
+import csv
+import io
 from typing import Any
 
 from rich.console import Console
@@ -8,13 +9,18 @@ from rich.table import Table
 
 from benchmarks.leaderboard.board import Entry, Leaderboard, TaskBoard
 from benchmarks.leaderboard.columns import board_columns, fitting
-from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
-from benchmarks.results.archives import CorruptFileError
-from benchmarks.results.rows import DECLINED, older_rows
+from benchmarks.leaderboard.notes import board_notes, general_notes, say
+from benchmarks.leaderboard.overview import overviews
+from benchmarks.leaderboard.overview_views import overviews_json
+from benchmarks.leaderboard.ranking import LEVEL
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 
 FORMAT = "castor-leaderboard/1"
+CSV_COLUMNS = (
+    *("group", "task", "version", "estimator", "source_hash", "rank", "metric", "unit", "mean", "low", "high"),
+    *("cases", "cases_done", "cases_failed", "cases_declined", "cases_lacking", "time_per_update_us"),
+)
 
 
 def as_json(leaderboard: Leaderboard) -> dict[str, Any]:
@@ -22,6 +28,7 @@ def as_json(leaderboard: Leaderboard) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "interval_level": LEVEL,
+        "overview": overviews_json(overviews(leaderboard.boards)),
         "tasks": [_board_json(board) for board in leaderboard.boards],
         "not_shown": [{"task": task, "version": version} for task, version in leaderboard.other_versions],
         "older_formats": list(leaderboard.older_formats),
@@ -35,6 +42,7 @@ def as_json(leaderboard: Leaderboard) -> dict[str, Any]:
 def _board_json(board: TaskBoard) -> dict[str, Any]:
     return {
         "task": board.task,
+        "group": board.group,
         "version": board.version,
         "title": board.title,
         "description": board.description,
@@ -76,14 +84,35 @@ def as_markdown(leaderboard: Leaderboard) -> str:
         if board.missing is not None:
             parts.append(f"Not run: {board.missing}\n")
         if board.entries:
-            metrics = [board.metric, *(metric for metric in _present(board) if metric != board.metric)]
-            header = _header(board, metrics)
-            lines = [header, ["--:", "---", *["--:"] * (len(header) - 2)]]
-            lines += [_cells(entry, metrics, board.odometry is None) for entry in board.entries]
+            header, *rows = whole_table(board)
+            lines = [header, ["--:", "---", *["--:"] * (len(header) - 2)], *rows]
             parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
-        parts += [f"- {note}\n" for note in _notes(board, intervals="in brackets")]
-    parts += [f"{note}\n" for note in _general_notes(leaderboard)]
+        parts += [f"- {note}\n" for note in board_notes(board, intervals="in brackets")]
+    parts += [f"{note}\n" for note in general_notes(leaderboard)]
     return "\n".join(parts)
+
+
+def whole_table(board: TaskBoard) -> list[list[str]]:
+    """Return a board with all its metrics as text, the header first; its second column is text, the others numbers."""
+    metrics = [board.metric, *(metric for metric in _present(board) if metric != board.metric)]
+    return [_header(board, metrics), *(_cells(entry, metrics, board.odometry is None) for entry in board.entries)]
+
+
+def as_csv(leaderboard: Leaderboard) -> str:
+    """Return a row for each estimator of each task: its score by the metric that ranks, in SI, and cases by outcome."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for board in leaderboard.boards:
+        for entry in board.entries:
+            score = entry.scores.get(board.metric.name)
+            numbers = (None, None, None) if score is None else (score.mean, score.low, score.high)
+            declined = sum(len(failure.cases) for failure in entry.failed if failure.declined)
+            failed = sum(len(failure.cases) for failure in entry.failed) - declined
+            outcomes = (len(board.cases), entry.done, failed, declined, len(entry.lacking))
+            row = (board.group, board.task, board.version, entry.estimator, entry.source_hash, entry.rank)
+            writer.writerow((*row, board.metric.key, board.metric.unit, *numbers, *outcomes, entry.time_per_update_us))
+    return text.getvalue()
 
 
 def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
@@ -94,7 +123,7 @@ def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
             continue
         console.print(f"\n{board.title}", style="bold", markup=False, highlight=False)
         if board.missing is not None:
-            _say(console, f"not run: {board.missing}")
+            say(console, f"not run: {board.missing}")
         if board.entries:
             columns, left_out = fitting(board_columns(board), console.width)
             narrow = narrow or left_out
@@ -106,16 +135,12 @@ def print_leaderboard(leaderboard: Leaderboard, console: Console) -> None:
             for cells in zip(*(column.cells for column in columns), strict=True):
                 table.add_row(*cells)
             console.print(table, highlight=False, markup=False)
-        for note in _notes(board, intervals=None):
-            _say(console, note)
-    for note in _general_notes(leaderboard):
-        _say(console, note)
+        for note in board_notes(board, intervals=None):
+            say(console, note)
+    for note in general_notes(leaderboard):
+        say(console, note)
     if narrow:
-        _say(console, "narrow terminal: castor-bench leaderboard --markdown shows every score")
-
-
-def _say(console: Console, text: str) -> None:
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+        say(console, "narrow terminal: castor-bench leaderboard --markdown shows every score")
 
 
 def _present(board: TaskBoard) -> list[Metric]:
@@ -141,58 +166,3 @@ def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
     if not timed:
         return cells
     return [*cells, "–" if entry.time_per_update_us is None else f"{entry.time_per_update_us:.1f}"]
-
-
-def _notes(board: TaskBoard, intervals: str | None) -> list[str]:
-    """Return the notes below a table: shared ranks, failures, cases not done, older sources.
-
-    intervals: where in the table the intervals stand, or None if the notes do not mention them.
-    """
-    served = "this robot" if board.odometry is None else "this task"
-    refusals = [f"{declined.estimator} declines {served}: {declined.reason}" for declined in board.declined]
-    if not board.entries:
-        return refusals
-    meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
-    too_few = len(board.cases) < FEWEST_CASES
-    if intervals is not None and not too_few:
-        meaning.append(f"{intervals} {100 * LEVEL:.0f} % intervals")
-    if any(entry.rank is not None for entry in board.entries):
-        shared = "who does not differ significantly (paired, 5 % family-wise) from the best of a rank shares it"
-        meaning.append("too few to show a difference" if too_few else shared)
-    if board.odometry is not None:
-        meaning.append(f"odometry with the calibrated robot: {board.odometry}")
-    notes = ["; ".join(meaning), *refusals]
-    for entry in board.entries:
-        for failed in entry.failed:
-            cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")
-            did, reason = "declined" if failed.declined else "failed", failed.reason.removeprefix(DECLINED)
-            notes.append(f"{entry.estimator} {did} {len(failed.cases)} of {len(board.cases)} cases ({cases}): {reason}")
-        if entry.stands_still:
-            notes.append(f"{entry.estimator} is not ranked: its ATE is no better than that of standing still")
-        if entry.lacking:
-            notes.append(f"{entry.estimator} has not run {len(entry.lacking)} of {len(board.cases)} cases; run again")
-    if board.superseded:
-        left_out = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
-        notes.append(f"rows of other versions of an estimator's source are left out: {left_out}")
-    return notes
-
-
-def _general_notes(leaderboard: Leaderboard) -> list[str]:
-    notes = [f"not shown: rows of {task} version {version}" for task, version in leaderboard.other_versions]
-    if leaderboard.older_formats:
-        remedy = "are not shown; run the tasks again, or remove the folder"
-        notes.append(older_rows(leaderboard.older_formats, leaderboard.folder, remedy))
-    if leaderboard.refused:
-        notes.append(
-            f"rows refused: {_listed(leaderboard.refused)}; castor-bench run computes them again, or delete them"
-        )
-    if leaderboard.refused_episodes:
-        listed = _listed(leaderboard.refused_episodes)
-        notes.append(f"episodes refused: {listed}; castor-bench run records them again")
-    return notes
-
-
-def _listed(refused: Sequence[CorruptFileError], shown: int = 3) -> str:
-    """Return refused files with the reasons, in one line; of many the first `shown`."""
-    unshown = f"; and {len(refused) - shown} more (--json lists all)" if len(refused) > shown else ""
-    return "; ".join(map(str, refused[:shown])) + unshown

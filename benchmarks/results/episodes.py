@@ -133,6 +133,7 @@ class EpisodeStore:
                     baseline=entry.baseline,
                     belief=arrays.get(f"{k}.belief"),
                     sound=entry.sound,
+                    oracle=arrays.get(f"{k}.oracle"),
                 )
                 for k, entry in enumerate(metadata.runs)
             )
@@ -172,6 +173,7 @@ class EpisodeStore:
             if getattr(log, part) is not None
         }
         arrays |= {f"{k}.belief": run.belief for k, run in enumerate(episode.runs) if run.belief is not None}
+        arrays |= {f"{k}.oracle": run.oracle for k, run in enumerate(episode.runs) if run.oracle is not None}
         write_archive(self.path(task.name, task.version, case), _ADAPTER, metadata, arrays)
 
 

@@ -48,15 +48,18 @@ def choose(
     timeout: float,
     measured: Path | None,
     user_robot: OtherRobot | None,
+    groups: Sequence[str] = (),
 ) -> Choice:
-    """Return what a run does, from names of tasks and specs of estimators and calibration methods.
+    """Return what a run does, from names of tasks and of their groups, specs of estimators and calibration methods.
 
-    If only estimators are given, the tasks that judge estimators are run; if only methods, theirs; if neither, all
-    tasks with all built-in estimators and methods. user_robot: the robot of the tasks instead of the official one.
-    Raises InputError where that is impossible.
+    Without names and groups, all standard tasks are run. If only estimators are given, those of them that judge
+    estimators; if only methods, theirs; if neither, all with all built-in estimators and methods. user_robot: the robot
+    of the tasks instead of the official one. Raises InputError where that is impossible.
     """
     known = tasks_with(measured) if user_robot is None else tasks_on(user_robot)
-    tasks = judging(select_tasks(known, names), bool(estimators), bool(methods), bool(names))
+    named = bool(names or groups)
+    selected = select_tasks(known, names, groups) if named else [task for task in known if task.standard]
+    tasks = judging(selected, bool(estimators), bool(methods), named)
     runnable = [task for task in tasks if task.missing is None]
     if user_robot is not None and not runnable:
         raise InputError("; ".join(dict.fromkeys(f"{task.missing}" for task in tasks)))

@@ -133,6 +133,8 @@ def _stack_key(run: ObservedRun) -> tuple:
     return (
         *(getattr(geometry, name).tobytes() for name in layout),
         geometry.sample_period,
+        geometry.gyro,
+        geometry.tolerances,
         len(run.observations),
         run.observations.gyro is None,
     )

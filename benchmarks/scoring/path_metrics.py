@@ -16,12 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.scoring.metric import DEG, MM, Column, Judged, Metric, shared
+from benchmarks.scoring.metric import DEG, MM, PER_CENT, Column, Judged, Metric, shared
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
 
 STANDING_STILL = "ate_standing_still"
 """The ATE of an estimator that stays at the start; stored, since on a closed path such an estimator can score well."""
+
+DRIFT_DISTANCES = (10.0, 20.0, 50.0, 100.0)
+"""m, over which the error per distance is taken; as KITTI's, for robots in halls instead of cars on roads."""
 
 
 class EndPointError(NamedTuple):
@@ -117,6 +120,41 @@ def _ate_standing_still(judged: Judged) -> np.floating | None:
     return np.mean([absolute_trajectory_error(p.true, p.true[..., :1, :]) for p in drives]) if drives else None
 
 
+def drift(true: ArrayLike, estimated: ArrayLike) -> float | None:
+    """Return the error of the motion over `DRIFT_DISTANCES`, divided by the distance and averaged over them.
+
+    true, estimated (N, 3). Of distances longer than the path nothing is taken; None where all are.
+    """
+    errors = [relative_pose_error(true, estimated, distance).translation for distance in DRIFT_DISTANCES]
+    known = [float(error) for error in errors if np.isfinite(error)]
+    return float(np.mean(known)) if known else None
+
+
+def _drift(judged: Judged) -> float | None:
+    if judged.of_train:
+        return None
+    errors = [drift(true, estimate) for _, true, estimate in judged.scored]
+    known = [error for error in errors if error is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _ate_of_oracle(judged: Judged) -> np.floating | None:
+    drives = [path for path in judged.scored if path.run.oracle is not None]
+    return np.mean([absolute_trajectory_error(p.true, p.run.oracle) for p in drives]) if drives else None
+
+
+def _attained(judged: Judged) -> float | None:
+    """Return how far an estimator is on the way from standing still, 0, to the oracle, 1, both by the ATE's logarithm.
+
+    Errors of odometry span orders of magnitude: half of the way is the geometric mean of both errors. At most 1.
+    """
+    errors = [compute(judged) for compute in (_ate_standing_still, _ate, _ate_of_oracle)]
+    if any(error is None or not error > 0 for error in errors):
+        return None
+    still, estimator, oracle = np.log(np.array(errors, dtype=float))
+    return float(np.clip((still - estimator) / (still - oracle), 0.0, 1.0)) if still > oracle else None
+
+
 METRICS = (
     Metric(
         "end_point_position",
@@ -162,6 +200,43 @@ METRICS = (
         ranks=False,
         on_boards=False,
         **MM,
+    ),
+    Metric(
+        "ate_of_oracle",
+        _ate_of_oracle,
+        key="ate_of_oracle_m",
+        title="ATE of the oracle",
+        short="oracle",
+        description="ATE of odometry that knows the true robot and what disturbs it",
+        place=86,
+        ranks=False,
+        on_boards=False,
+        **MM,
+    ),
+    Metric(
+        "attained",
+        _attained,
+        key="attained",
+        title="attained",
+        short="attained",
+        description="part of the way from standing still (0 %) to the oracle (100 %), by the logarithm of the ATE",
+        place=87,
+        ranks=False,
+        column=Column(place=135, keep=65),
+        **PER_CENT,
+    ),
+    Metric(
+        "drift",
+        _drift,
+        unit="m/m",
+        key="drift_m_per_m",
+        title="drift",
+        short="drift",
+        shown_unit="mm/m",
+        factor=1e3,
+        description="error of the motion over 10, 20, 50 and 100 m of true path, by distance, mean",
+        place=88,
+        column=Column(place=138, keep=55),
     ),
     Metric(
         "rpe_translation",

@@ -22,10 +22,11 @@ def tasks_on(user_robot: OtherRobot) -> tuple[Task, ...]:
     return tuple(task for on_robot in offers(__name__, "on_robot") for task in on_robot(user_robot))
 
 
-def select_tasks(tasks: Sequence[Task], names: Sequence[str]) -> tuple[Task, ...]:
-    """Return the named tasks, or all if there are no names; raises InputError for an unknown name.
+def select_tasks(tasks: Sequence[Task], names: Sequence[str], groups: Sequence[str] = ()) -> tuple[Task, ...]:
+    """Return the named tasks and those of the named groups, or all if nothing is named.
 
-    A task on another robot is also known by its official name, where no other task is.
+    A task on another robot is also known by its official name, where no other task is. Raises InputError for an unknown
+    name.
     """
     known = {task.name: task for task in tasks}
     for task in tasks:
@@ -33,4 +34,19 @@ def select_tasks(tasks: Sequence[Task], names: Sequence[str]) -> tuple[Task, ...
     for name in names:
         if name not in known:
             raise InputError(f"unknown task {name!r}{did_you_mean(name, known)}")
-    return tuple(tasks) if not names else tuple(known[name] for name in dict.fromkeys(names))
+    grouped = tasks_by_group(tasks)
+    for group in groups:
+        if group not in grouped:
+            raise InputError(f"unknown group of tasks {group!r}{did_you_mean(group, grouped)}")
+    if not names and not groups:
+        return tuple(tasks)
+    chosen = [known[name] for name in names] + [task for group in groups for task in grouped[group]]
+    return tuple({task.name: task for task in chosen}.values())
+
+
+def tasks_by_group(tasks: Sequence[Task]) -> dict[str, list[Task]]:
+    """Return tasks by their group, in the order of each group's first task."""
+    grouped: dict[str, list[Task]] = {}
+    for task in tasks:
+        grouped.setdefault(task.group, []).append(task)
+    return grouped

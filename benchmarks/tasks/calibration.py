@@ -73,6 +73,8 @@ class TurnsCalibration:
     )
     version: int = 1
     metric: str = "E_max_syst"
+    group: str = "calibration"
+    standard: bool = True
     followed_by: str = "cast-0"
     missing: str | None = None
     robot: RobotDescription = field(default_factory=lambda: preset(ROBOT))
@@ -113,6 +115,8 @@ class PhysicsCalibration:
     )
     version: int = 1
     metric: str = "E_max_syst"
+    group: str = "calibration"
+    standard: bool = True
     followed_by: str = "cast-0"
     missing: None = None
 
@@ -159,6 +163,8 @@ class SquaresCalibration:
     side: float = 2.0
     version: int = 1
     metric: str = "E_max_syst"
+    group: str = "calibration"
+    standard: bool = True
     followed_by: str = "dead-reckoning-1"
     missing: str | None = None
     robot: RobotDescription = field(default_factory=lambda: preset("differential"))

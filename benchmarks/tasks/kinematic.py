@@ -101,6 +101,8 @@ class KinematicUMBmark:
     corners: Corners = "turn"
     version: int = 1
     metric: str = "E_max_syst"
+    group: str = "umbmark-kinematic"
+    standard: bool = True
     missing: str | None = None
     robot: RobotDescription = field(default_factory=true_robot)
 

@@ -31,6 +31,8 @@ class MeasuredUMBmark:
     data: Path | None
     version: int = 1
     metric: str = "E_max_syst"
+    group: str = "umbmark-measured"
+    standard: bool = True
 
     @property
     def robot(self) -> RobotDescription:
@@ -74,6 +76,8 @@ class MeasuredCalibration:
     )
     version: int = 1
     metric: str = "E_max_syst"
+    group: str = "calibration"
+    standard: bool = True
     followed_by: str = "dead-reckoning-1"
 
     @property

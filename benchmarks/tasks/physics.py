@@ -93,6 +93,8 @@ class PhysicsUMBmark:
     metric: str
     baseline: bool
     version: int = 1
+    group: str = "umbmark-physics"
+    standard: bool = True
     missing: str | None = None
     robot: RobotDescription = field(default_factory=lambda: preset(ROBOT))
 

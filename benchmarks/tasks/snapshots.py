@@ -54,6 +54,8 @@ class StaticTests:
         "Sound is every axle that odometry has within 2 cm and 2 deg of the truth."
     )
     metric: str = "mean_axle_position"
+    group: str = "snapshots"
+    standard: bool = True
     version: int = 1
     missing: None = None
 
@@ -96,6 +98,8 @@ class DeviantAxles:
     odometry: Noise = Noise(0.01, np.radians(1.0))
     sensors: Noise = Noise(0.02, np.radians(2.0))
     metric: str = "mean_axle_position"
+    group: str = "snapshots"
+    standard: bool = True
     version: int = 1
     missing: None = None
 
@@ -142,6 +146,8 @@ class OppositeBends:
     odometry: Noise = Noise(0.002, np.radians(0.2))
     sensors: Noise = Noise(0.005, np.radians(0.5))
     metric: str = "mean_axle_position"
+    group: str = "snapshots"
+    standard: bool = True
     version: int = 1
     missing: None = None
 

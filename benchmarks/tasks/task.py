@@ -20,6 +20,9 @@ Case = int | str
 EVALUATION_PERIOD = 0.5
 """s: trajectories are stored and scored at this interval, and at the last pose."""
 
+MOST_SAMPLES = 1000
+"""Of a run that are scored; those of longer ones have a longer interval."""
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -32,6 +35,9 @@ class Run:
     belief: of a snapshot, the axles' poses (N, 3) that a train's estimator starts from instead of the true ones; the
     run is then scored at its last sample alone. sound: the axles, from 1 at the front, whose belief is right, where the
     task knows.
+
+    oracle: poses at `samples` of an estimator that knows what nobody can know, as a ceiling of what is possible: the
+    true vehicle and what disturbs it. None where the task has none.
     """
 
     log: Log
@@ -39,6 +45,7 @@ class Run:
     baseline: bool = False
     belief: NDArray[np.float64] | None = None
     sound: tuple[int, ...] = ()
+    oracle: NDArray[np.float64] | None = None
 
     def __post_init__(self):
         if self.log.reference is None or not np.isfinite(self.log.reference[0]).all():
@@ -48,6 +55,8 @@ class Run:
             if self.axles is None or belief.shape != (self.axles, 3) or not np.isfinite(belief).all():
                 raise ValueError(f"a belief holds a finite pose for each axle of a train, got {belief.shape}")
             object.__setattr__(self, "belief", belief)
+        if self.oracle is not None and self.oracle.shape != self.truth.shape:
+            raise ValueError(f"an oracle's poses are those at `samples`, {self.truth.shape}, got {self.oracle.shape}")
         if any(not 1 <= axle <= (self.axles or 0) for axle in self.sound):
             raise ValueError(f"sound names axles from 1 to {self.axles}, got {self.sound}")
 
@@ -62,15 +71,15 @@ class Run:
     def samples(self) -> NDArray[np.intp]:
         """The samples (M,) that are stored and scored.
 
-        Of those with a reference pose the ones nearest to the times t_0, t_0 + EVALUATION_PERIOD, ..., and the last; of
-        a snapshot the last alone.
+        Of those with a reference pose the ones nearest to the times t_0, t_0 + EVALUATION_PERIOD, ..., or at most
+        `MOST_SAMPLES` evenly, and the last; of a snapshot the last alone.
         """
         assert self.log.reference is not None
         known = np.flatnonzero(np.isfinite(self.log.reference).all(axis=1))
         if self.belief is not None:
             return known[-1:]
         t = self.log.t[known]
-        times = np.arange(t[0], t[-1], EVALUATION_PERIOD)
+        times = np.arange(t[0], t[-1], max(EVALUATION_PERIOD, float(t[-1] - t[0]) / MOST_SAMPLES))
         after = np.searchsorted(t, times)
         before = np.maximum(after - 1, 0)
         nearest = np.where(times - t[before] < t[after] - times, before, after)
@@ -202,6 +211,16 @@ class Task(Protocol):
     @property
     def robot(self) -> Vehicle:
         """A robot or a train of the layout that the estimators will be given."""
+        ...
+
+    @property
+    def group(self) -> str:
+        """The group that the overview shows it in: lower-case words joined by hyphens."""
+        ...
+
+    @property
+    def standard(self) -> bool:
+        """Whether ``castor-bench run`` runs it without being told to; slow tasks are run by name or group alone."""
         ...
 
     @property

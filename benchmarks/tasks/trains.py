@@ -75,6 +75,8 @@ class DrivenTrain:
     disturbed: int
     floor: FloorOf
     metric: str = "mean_axle_position"
+    group: str = "trains"
+    standard: bool = True
     version: int = 1
     missing: None = None
 

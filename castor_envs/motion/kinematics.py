@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array, vectors
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.robot import Gyro, RobotDescription
+from castor_envs.vehicles.tolerances import Tolerances
 from castor_envs.vehicles.train import TrainDescription
 
 
@@ -34,7 +35,8 @@ class Geometry:
     n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
     fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal for all
     robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there
-    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering.
+    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering. gyro and tolerances:
+    as the description states them, None where it states none.
     """
 
     pivot: Array
@@ -51,12 +53,15 @@ class Geometry:
     fixed: NDArray[np.bool_]
     driven: NDArray[np.bool_]
     sample_period: float
+    gyro: Gyro | None = None
+    tolerances: Tolerances | None = None
 
     @classmethod
     def of(cls, robot: "RobotDescription | Sequence[RobotDescription] | Geometry") -> "Geometry":
         """Return the geometry of a robot, of a sequence of robots (one leading axis), or the geometry itself.
 
-        Raises ValueError if robots of a sequence differ in layout, encoders or sample period, Declined for a train.
+        Raises ValueError if robots of a sequence differ in layout, encoders, sample period, gyro or tolerances,
+        Declined for a train.
         """
         if isinstance(robot, Geometry):
             return robot
@@ -67,18 +72,19 @@ class Geometry:
         members = [_of_robot(member) for member in robot]
         first = members[0]
         layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
+        same = ("sample_period", "gyro", "tolerances")
         for member in members[1:]:
             for name in layout:
                 if not np.array_equal(getattr(member, name), getattr(first, name), equal_nan=name.endswith("per_rev")):
                     raise ValueError(f"robots of one batch must agree in {name}")
-            if member.sample_period != first.sample_period:
-                raise ValueError("robots of one batch must agree in sample_period")
+            for name in same:
+                if getattr(member, name) != getattr(first, name):
+                    raise ValueError(f"robots of one batch must agree in {name}")
         numbers = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
         stacked = {name: np.stack([getattr(member, name) for member in members]) for name in numbers}
         return cls(
             **stacked,
-            **{name: getattr(first, name) for name in layout},
-            sample_period=first.sample_period,
+            **{name: getattr(first, name) for name in (*layout, *same)},
         )
 
     @property
@@ -158,6 +164,8 @@ def _of_robot(robot: RobotDescription) -> Geometry:
         fixed=np.array([castor.steering == "fixed" for castor in castors]),
         driven=np.array([castor.steering == "driven" for castor in castors]),
         sample_period=robot.sample_period,
+        gyro=robot.gyro,
+        tolerances=robot.tolerances,
     )
 
 

@@ -10,6 +10,7 @@ import itertools
 import os
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, TypeAdapter, model_validator
 from pydantic.dataclasses import dataclass
 
@@ -33,6 +34,7 @@ from castor_envs.description import (
     Vector,
 )
 from castor_envs.vehicles.effect import Effect, EffectOf, apply_effects
+from castor_envs.vehicles.tolerances import Tolerances
 
 FORMAT = "castor-robot/1"
 #: rad: rollers whose axes lie within 4 degrees of the wheel's own axle would leave it unable to push.
@@ -139,8 +141,8 @@ class RobotDescription:
 
     sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg,
     kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
-    max_steering_speed, max_steering_torque: of each driven castor. effects: what the real robot does beyond this
-    description; `as_built` folds them in.
+    max_steering_speed, max_steering_torque: of each driven castor. tolerances: how exact these dimensions are, None
+    where nobody says. effects: what the real robot does beyond this description; `as_built` folds them in.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -155,6 +157,8 @@ class RobotDescription:
     max_steering_torque: Torque = 5.0
     contact: Contact = Contact()
     gyro: Gyro | None = None
+    # Files of robots without tolerances, and so their hashes, are as they were before there were any.
+    tolerances: Annotated[Tolerances | None, Field(exclude_if=lambda value: value is None)] = None
     effects: tuple[Annotated[Effect, EffectOf("robot")], ...] = ()
     scope: ClassVar[Literal["robot"]] = "robot"
 
@@ -208,6 +212,32 @@ class RobotDescription:
     def as_described(self) -> "RobotDescription":
         """Return the robot as its user believes it to be: without effects. Controllers and estimators get this one."""
         return dataclasses.replace(self, effects=())
+
+    def drawn(self, random: np.random.Generator) -> "RobotDescription":
+        """Return a robot as it may truly be, made within the tolerances of this one; without any, this one.
+
+        Errors are normal, cut at three standard deviations, and drawn castor by castor: pivot x and y, zero or angle,
+        offset, then radius and lateral of each wheel.
+        """
+        if self.tolerances is None:
+            return self
+        within = self.tolerances
+
+        def off() -> float:
+            return float(np.clip(random.standard_normal(), -3.0, 3.0))
+
+        def wheel(w: Wheel) -> Wheel:
+            radius = w.radius * (1 + within.radius * off())
+            return dataclasses.replace(w, radius=radius, lateral=w.lateral * (1 + within.lateral * off()))
+
+        def castor(c: Castor) -> Castor:
+            pivot = (c.pivot[0] + within.pivot * off(), c.pivot[1] + within.pivot * off())
+            turned = within.pivot_zero * off()
+            turn = {"angle": c.angle + turned} if c.steering == "fixed" else {"pivot_zero": c.pivot_zero + turned}
+            offset = c.offset * (1 + within.offset * off())
+            return dataclasses.replace(c, pivot=pivot, offset=offset, wheels=tuple(wheel(w) for w in c.wheels), **turn)
+
+        return dataclasses.replace(self, castors=tuple(castor(c) for c in self.castors))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as plain data, ``format`` first."""

@@ -18,9 +18,9 @@ of its readings at both ends. The state of a robot with n castors and d wheels w
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
     bias (1)         of the gyro, rad/s
 
-Nobody tells whether a description is calibrated: two filters run side by side, one for each column of Table I of
-Doebbler et al. Their log-likelihoods decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control
-10(4), 1965).
+A description may state tolerances, which are the prior of the numbers. Where it states none, nobody tells whether it is
+calibrated: two filters run side by side, one for each column of Table I of Doebbler et al. Their log-likelihoods
+decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control 10(4), 1965).
 """
 
 import dataclasses
@@ -35,23 +35,13 @@ from castor_envs.geometry.se2 import wrap
 from castor_envs.motion.kinematics import Geometry, left_of, unit
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.tolerances import Tolerances
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
 from estimators.robots.wheel_odometry import Equations, EquationsOfSamples, moved, solve
 
-
-class Errors(NamedTuple):
-    """Standard deviations of a description's numbers: radius, lateral and offset relative; zero, rad; pivot, m."""
-
-    radius: float
-    lateral: float
-    offset: float
-    zero: float
-    pivot: float
-
-
-CALIBRATED = Errors(radius=4.6e-4, lateral=4.6e-4, offset=1e-3, zero=2e-4, pivot=5e-5)
-UNCALIBRATED = Errors(radius=2.4e-2, lateral=1e-2, offset=2.5e-3, zero=1e-3, pivot=5e-5)
+CALIBRATED = Tolerances(radius=4.6e-4, lateral=4.6e-4, offset=1e-3, pivot_zero=2e-4, pivot=5e-5)
+UNCALIBRATED = Tolerances(radius=2.4e-2, lateral=1e-2, offset=2.5e-3, pivot_zero=1e-3, pivot=5e-5)
 """Table I of Doebbler et al., whose mean absolute errors are taken as those of uniform distributions. It has no zeros
 before calibration that a filter could begin from (8 deg) and no pivots: a milliradian, and as exact as the catalogue of
 effects says that a chassis is machined."""
@@ -69,6 +59,10 @@ UNEVEN = 2.0
 GATE = 3.5
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
 one in 2000 is."""
+
+TIE = 2.0
+"""Twice the log-likelihood ratio up to which it is not known which of two measurements contradicts: both are released.
+With one equation more than needed, as of two wheels and a gyro, it never is."""
 
 RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
@@ -90,6 +84,10 @@ LEAST = 1e-12
 BIAS = 0.02
 """rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones
 say."""
+
+
+DRIFT = 1e-4
+"""rad/s in a root second: random walk of a gyro's bias, 0.04 deg/s in a minute, as of a chip that warms up."""
 
 
 class _Layout:
@@ -145,10 +143,7 @@ class CalibratingFilter:
     batched = True
 
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
-        """Start at `pose` (..., 3); raises Declined where the wheels do not determine how the robot moves.
-
-        A `Geometry` has no gyro: then readings of a gyro are not used.
-        """
+        """Start at `pose` (..., 3); raises Declined where the wheels do not determine how the robot moves."""
         geometry, self._start = start(robot, pose)
         self._equations = equations = EquationsOfSamples(geometry)
         self._geometry, wheels = geometry, equations.wheels
@@ -159,22 +154,23 @@ class CalibratingFilter:
         self._step = step
         self._floor_turns = (geometry.trailing & ~geometry.fixed & ~geometry.driven)[..., None, :]
         lead = geometry.offset.shape[:-1]
-        variance = np.zeros((*lead, 2, at.size))
+        priors = (CALIBRATED, UNCALIBRATED) if geometry.tolerances is None else (geometry.tolerances,)
+        variance = np.zeros((*lead, len(priors), at.size))
         variance[..., at.swivel], variance[..., at.roll] = step**2 / 12, self._count**2 / 12
-        for k, errors in enumerate((CALIBRATED, UNCALIBRATED)):
+        for k, errors in enumerate(priors):
             variance[..., k, at.radius] = errors.radius**2
             variance[..., k, at.lateral] = (errors.lateral * geometry.lateral[..., wheels]) ** 2
             variance[..., k, at.offset] = (errors.offset * geometry.offset) ** 2
-            variance[..., k, at.zero] = errors.zero**2
+            variance[..., k, at.zero] = errors.pivot_zero**2
             variance[..., k, np.concatenate([at.x, at.y])] = errors.pivot**2
         variance[..., at.bias] = BIAS**2
-        shape = (*np.broadcast_shapes(lead, self._start.shape[:-1]), 2)
+        shape = (*np.broadcast_shapes(lead, self._start.shape[:-1]), len(priors))
         self._state = np.zeros((*shape, at.size))
         self._covariance = np.broadcast_to(variance[..., None] * np.eye(at.size), (*shape, at.size, at.size)).copy()
-        self._log_likelihood = np.zeros(shape) - [0.0, TRUST]
+        self._log_likelihood = np.zeros(shape) - TRUST * np.arange(len(priors))
         self._angle: Array | None = None
-        self._swivel, self._gyro = np.zeros_like(step), None if isinstance(robot, Geometry) else robot.gyro
-        self._last: tuple[Array, Array, Array] | None = None  # time, reading of the gyro, and how much it changed
+        self._swivel, self._gyro = np.zeros_like(step), geometry.gyro
+        self._last: tuple[Array, Array] | None = None  # time and reading of the gyro
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3)."""
@@ -190,6 +186,7 @@ class CalibratingFilter:
             uneven = UNEVEN * (swivel - last) ** 2 / (np.abs(swivel) + np.abs(last) + self._step + 1e-9)
             state, covariance, measured = self._predicted(sample, swivel, rolled, uneven)
             if turned is not None:
+                covariance[..., self._at.bias, self._at.bias] += DRIFT**2 * turned[-1][..., None]
                 measured = self._with_gyro(measured, sample, state, *turned)
             found = self._updated(state, covariance, measured)
             self._state, self._covariance, self._log_likelihood = (
@@ -239,7 +236,7 @@ class CalibratingFilter:
 
     @property
     def _parts(self) -> Array:
-        """The probabilities (..., 2) that the description is calibrated, and that it is not."""
+        """The probabilities (..., filters): that the description is calibrated, and that it is not."""
         parts = np.exp(self._log_likelihood - self._log_likelihood.max(axis=-1, keepdims=True))
         return parts / parts.sum(axis=-1, keepdims=True)
 
@@ -336,11 +333,11 @@ class CalibratingFilter:
         if self._gyro is None or "gyro" not in observation:
             return None
         time, rate, last = observation["time"], observation["gyro"], self._last
-        self._last = time, rate, np.zeros_like(rate) if last is None else rate - last[1]
+        self._last = time, rate
         if last is None:
             return None
-        duration, uneven = time - last[0], self._last[2] - last[2]
-        noise = self._gyro.noise**2 / 2 + (uneven / 12) ** 2  # of the trapezoid, by the second difference
+        duration, change = time - last[0], rate - last[1]
+        noise = self._gyro.noise**2 / 2 + change**2 / 12  # nobody tells when in the sample the rate changes
         return duration * (rate + last[1]) / 2, duration**2 * noise + LEAST, duration
 
     def _with_gyro(
@@ -349,7 +346,7 @@ class CalibratingFilter:
         """Return measurements with that of a turn (..., 1) by the gyro; noise: its variance."""
         row = np.zeros((*state.shape[:-1], 1, self._at.size))
         row[..., self._at.motion[2]] = 1.0
-        row[..., self._at.bias] = duration[..., None, :]
+        row[..., self._at.bias] = duration[..., None, None]
         error = (turned - sample.turn - duration * state[..., self._at.bias[0]])[..., None]
         parts = zip(measured, (row, error, noise[..., None] + 0 * error), (-2, -1, -1), strict=True)
         return _Measured(*(np.concatenate([part, more], axis=axis) for part, more, axis in parts))
@@ -401,7 +398,8 @@ def _released(joint: Array, left: Array, slip: Array) -> tuple[Array, Array]:
         contradicts: NDArray[np.bool_] = np.take_along_axis(beside, worst, axis=-1) > GATE
         if not contradicts.any():
             break
-        here = (diagonal == worst) & contradicts
+        most = np.take_along_axis(beside, worst, axis=-1)
+        here = (beside**2 > most**2 - TIE) & contradicts & (beside > 0)
         released = np.where(here, slip, released).astype(np.float64)
         inverse = np.asarray(np.linalg.inv(joint + released[..., None] * np.eye(len(diagonal))), dtype=np.float64)
     return released, inverse

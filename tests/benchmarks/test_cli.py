@@ -61,6 +61,31 @@ def test_a_run_ends_with_the_leaderboard(castor_bench, plugin):
     assert out.startswith("## Arcs")
 
 
+def test_of_many_tasks_a_run_shows_the_overview(jobs_here, castor_bench, fake_tasks, plugin, monkeypatch):
+    tasks = tuple(fake_tasks.Arcs(name=f"arcs-{k}", group=f"group-{k % 2}") for k in range(4))
+    for module in (cli, choose):
+        monkeypatch.setattr(module, "official_tasks", lambda measured=None: tasks)
+    specs = ("--estimator", plugin("followers:Follower"), "--estimator", plugin("faulty:Raises"))
+    code, out, err = castor_bench("run", "--cases", 1, "--jobs", 1, *specs)
+    assert code == 1
+    assert "Estimators of robots" in out
+    assert "E_max, mm" not in out
+    assert "faulty:Raises is not ranked in arcs-0 (failed 1 of 1 cases)" in out
+    assert err.endswith("; castor-bench leaderboard TASK shows the reasons\n")
+    code, again, _ = castor_bench("leaderboard")
+    assert code == 0
+    assert [line for line in again.splitlines() if "│" in line] == [line for line in out.splitlines() if "│" in line]
+    code, out, _ = castor_bench("leaderboard", "arcs-1", "--task", "arcs-3")
+    assert (code, out.count("E_max, mm"), "Estimators of robots" in out) == (0, 2, False)
+    assert "faulty:Raises failed 1 of 1 cases (0): raised" in out
+    code, out, _ = castor_bench("leaderboard", "--group", "group-0", "--csv")
+    assert (code, [line.split(",")[1] for line in out.splitlines()]) == (0, ["task", *2 * ["arcs-0"], *2 * ["arcs-2"]])
+    code, out, _ = castor_bench("leaderboard", "--html")
+    assert (code, out.startswith("<!DOCTYPE html>"), out.endswith("</html>\n")) == (0, True, True)
+    code, out, _ = castor_bench("leaderboard", "--markdown")
+    assert (code, out.startswith("## Estimators of robots"), out.count("## Arcs")) == (0, True, 4)
+
+
 def test_measured_data_are_found(jobs_here, castor_bench, plugin, tmp_path, monkeypatch):
     (tmp_path / "square.csv").write_text("")
     monkeypatch.setenv("CASTOR_DATA", str(tmp_path))
@@ -85,9 +110,55 @@ def test_list_and_version(castor_bench):
     assert castor_bench("--version")[:2] == (0, "castor-envs 0.1.0\n")
 
 
+@pytest.fixture
+def planned(castor_bench, fake_tasks, monkeypatch):
+    """Return a function that gives the command tasks of two groups, one of them slow; it returns what would be run."""
+    tasks = (
+        fake_tasks.Arcs(),
+        fake_tasks.Arcs(name="wide-arcs", group="manoeuvres"),
+        fake_tasks.Arcs(name="long-arcs", group="manoeuvres", standard=False),
+    )
+    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: tasks)
+    monkeypatch.setattr(cli, "official_tasks", lambda measured=None: tasks)
+    plans = []
+
+    def plan_only(plan, *_):
+        plans.append([assignment.task.name for assignment in plan])
+        return {}
+
+    monkeypatch.setattr(cli, "run_plan", plan_only)
+
+    def call(*arguments):
+        plans.clear()
+        code, _, err = castor_bench("run", *arguments)
+        return plans[0] if plans else (code, err)
+
+    return call
+
+
+def test_slow_tasks_run_by_name_or_group_alone(planned):
+    assert planned() == ["arcs", "wide-arcs"]
+    assert planned("--task", "long-arcs") == ["long-arcs"]
+    assert planned("--group", "manoeuvres") == ["wide-arcs", "long-arcs"]
+    assert planned("--group", "manoeuvres", "--group", "squares") == ["wide-arcs", "long-arcs", "arcs"]
+    assert planned("--group", "manoeuvres", "--task", "wide-arcs", "--task", "arcs") == [
+        "wide-arcs",
+        "arcs",
+        "long-arcs",
+    ]
+    assert planned("--estimator", "dead-reckoning") == ["arcs", "wide-arcs"]
+
+
+def test_the_list_shows_groups_and_what_is_slow(planned, castor_bench):
+    lines = castor_bench("list")[1].splitlines()
+    start = lines.index("  manoeuvres")
+    assert [line.split("  (")[0] for line in lines[start + 1 : start + 3]] == ["    wide-arcs", "  * long-arcs"]
+
+
 MISTAKES = {
     "task": (("run", "--task", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
     "task of the board": (("leaderboard", "--task", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
+    "group": (("run", "--group", "square"), "unknown group of tasks 'square'; did you mean 'squares'?"),
     "estimator": (("run", "--estimator", "kast-0"), "did you mean 'cast-0'?"),
     "two of one name": (
         ("run", "--estimator", "whole.py", "--estimator", "other/whole.py"),
@@ -106,6 +177,9 @@ MISTAKES = {
     "measured folder": (("run", "--measured", "nowhere"), "nowhere"),
     "measured folder without data": (("run", "--measured", "."), "no square.csv there"),
     "two forms": (("leaderboard", "--json", "--markdown"), "choose one"),
+    "two other forms": (("leaderboard", "--csv", "--html"), "choose one"),
+    "task of the board, by argument": (("leaderboard", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
+    "group of the board": (("leaderboard", "--group", "square"), "did you mean 'squares'?"),
     "option": (("run", "--robots"), "--robots"),
     "command": (("rum",), "rum"),
     "robot": (("check", "cast-0", "--robot", "asoc-prototyp"), "did you mean 'asoc-prototype'?"),
@@ -232,7 +306,7 @@ def test_a_row_that_failed_makes_the_run_fail_after_the_board(jobs_here, castor_
     assert code == 1
     assert err.endswith("not all succeeded: faulty:Raises failed 2 of 2 cases of arcs; the reasons are above\n")
     assert "failed 2 of 2 cases" in out
-    assert out.endswith("castor-bench leaderboard --results castor-results\n")
+    assert out.endswith("castor-bench leaderboard arcs --results castor-results\n")
     for _ in range(2):
         code, _, err = castor_bench(*arguments, plugin("fails_on_some:FailsOnSome"), "--cases", 4)
         assert code == 1

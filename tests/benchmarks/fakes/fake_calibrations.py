@@ -14,6 +14,7 @@ class CalibrationByArcs(Arcs):
 
     name: str = "calibration-by-arcs"
     title: str = "Calibration by arcs"
+    group: str = "calibration"
     followed_by: str = "dead-reckoning-1"
 
     def record(self, case):

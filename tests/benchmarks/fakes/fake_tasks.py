@@ -45,6 +45,8 @@ class Arcs:
     title: str = "Arcs"
     description: str = "Arcs both ways."
     metric: str = "E_max_syst"
+    group: str = "squares"
+    standard: bool = True
     missing: str | None = None
     pause: float = 0.0
     samples: int = 61

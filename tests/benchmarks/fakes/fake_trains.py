@@ -36,6 +36,8 @@ class Ahead:
     title: str = "Ahead"
     description: str = "Straight ahead."
     metric: str = "mean_axle_position"
+    group: str = "trains"
+    standard: bool = True
     missing: str | None = None
     robot = cfmmr(3)
 

@@ -5,6 +5,7 @@
 
 import cmath
 import math
+import re
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, tasks
-from benchmarks.tasks.task import odometry_of
+from benchmarks.tasks.task import Task, odometry_of
 from castor_envs.vehicles.presets import preset
 from estimators.robots.cast import CAST
 from estimators.robots.ipec import IPEC
@@ -169,6 +170,8 @@ def test_official_tasks_are_named_apart_and_scored_by_a_known_metric():
     tasks = official_tasks(None)
     assert len({task.name for task in tasks}) == len(tasks) >= 7
     for task in tasks:
+        assert isinstance(task, Task)
+        assert re.fullmatch("[a-z0-9]+(-[a-z0-9]+)*", task.group)
         assert task.metric in BOARD_METRICS
         assert (task.missing is not None) == ("measured" in task.name)
 

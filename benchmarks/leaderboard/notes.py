@@ -1,0 +1,71 @@
+"""The notes below boards: shared ranks, failures, cases not done, files that cannot be used."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from benchmarks.leaderboard.board import Leaderboard, TaskBoard
+from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
+from benchmarks.results.archives import CorruptFileError
+from benchmarks.results.rows import DECLINED, older_rows
+
+
+def say(console: Console, text: str) -> None:
+    """Print a line as it is: names of others' plug-ins are no markup."""
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
+    """Return the notes below a table: shared ranks, failures, cases not done, older sources.
+
+    intervals: where in the table the intervals stand, or None if the notes do not mention them.
+    """
+    served = "this robot" if board.odometry is None else "this task"
+    refusals = [f"{declined.estimator} declines {served}: {declined.reason}" for declined in board.declined]
+    if not board.entries:
+        return refusals
+    meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
+    too_few = len(board.cases) < FEWEST_CASES
+    if intervals is not None and not too_few:
+        meaning.append(f"{intervals} {100 * LEVEL:.0f} % intervals")
+    if any(entry.rank is not None for entry in board.entries):
+        shared = "who does not differ significantly (paired, 5 % family-wise) from the best of a rank shares it"
+        meaning.append("too few to show a difference" if too_few else shared)
+    if board.odometry is not None:
+        meaning.append(f"odometry with the calibrated robot: {board.odometry}")
+    notes = ["; ".join(meaning), *refusals]
+    for entry in board.entries:
+        for failed in entry.failed:
+            cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")
+            did, reason = "declined" if failed.declined else "failed", failed.reason.removeprefix(DECLINED)
+            notes.append(f"{entry.estimator} {did} {len(failed.cases)} of {len(board.cases)} cases ({cases}): {reason}")
+        if entry.stands_still:
+            notes.append(f"{entry.estimator} is not ranked: its ATE is no better than that of standing still")
+        if entry.lacking:
+            notes.append(f"{entry.estimator} has not run {len(entry.lacking)} of {len(board.cases)} cases; run again")
+    if board.superseded:
+        left_out = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
+        notes.append(f"rows of other versions of an estimator's source are left out: {left_out}")
+    return notes
+
+
+def general_notes(leaderboard: Leaderboard) -> list[str]:
+    """Return the notes on a whole folder of results: what is not shown, and why."""
+    notes = [f"not shown: rows of {task} version {version}" for task, version in leaderboard.other_versions]
+    if leaderboard.older_formats:
+        remedy = "are not shown; run the tasks again, or remove the folder"
+        notes.append(older_rows(leaderboard.older_formats, leaderboard.folder, remedy))
+    if leaderboard.refused:
+        notes.append(
+            f"rows refused: {_listed(leaderboard.refused)}; castor-bench run computes them again, or delete them"
+        )
+    if leaderboard.refused_episodes:
+        listed = _listed(leaderboard.refused_episodes)
+        notes.append(f"episodes refused: {listed}; castor-bench run records them again")
+    return notes
+
+
+def _listed(refused: Sequence[CorruptFileError], shown: int = 3) -> str:
+    """Return refused files with the reasons, in one line; of many the first `shown`."""
+    unshown = f"; and {len(refused) - shown} more (--json lists all)" if len(refused) > shown else ""
+    return "; ".join(map(str, refused[:shown])) + unshown

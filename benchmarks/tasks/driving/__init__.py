@@ -1,0 +1,1 @@
+"""Driving in physics: which way, what disturbs the encoders, and the ceiling of what odometry can make of it."""
