@@ -44,6 +44,14 @@ ROBOTS = (
     ("measured-differential", "differential robot", "optiodom", is_differential, "differential", OPTIODOM, BY_METRE),
     ("measured-tricycle", "tricycle", "optiodom", is_tricycle, "tricycle", OPTIODOM, BY_METRE),
     ("measured-omni", "robot on three omni wheels", "optiodom", is_omni, "omni3", OPTIODOM, BY_METRE),
+    *(
+        (f"measured-raw-{short}", f"{title}, unsynchronised", "optiodom-raw", layout, like, OPTIODOM, BY_METRE)
+        for short, title, layout, like in (
+            ("differential", "differential robot", is_differential, "differential"),
+            ("tricycle", "tricycle", is_tricycle, "tricycle"),
+            ("omni", "robot on three omni wheels", is_omni, "omni3"),
+        )
+    ),
     ("measured-robotino", "Robotino on slippery floors", "robotino", is_omni, "omni3", ROBOTINO, ALONG_PATH),
 )
 """Name, title, importer, layout, preset, source, metric and least path."""

@@ -66,11 +66,10 @@ class MeasuredDrives:
 
     def record(self, case: Case) -> Episode:
         """Return a session's test runs."""
-        if self.missing is not None:
+        if self.data is None:
             raise ValueError(self.missing)
-        sessions = self._sessions()
-        path = sessions[str(case)]
-        by = max(sessions.values(), key=self._grip) if self.one_robot else path
+        path = importer(self.importer).find(self.data)[str(case)]
+        by = max(self._sessions().values(), key=self._grip) if self.one_robot else path
         session = _session(self.importer, path, self.way)
         assert session is not None
         robot, _, tests = session
