@@ -15,6 +15,7 @@ from benchmarks.tasks.measured_runs.task import _calibrated
 from castor_envs.errors import InputError
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import load_estimator
 
 BASE, RADIUS, COUNTS = 0.2, 0.042, 43.7 * 64
@@ -31,7 +32,7 @@ def drive(way, seconds=90.0, period=0.05):
     turning = speed * way * (2.0 + 3.0 * np.sin(0.3 * fine))
     psi = np.concatenate([[0.0], np.cumsum(turning[:-1] * period / 20)])
     steps = speed[:-1] * period / 20 * np.exp(1j * (psi[1:] + psi[:-1]) / 2)
-    place = np.concatenate([[0.0], np.cumsum(steps)])
+    place = np.array([0.0, *np.cumsum(steps)], dtype=complex)
     went = np.concatenate([[0.0], np.cumsum(speed[:-1] * period / 20)])
     wheels = np.column_stack([went + BASE / 2 * psi, went - BASE / 2 * psi]) * COUNTS / (2 * np.pi * RADIUS)
     poses = np.column_stack([place.real, place.imag, psi])
@@ -104,16 +105,17 @@ def test_both_boards_have_the_bodys_own_poses_and_differ_in_the_robot_file(data,
         task_named(f"measured-differential-{which}", data).record(case) for which in ("nominal", "calibrated")
     )
     assert nominal.robot != calibrated.robot
+    assert isinstance(calibrated.robot, RobotDescription)
     for one, other in zip(nominal.runs, calibrated.runs, strict=True):
-        np.testing.assert_array_equal(one.log.reference, other.log.reference)
+        np.testing.assert_array_equal(reference(one.log), reference(other.log))
         np.testing.assert_array_equal(one.log.wheel, other.log.wheel)
     left, right = calibrated.robot.castors[0].wheels
     assert left.lateral - right.lateral == pytest.approx(BASE, rel=2e-3)
     assert rpe(calibrated) < 2e-3 < 5e-3 < rpe(nominal)
     for run in nominal.runs:  # against the path that was driven, which no clock or tracker has seen
-        t, poses, _ = drive(1 if run.log.reference[-1, 2] > run.log.reference[0, 2] else -1)
+        t, poses, _ = drive(1 if reference(run.log)[-1, 2] > reference(run.log)[0, 2] else -1)
         true = poses[np.searchsorted(t, run.log.t - 1e-6)]
-        off = relative_pose(true[0], true) - relative_pose(run.log.reference[0], run.log.reference)
+        off = relative_pose(true[0], true) - relative_pose(reference(run.log)[0], reference(run.log))
         assert np.abs(off[:, :2]).max() < 3e-3
         assert np.abs(off[:, 2]).max() < 2e-3
 
@@ -131,6 +133,11 @@ def test_a_garbled_session_is_named(data, tmp_path):
     assert "broken_run-02.csv:1" in (task_named("measured-differential-nominal", tmp_path).missing or "")
 
 
+def reference(log):
+    assert log.reference is not None
+    return log.reference
+
+
 def straight(seconds=60.0, turn=0.1, speed=0.1):
     t = np.arange(0, seconds, 0.05)
     reference = np.column_stack([speed * t, 0 * t, turn * t])
@@ -141,7 +148,7 @@ def test_test_runs_share_no_sample_with_calibration_and_ways_are_on_both_sides()
     left, right, short = straight(), straight(turn=-0.1), straight(seconds=5.0)
     recordings, tests = divided((left, left, right, right, left, left), 1.2)
     for logs in (recordings, tests):
-        assert {log.reference[-1, 2] > 0 for log in logs} == {True, False}
+        assert {reference(log)[-1, 2] > 0 for log in logs} == {True, False}
     assert (len(recordings), len(tests)) == (3, 3)
     (first,), (second,) = divided((left,), 1.2)
     assert first.t[-1] < second.t[0]
@@ -154,27 +161,29 @@ def test_test_runs_share_no_sample_with_calibration_and_ways_are_on_both_sides()
 
 def test_the_length_of_a_path_is_not_that_of_its_noise():
     log = straight()
-    log.reference[:, :2] += np.random.default_rng(0).normal(scale=1e-3, size=(len(log), 2))
+    reference(log)[:, :2] += np.random.default_rng(0).normal(scale=1e-3, size=(len(log), 2))
     assert path_length(log) == pytest.approx(6.0, rel=0.02)
 
 
 def test_a_reference_on_another_clock_is_read_at_the_logs_own_times():
     log, clock = straight(), np.array([0.3, -0.01])
     taken = log.t + clock[0] + clock[1] * log.t
-    seen = np.column_stack([np.interp(taken, log.t, c, right=np.nan) for c in log.reference.T])
+    seen = np.column_stack([np.interp(taken, log.t, c, right=np.nan) for c in reference(log).T])
     found = on_own_clock(Log(log.t, log.wheel, log.pivot, reference=seen), clock)
     assert found is not None
     assert found.t[0] == pytest.approx(0.3)  # nothing before was seen
-    np.testing.assert_allclose(found.reference, straight().reference[np.searchsorted(log.t, found.t - 1e-9)], atol=1e-9)
+    np.testing.assert_allclose(
+        reference(found), reference(straight())[np.searchsorted(log.t, found.t - 1e-9)], atol=1e-9
+    )
     assert on_own_clock(log, np.array([1000.0, 0.0])) is None
 
 
 def test_no_pose_is_made_up_in_a_gap():
     log = straight()
-    log.reference[100:200] = np.nan
+    reference(log)[100:200] = np.nan
     found = on_own_clock(log, np.array([0.01, 0.0]))
     assert found is not None
-    assert np.isnan(found.reference[(found.t > 5.1) & (found.t < 9.9)]).all()
+    assert np.isnan(reference(found)[(found.t > 5.1) & (found.t < 9.9)]).all()
 
 
 DATA = Path(os.environ["CASTOR_DATA"]) if "CASTOR_DATA" in os.environ else None
