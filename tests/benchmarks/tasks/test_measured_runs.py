@@ -35,7 +35,7 @@ def drive(way, seconds=90.0, period=0.05):
     place = np.array([0.0, *np.cumsum(steps)], dtype=complex)
     went = np.concatenate([[0.0], np.cumsum(speed[:-1] * period / 20)])
     wheels = np.column_stack([went + BASE / 2 * psi, went - BASE / 2 * psi]) * COUNTS / (2 * np.pi * RADIUS)
-    poses = np.column_stack([place.real, place.imag, psi])
+    poses = np.column_stack([np.real(place), np.imag(place), psi])
     return t, poses[::20][: len(t)], np.round(wheels[::20][: len(t)])
 
 
