@@ -22,7 +22,7 @@ def complaint(path: Path, line: int | None, column: str | None, message: str) ->
     return InputError(f"{place}: column {column!r}: {message}" if column is not None else f"{place}: {message}")
 
 
-def read_lines(path: Path) -> list[Line]:
+def read_lines(path: Path, delimiter: str = ",") -> list[Line]:
     """Return the lines of a CSV file that are not blank.
 
     Raises InputError if there are none, or the file cannot be read.
@@ -31,7 +31,7 @@ def read_lines(path: Path) -> list[Line]:
         raise complaint(path, None, None, "is a folder; name a CSV file in it")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = list(_lines(path, file))
+            lines = list(_lines(path, file, delimiter))
     except OSError as error:
         raise complaint(path, None, None, f"cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
@@ -41,8 +41,8 @@ def read_lines(path: Path) -> list[Line]:
     return lines
 
 
-def _lines(path: Path, file: Iterator[str]) -> Iterator[Line]:
-    reader = csv.reader(file, strict=True)
+def _lines(path: Path, file: Iterator[str], delimiter: str) -> Iterator[Line]:
+    reader = csv.reader(file, strict=True, delimiter=delimiter)
     last = 0
     try:
         for cells in reader:

@@ -25,13 +25,15 @@ of the tricycle; wheels 1 to 3 of the omni-wheel robot.
 import dataclasses
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import Declined, InputError, did_you_mean
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.log import Log
 from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
@@ -123,8 +125,13 @@ def find_sessions(root: str | os.PathLike[str]) -> dict[str, Path]:
 def read_session(folder: str | os.PathLike[str]) -> Session:
     """Read a session of the differential robot, the tricycle or the robot on three omni wheels.
 
-    Raises InputError, with file, line and column, for anything missing or garbled, and for other kinds of robot.
+    Raises InputError, with file, line and column, for anything missing or garbled; Declined for other kinds of robot.
     """
+    return session_of(folder, lambda folder, kind, k, _: _read_run(folder / f"{folder.name}_run-{k:02d}.csv", kind))
+
+
+def session_of(folder: str | os.PathLike[str], read_run: Callable[[Path, str, int, RobotDescription], Log]) -> Session:
+    """Return a session whose runs are read by `read_run`: from a folder, of a kind of robot, by number from 1."""
     folder = Path(os.path.abspath(folder))
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of an OptiOdom session")
@@ -134,7 +141,7 @@ def read_session(folder: str | os.PathLike[str]) -> Session:
     count = metadata.numbers("N", 1)[0]
     if count != int(count):
         raise metadata.complaint("N", f"{count} is not a whole number; give the number of runs")
-    runs = tuple(_read_run(folder / f"{folder.name}_run-{k:02d}.csv", kind) for k in range(1, int(count) + 1))
+    runs = tuple(read_run(folder, kind, k, robot) for k in range(1, int(count) + 1))
     period = float(np.median(np.concatenate([np.diff(run.t) for run in runs])))
     return Session(
         name=folder.name,
@@ -150,7 +157,8 @@ def direction(run: Log) -> Literal["cw", "ccw"]:
     """Return which way a run with a reference turned in all: "cw" where its true heading fell."""
     if run.reference is None:
         raise ValueError("the run has no reference")
-    return "cw" if run.reference[-1, 2] < run.reference[0, 2] else "ccw"
+    heading = run.reference[np.isfinite(run.reference[:, 2]), 2]
+    return "cw" if len(heading) and heading[-1] < heading[0] else "ccw"
 
 
 class _Metadata(NamedTuple):
@@ -201,7 +209,7 @@ def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
     if kind not in _COLUMNS:
         *kinds, last = _COLUMNS
         known = f"{', '.join(kinds)} or {last}"
-        raise metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {known}")
+        raise Declined(str(metadata.complaint("type", f"{kind!r} cannot be read; choose a session of {known}")))
     (gear,), (resolution,) = metadata.numbers("ngear", 1), metadata.numbers("encRes", 1)
     counts = gear * resolution
     (base,) = metadata.numbers("Li", 1)
@@ -228,8 +236,20 @@ def _robot(kind: str, metadata: _Metadata) -> RobotDescription:
 
 def _read_run(path: Path, kind: str) -> Log:
     """Read one run; the log's columns are those of the robot of its session."""
+    truth, wheel, pivot = read_rows(path, kind, _TRUTH)
+    return Log(
+        t=truth[:, 0],
+        wheel=wheel,
+        pivot=pivot,
+        reference=np.column_stack([truth[:, 1:3], np.unwrap(truth[:, 3])]),
+    )
+
+
+def read_rows(path: Path, kind: str, first: tuple[str, ...]) -> tuple[Array, Array, Array]:
+    """Return the columns of a file (K, n) that have the names `first`, "time" before all, then cumulative counts of
+    wheels (K, d) and of the steering (K, s) of this kind of robot."""
     columns = _COLUMNS[kind]
-    names = (*_TRUTH, *columns.names)
+    names = (*first, *columns.names)
     lines = read_lines(path)
     if len(lines) < 2:
         raise complaint(path, None, None, f"a run needs at least 2 rows, not {len(lines)}")
@@ -241,7 +261,7 @@ def _read_run(path: Path, kind: str) -> Log:
             message = f"{row[0]!r} does not come after {rows[-1][0]!r}; times must increase"
             raise complaint(path, line.number, "time", message)
         rows.append(row)
-    truth, odometry = np.split(np.array(rows), [len(_TRUTH)], axis=1)
+    truth, odometry = np.split(np.array(rows), [len(first)], axis=1)
     rolled = odometry[:, columns.wheels]
     rolled[0] = 0.0
     pivot = np.empty((len(rows), 0))
@@ -252,12 +272,7 @@ def _read_run(path: Path, kind: str) -> Log:
             angle = odometry[k, columns.steering]
             message = f"{angle} rad is not a multiple of 2 pi / {STEERING_COUNTS}; give the angle in radians"
             raise complaint(path, lines[k].number, columns.names[columns.steering], message)
-    return Log(
-        t=truth[:, 0],
-        wheel=np.cumsum(rolled, axis=0),
-        pivot=np.round(pivot),
-        reference=np.column_stack([truth[:, 1:3], np.unwrap(truth[:, 3])]),
-    )
+    return truth, np.cumsum(rolled, axis=0), np.round(pivot)
 
 
 def _rounding(angle: str) -> float:
