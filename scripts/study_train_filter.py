@@ -156,7 +156,7 @@ def scores(estimator: str, episodes: list[Episode], metric: str) -> list[float]:
         estimates = estimate_singly(estimator, source, observed_runs(episode))
         if isinstance(estimates, Failure):
             raise RuntimeError(f"{estimator}: {estimates.reason}")
-        found.append(score(episode, estimates)[metric])
+        found.append(score(episode, [run.poses for run in estimates])[metric])
     return found
 
 

@@ -51,6 +51,8 @@ class StaticTestsWithHistory:
     )
     metric: str = "final_axle_position"
     version: int = 1
+    group: str = "snapshots"
+    standard: bool = True
     missing: None = None
 
     @property

@@ -20,7 +20,8 @@ OTHERS = range(800_000, 800_004)
 def follow(name, episode):
     estimates = estimate_singly(name, load_estimator(name).source_hash, observed_runs(episode))
     assert not isinstance(estimates, Failure)
-    return estimates[0], score(episode, estimates)
+    poses = [estimate.poses for estimate in estimates]
+    return poses[0], score(episode, poses)
 
 
 @pytest.mark.parametrize("case", OTHERS)
