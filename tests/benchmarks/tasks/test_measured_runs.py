@@ -76,7 +76,7 @@ def data(tmp_path_factory):
 def rpe(episode, estimator="wheel-odometry"):
     estimates = estimate_singly(estimator, load_estimator(estimator).source_hash, observed_runs(episode))
     assert not isinstance(estimates, Failure)
-    return score(episode, estimates)["rpe_translation"]
+    return score(episode, [estimate.poses for estimate in estimates])["rpe_translation"]
 
 
 def test_every_session_of_a_folder_is_a_case(data):
@@ -207,7 +207,7 @@ def _metric(task, case):
     episode = task.record(case)
     estimates = estimate_singly("filter", load_estimator("filter").source_hash, observed_runs(episode))
     assert not isinstance(estimates, Failure)
-    return score(episode, estimates)[task.metric]
+    return score(episode, [estimate.poses for estimate in estimates])[task.metric]
 
 
 def test_official_tasks_have_the_boards():
