@@ -115,7 +115,7 @@ def test_the_table_of_measured_robots_is_that_of_the_stored_sessions():
 
 def test_stored_results_are_of_the_official_tasks():
     for task in official_tasks():
-        if task.missing is None or task.name in BOARDS:
+        if (task.missing is None and task.standard) or task.name in BOARDS:
             board = BOARDS[task.name]
             assert (board["version"], board["metric"], board["cases"]) == (
                 task.version,

@@ -139,8 +139,8 @@ def _drift(judged: Judged) -> float | None:
 
 
 def _ate_of_oracle(judged: Judged) -> np.floating | None:
-    drives = [path for path in judged.scored if path.run.oracle is not None]
-    return np.mean([absolute_trajectory_error(p.true, p.run.oracle) for p in drives]) if drives else None
+    oracles = [(path.true, path.run.oracle) for path in judged.scored if path.run.oracle is not None]
+    return np.mean([absolute_trajectory_error(true, oracle) for true, oracle in oracles]) if oracles else None
 
 
 def _attained(judged: Judged) -> float | None:

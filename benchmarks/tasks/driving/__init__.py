@@ -1,1 +1,5 @@
-"""Driving in physics: which way, what disturbs the encoders, and the ceiling of what odometry can make of it."""
+"""Drives of robots in physics: which way, what disturbs encoders, and the ceiling of what odometry can make of it."""
+
+from benchmarks.tasks.driving.task import tasks
+
+__all__ = ["tasks"]
