@@ -1,0 +1,93 @@
+"""Tasks of driven robots: repeatable, of robots that nobody knows, with a ceiling that is one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
+from benchmarks.scoring.path_metrics import drift
+from benchmarks.scoring.registry import score
+from benchmarks.tasks import official_tasks
+from benchmarks.tasks.driving.task import KINDS, ROBOTS
+from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import RobotDescription
+from estimators import load_estimator
+
+TASKS = {task.name: task for task in official_tasks()}
+OTHERS = 800_000
+SHORT = [kind.name for kind in KINDS if kind.name != "long"]
+
+
+def ate(episode, poses):
+    return score(episode, [poses])["ate"]
+
+
+def test_every_kind_is_driven_by_every_robot_and_by_name_alone():
+    for kind in KINDS:
+        for robot in ROBOTS:
+            task = TASKS[f"{kind.name}-{robot}"]
+            assert task.group == kind.name
+            assert not task.standard
+
+
+@pytest.mark.parametrize("kind", SHORT)
+def test_a_case_is_the_same_every_time_and_none_is_another(kind):
+    task = TASKS[f"{kind}-differential"]
+    assert task.record(OTHERS).digest == task.record(OTHERS).digest
+    assert task.record(OTHERS).digest != task.record(OTHERS + 1).digest
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_robot_files_state_tolerances_and_not_the_true_robot(robot):
+    for kind in ("manoeuvres", "drawings"):
+        described = TASKS[f"{kind}-{robot}"].record(OTHERS).robot
+        assert isinstance(described, RobotDescription)
+        assert described.tolerances is not None
+        assert dataclasses.replace(described, tolerances=None) == dataclasses.replace(
+            TASKS[f"{kind}-{robot}"].robot, tolerances=None
+        )
+
+
+@pytest.mark.parametrize("robot", ["prototype", "swerve", "tricycle"])
+def test_the_oracle_beats_odometry_and_attains_everything(robot):
+    ratio = []
+    for case in range(OTHERS, OTHERS + 4):
+        episode = TASKS[f"bursts-{robot}"].record(case)
+        estimates = estimate_singly(
+            "wheel-odometry", load_estimator("wheel-odometry").source_hash, observed_runs(episode)
+        )
+        assert not isinstance(estimates, Failure)
+        (run,) = episode.runs
+        assert run.oracle is not None
+        assert score(episode, [run.oracle])["attained"] == pytest.approx(1.0)
+        assert score(episode, [np.broadcast_to(run.start, run.truth.shape)])["attained"] == pytest.approx(0.0)
+        ratio.append(ate(episode, run.oracle) / ate(episode, estimates[0].poses))
+    assert np.median(ratio) < 0.5
+
+
+def test_a_gyro_is_seen_and_its_bias_is_not():
+    episode = TASKS["gyro-differential"].record(OTHERS)
+    assert episode.robot.gyro is not None
+    assert episode.robot.gyro.bias == 0.0
+    (run,) = episode.runs
+    assert run.log.gyro is not None
+    assert run.log.reference is not None
+    turned = np.diff(run.log.reference[:, 2]) / np.diff(run.log.t)
+    assert abs(np.mean(run.log.gyro[1:] - turned)) > 1e-4
+
+
+def test_sampling_has_three_rates_jitter_and_lost_samples():
+    for case, period in enumerate((0.05, 0.02, 0.004)):
+        episode = TASKS["sampling-omni"].record(case)
+        steps = np.diff(episode.runs[0].log.t)
+        assert episode.robot.sample_period == period
+        assert np.median(steps) == pytest.approx(period, rel=0.05)
+        assert steps.min() > 0
+        assert np.mean(steps > 1.5 * period) == pytest.approx(0.02, abs=0.01)
+
+
+def test_a_wrong_scale_drifts_by_itself():
+    true = np.stack([np.linspace(0.0, 60.0, 601), np.zeros(601), np.zeros(601)], axis=-1)
+    assert drift(true, true * [1.003, 1.0, 1.0]) == pytest.approx(0.003)
+    assert drift(true[:50], true[:50]) is None
