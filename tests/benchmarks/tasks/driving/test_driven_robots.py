@@ -44,9 +44,7 @@ def test_robot_files_state_tolerances_and_not_the_true_robot(robot):
         described = TASKS[f"{kind}-{robot}"].record(OTHERS).robot
         assert isinstance(described, RobotDescription)
         assert described.tolerances is not None
-        assert dataclasses.replace(described, tolerances=None) == dataclasses.replace(
-            TASKS[f"{kind}-{robot}"].robot, tolerances=None
-        )
+        assert dataclasses.replace(described, tolerances=None) == preset(ROBOTS[robot])
 
 
 @pytest.mark.parametrize("robot", ["prototype", "swerve", "tricycle"])
@@ -68,6 +66,7 @@ def test_the_oracle_beats_odometry_and_attains_everything(robot):
 
 def test_a_gyro_is_seen_and_its_bias_is_not():
     episode = TASKS["gyro-differential"].record(OTHERS)
+    assert isinstance(episode.robot, RobotDescription)
     assert episode.robot.gyro is not None
     assert episode.robot.gyro.bias == 0.0
     (run,) = episode.runs
