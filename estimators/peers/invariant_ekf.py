@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.peers.gyro import GyroTurns, gyro_of
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
+from estimators.robots.gyro import GyroTurns, gyro_of
 from estimators.robots.wheel_odometry import EquationsOfSamples, solve
 
 DECAY = 2.5
@@ -59,7 +59,7 @@ class InvariantEKF:
     """The filter; serves every robot with a gyro whose wheels determine its motion.
 
     When to use: to compare with such filters. Without an accelerometer it is the wheels' displacement along the gyro's
-    heading. Not batched, as only a description knows its gyro.
+    heading. Not batched.
     """
 
     def reset(self, robot: RobotDescription, pose: ArrayLike) -> None:

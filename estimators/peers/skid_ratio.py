@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.peers.gyro import GyroTurns
 from estimators.peers.modules import Modules, along_arc, rigid_motion, rotation_taken_out
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
+from estimators.robots.gyro import GyroTurns
 from estimators.robots.wheel_odometry import Motion, moved
 
 SKIDS = 1.1

@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.peers.gyro import GyroTurns, gyro_of
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
+from estimators.robots.gyro import GyroTurns, gyro_of
 from estimators.robots.wheel_odometry import Equations, EquationsOfSamples, Motion, solve
 
 RADIUS, TRACK = 1e-2, 1e-2
@@ -52,7 +52,7 @@ class WheelGyro:
     """The filter; serves every robot with a gyro whose wheels determine its motion.
 
     When to use: a robot with a gyro whose radii or track are not exactly known. A turn shows ratios of lengths alone:
-    the common scale of radii and track stays as described. Not batched, as only a description knows its gyro.
+    the common scale of radii and track stays as described. Not batched.
     """
 
     def reset(self, robot: RobotDescription, pose: ArrayLike) -> None:

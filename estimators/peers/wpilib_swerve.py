@@ -18,10 +18,10 @@ from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.peers.gyro import GyroTurns
 from estimators.peers.modules import Modules
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
+from estimators.robots.gyro import GyroTurns
 
 
 class WPILibSwerve:

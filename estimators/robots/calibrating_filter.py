@@ -27,7 +27,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array, vectors
@@ -38,6 +38,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
+from estimators.robots.gyro import GyroTurns
 from estimators.robots.wheel_odometry import Equations, EquationsOfSamples, moved, solve
 
 CALIBRATED = Tolerances(radius=4.6e-4, lateral=4.6e-4, offset=1e-3, pivot_zero=2e-4, pivot=5e-5)
@@ -84,7 +85,6 @@ LEAST = 1e-12
 BIAS = 0.02
 """rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones
 say."""
-
 
 DRIFT = 1e-4
 """rad/s in a root second: random walk of a gyro's bias, 0.04 deg/s in a minute, as of a chip that warms up."""
@@ -169,8 +169,7 @@ class CalibratingFilter:
         self._covariance = np.broadcast_to(variance[..., None] * np.eye(at.size), (*shape, at.size, at.size)).copy()
         self._log_likelihood = np.zeros(shape) - TRUST * np.arange(len(priors))
         self._angle: Array | None = None
-        self._swivel, self._gyro = np.zeros_like(step), geometry.gyro
-        self._last: tuple[Array, Array] | None = None  # time and reading of the gyro
+        self._swivel, self._gyro, self._turns = np.zeros_like(step), geometry.gyro, GyroTurns()
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3)."""
@@ -330,15 +329,11 @@ class CalibratingFilter:
     def _turned_by_gyro(self, observation: Observation) -> tuple[Array, Array, Array] | None:
         """Return by how much the body turns in a sample as a gyro says, rad, the variance of that, and the sample's
         duration, s, (..., 1) each; None where there is no gyro, or no sample before."""
-        if self._gyro is None or "gyro" not in observation:
+        read = None if self._gyro is None else self._turns.read(observation)
+        if self._gyro is None or read is None or not np.any(read.duration > 0):
             return None
-        time, rate, last = observation["time"], observation["gyro"], self._last
-        self._last = time, rate
-        if last is None:
-            return None
-        duration, change = time - last[0], rate - last[1]
-        noise = self._gyro.noise**2 / 2 + change**2 / 12  # nobody tells when in the sample the rate changes
-        return duration * (rate + last[1]) / 2, duration**2 * noise + LEAST, duration
+        turn, duration, uneven = (part[..., None] for part in read)
+        return turn, (duration * self._gyro.noise) ** 2 / 2 + uneven**2 + LEAST, duration
 
     def _with_gyro(
         self, measured: _Measured, sample: _Sample, state: Array, turned: Array, noise: Array, duration: Array
@@ -387,19 +382,18 @@ def _released(joint: Array, left: Array, slip: Array) -> tuple[Array, Array]:
     (..., m, m), and the inverse of the covariance with them.
 
     The residual of a measurement beside all others has the variance 1 / inverse[i, i]. While the largest exceeds
-    `GATE` standard deviations, that measurement gets the variance `slip` (..., m); where that is 0, it stays.
+    `GATE` standard deviations, that measurement, and all that tie with it (`TIE`), get the variance `slip` (..., m);
+    where that is 0, it stays.
     """
     released, inverse = np.zeros_like(left), np.asarray(np.linalg.inv(joint), dtype=np.float64)
     diagonal = np.arange(left.shape[-1])
     for _ in diagonal:
         beside = np.abs(np.einsum("...ij,...j->...i", inverse, left)) / np.sqrt(inverse[..., diagonal, diagonal])
         beside = np.where((slip > 0) & (released == 0), beside, 0.0)
-        worst = np.argmax(beside, axis=-1)[..., None]
-        contradicts: NDArray[np.bool_] = np.take_along_axis(beside, worst, axis=-1) > GATE
-        if not contradicts.any():
+        most = beside.max(axis=-1, keepdims=True)
+        if not (most > GATE).any():
             break
-        most = np.take_along_axis(beside, worst, axis=-1)
-        here = (beside**2 > most**2 - TIE) & contradicts & (beside > 0)
+        here = (most > GATE) & (beside > 0) & (beside**2 > most**2 - TIE)
         released = np.where(here, slip, released).astype(np.float64)
         inverse = np.asarray(np.linalg.inv(joint + released[..., None] * np.eye(len(diagonal))), dtype=np.float64)
     return released, inverse

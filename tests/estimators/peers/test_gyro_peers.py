@@ -11,10 +11,10 @@ from castor_envs.vehicles.presets import differential, preset
 from castor_envs.vehicles.robot import Gyro
 from estimators import WheelOdometry, load_estimator
 from estimators.peers import invariant_ekf
-from estimators.peers.gyro import GyroTurns
 from estimators.peers.invariant_ekf import InvariantEKF
 from estimators.peers.wheel_gyro import BIAS, RADIUS, TRACK, WheelGyro
 from estimators.plugins.conformance import check
+from estimators.robots.gyro import GyroTurns
 
 NAMES = ("invariant-ekf", "wheel-gyro")
 
@@ -49,7 +49,7 @@ def test_conforms(name, robot):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("robot", [differential(), preset("swerve"), Geometry.of(with_gyro(differential()))])
+@pytest.mark.parametrize("robot", [differential(), preset("swerve"), Geometry.of(differential())])
 def test_robots_without_a_gyro_are_declined(name, robot):
     with pytest.raises(Declined, match="needs a gyro"):
         load_estimator(name).factory().reset(robot, np.zeros(3))

@@ -1,4 +1,4 @@
-"""What peers take from a yaw-rate gyro: how much the body turned in a sample."""
+"""What a yaw-rate gyro tells: how much the body turned in a sample."""
 
 import math
 from typing import NamedTuple
@@ -13,11 +13,10 @@ from estimators.protocol import Observation
 
 
 def gyro_of(robot: RobotDescription | Geometry) -> Gyro:
-    """Return the robot's gyro; raises Declined where it has none, or is a bare `Geometry`, which does not know."""
-    gyro = robot.gyro if isinstance(robot, RobotDescription) else None
-    if gyro is None:
+    """Return the robot's gyro; raises Declined where it has none."""
+    if robot.gyro is None:
         raise Declined("needs a gyro; the robot has none")
-    return gyro
+    return robot.gyro
 
 
 class GyroTurn(NamedTuple):
