@@ -101,14 +101,14 @@ class _Worker:
         self._outcomes.close()
 
 
-def _findings(worker: "_Worker", spec: str, robot: Vehicle, brief: bool = False) -> list[Finding]:
+def _findings(worker: _Worker, spec: str, robot: Vehicle, brief: bool = False) -> list[Finding]:
     try:
         return worker.call(_check, spec, robot, brief)
     except _LostError as lost:
         return [lost.finding]
 
 
-def _findings_on_presets(worker: "_Worker", spec: str, name: str, say: Callable[[str], None]) -> list[Finding]:
+def _findings_on_presets(worker: _Worker, spec: str, name: str, say: Callable[[str], None]) -> list[Finding]:
     """Return the findings on all presets that an estimator serves, those on further ones one a preset at most."""
     served: list[str] = []
     declined: dict[str, list[str]] = {}

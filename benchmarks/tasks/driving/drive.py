@@ -43,8 +43,7 @@ class Drive:
         """Return the drive at other times t (M,), s, within it; motion between samples is taken as even."""
 
         def between(values: Array) -> Array:
-            columns = [np.interp(t, self.t, column) for column in values.T]
-            return np.stack(columns, axis=-1) if columns else np.empty((len(t), 0))
+            return np.stack([np.interp(t, self.t, column) for column in values.T], axis=-1)
 
         held = np.searchsorted(self.t, t, side="right") - 1
         return Drive(

@@ -7,6 +7,7 @@ import numpy as np
 
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, chained, figure_eight, wander
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.calibration.drives import moves_sideways
 
 SPEED, ACCELERATION = 0.4, 0.5
 """m/s and m/s2, of the body's origin: about half of what the slowest preset's wheels reach."""
@@ -43,17 +44,12 @@ class _Able(NamedTuple):
     def of(cls, robot: RobotDescription) -> "_Able":
         """Return what a robot can do.
 
-        It is holonomic if none of its fixed castors has wheels without rollers. A castor that trails by r_c turns round
-        in about its offset's way: an acceleration a brings sqrt(2 a r_c) there, so the castor turns at sqrt(2 a / r_c),
-        which its motor, if it has one, must follow.
+        A castor that trails by r_c turns round in about its offset's way: an acceleration a brings sqrt(2 a r_c) there,
+        so the castor turns at sqrt(2 a / r_c), which its motor, if it has one, must follow.
         """
-        holonomic = not any(
-            castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
-            for castor in robot.castors
-        )
         steered = [castor.offset for castor in robot.castors if castor.steering == "driven" and castor.offset > 0]
         followed = [(STEERED * robot.max_steering_speed) ** 2 * offset / 2 for offset in steered]
-        return cls(holonomic, min(followed, default=math.inf))
+        return cls(moves_sideways(robot), min(followed, default=math.inf))
 
 
 def laps(random: np.random.Generator, length: float) -> Trajectory:

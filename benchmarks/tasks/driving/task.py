@@ -150,7 +150,7 @@ def _long(robot: RobotDescription, random: np.random.Generator, case: int) -> Dr
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of drive. described: the robot file's tolerances. cases: as many as tell estimators apart."""
+    """One kind of drive. tolerances and gyro: those that the robot file states. cases: how many are official."""
 
     name: str
     title: str
@@ -231,38 +231,53 @@ KINDS = (
 
 @dataclass(frozen=True)
 class DrivenRobot:
-    """One robot in one kind of drive; every case is one true robot and one way.
+    """One robot in one kind of drive; every case is one true robot and one way. label: of `ROBOTS`."""
 
-    robot: as estimators get it.
-    """
-
-    name: str
-    title: str
-    description: str
-    kind: str
-    robot: RobotDescription
-    metric: str
+    kind: Kind
+    label: str
     version: int = 1
     missing: None = None
+    standard: bool = False  # all drives of all robots take hours
+
+    @property
+    def name(self) -> str:
+        """The kind and the robot."""
+        return f"{self.kind.name}-{self.label}"
+
+    @property
+    def title(self) -> str:
+        """The kind's title and the robot."""
+        return f"{self.kind.title}: {self.label}"
+
+    @property
+    def description(self) -> str:
+        """That of the kind."""
+        return self.kind.description
+
+    @property
+    def metric(self) -> str:
+        """That of the kind."""
+        return self.kind.metric
 
     @property
     def group(self) -> str:
         """The kind of drive."""
-        return self.kind
+        return self.kind.name
 
     @property
-    def standard(self) -> bool:
-        """False: not run unless it is named; all drives of all robots take hours."""
-        return False
+    def robot(self) -> RobotDescription:
+        """The robot as estimators get it."""
+        kind = self.kind
+        return dataclasses.replace(load_robot(ROBOTS[self.label]), tolerances=kind.tolerances, gyro=kind.gyro)
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the first n seeds."""
-        return range(_kind(self.kind).cases if n is None else n)
+        return range(self.kind.cases if n is None else n)
 
     def record(self, case: Case) -> Episode:
         """Return the run of a case."""
         random = np.random.default_rng([int(case), *self.name.encode()])
-        driven = _kind(self.kind).recipe(self.robot, random, int(case))
+        driven = self.kind.recipe(self.robot, random, int(case))
         log = recorded(driven.robot, driven.read, random)
         robot = dataclasses.replace(self.robot, sample_period=driven.robot.sample_period)
         run = Run(log)
@@ -270,21 +285,6 @@ class DrivenRobot:
         return Episode(robot, (dataclasses.replace(run, oracle=ceiling),))
 
 
-def _kind(name: str) -> Kind:
-    return next(kind for kind in KINDS if kind.name == name)
-
-
 def tasks(measured: Path | None) -> tuple[Task, ...]:
     """Return all kinds of drives by all robots; they need no measured data."""
-    return tuple(
-        DrivenRobot(
-            name=f"{kind.name}-{label}",
-            title=f"{kind.title}: {label}",
-            description=kind.description,
-            kind=kind.name,
-            robot=dataclasses.replace(load_robot(preset), tolerances=kind.tolerances, gyro=kind.gyro),
-            metric=kind.metric,
-        )
-        for kind in KINDS
-        for label, preset in ROBOTS.items()
-    )
+    return tuple(DrivenRobot(kind, label) for kind in KINDS for label in ROBOTS)
