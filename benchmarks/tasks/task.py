@@ -149,7 +149,7 @@ class Episode:
             seen.update(f"{run.direction} {run.baseline}".encode())
             seen.update(_log_bytes(run.log))
             further = {name: getattr(run.log, name) for name in ("rps", "rps_age", "command", "steering_command")}
-            for name, array in (further | {"belief": run.belief}).items():
+            for name, array in (further | {"belief": run.belief, "oracle": run.oracle}).items():
                 if array is not None:
                     seen.update(name.encode() + _bytes(array))
             if run.sound:
