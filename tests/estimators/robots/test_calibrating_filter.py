@@ -175,6 +175,39 @@ def test_a_gyro_tells_a_differential_robot_how_far_it_turns(exact_motion, drive)
     assert track / radius == pytest.approx(0.34 / 0.075, rel=3e-3)  # all that turns show
 
 
+def with_gyro(robot, noise=1e-3):
+    return dataclasses.replace(robot, gyro=Gyro(noise=noise))
+
+
+def read_by_gyro(observations, rate):
+    return [{**seen, "gyro": np.array([w])} for seen, w in zip(observations, rate, strict=True)]
+
+
+def test_stacked_robots_read_their_gyros_as_single_ones_do(exact_motion, drive):
+    robot = with_gyro(preset("asoc-prototype"))
+    _, observations = exact_motion(robot, lambda t: (0.3, 0.0, 0.5), 5.0).sampled(100)
+    seen = [read_by_gyro(observations, np.full(len(observations), 0.5 + bias)) for bias in (0.0, 0.05)]
+    single = np.stack([drive(CalibratingFilter(), robot, of, np.zeros(3)) for of in seen], axis=1)
+    stacked = [{part: np.stack([one[part] for one in both]) for part in both[0]} for both in zip(*seen, strict=True)]
+    together = drive(CalibratingFilter(), Geometry.of([robot, robot]), stacked, np.zeros((2, 3)))
+    np.testing.assert_allclose(together, single, atol=1e-9)
+    assert np.abs(single[-1, 0] - single[-1, 1]).max() > 1e-6  # a gyro that is read makes a difference
+
+
+def test_where_either_wheel_may_slip_neither_is_preferred(exact_motion, drive):
+    """Of two wheels and a gyro any may be wrong: slip of the left wheel and of the right give mirrored estimates."""
+    robot = with_gyro(preset("differential"))
+    _, observations = exact_motion(robot, lambda t: (0.3, 0.0, 0.0), 5.0).sampled(100)
+    ends = []
+    for wheel in (0, 1):
+        seen = read_by_gyro(observations, np.zeros(len(observations)))
+        for k in range(40, 50):
+            seen[k] = {**seen[k], "wheel": seen[k]["wheel"] + 40.0 * (np.arange(2) == wheel)}
+        ends.append(drive(CalibratingFilter(), robot, seen, np.zeros(3))[-1])
+    np.testing.assert_allclose(ends[0], ends[1] * [1.0, -1.0, -1.0], atol=1e-9)
+    assert abs(ends[0][2]) < 0.02  # the gyro tells the heading, of which 400 counts would make 0.28 rad
+
+
 def test_what_no_redundancy_shows_is_not_learned(drive):
     """Of a differential robot the filter is odometry."""
     robot = preset("differential")
