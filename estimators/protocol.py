@@ -14,6 +14,9 @@ Observation = Mapping[str, Array]
   `pivot_counts_per_rev`
 - ``time`` (..., 1): s
 - ``gyro`` (..., 1): yaw rate, rad/s, where the robot has one
+- ``fix`` (..., 3) and ``fix_age`` (..., 1), where a log has external fixes of the pose: x, y (m), psi (rad, wrapped
+  or not) of the body in N, NaN where this sample has none (psi alone: none of the heading), and how long ago that was
+  true, s. Some are wrong; `robot.fixes` says how exact the others are
 - ``command`` (..., driven wheels) and ``steering_command`` (..., driven castors): what the motors were told in the
   period that led to this sample, rad/s, 0 in the first; only where a log has them (those of tasks in physics do, of
   perfect rolling and of most measured data do not, and the environments' observations do not)

@@ -34,7 +34,7 @@ from estimators.plugins.registry import load_estimator
 FORMAT = "castor-episode/2"
 BELIEFS_FORMAT = "castor-beliefs/1"
 RECORDINGS_FORMAT = "castor-recordings/1"
-_PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age")
+_PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "fix", "fix_age", "rps", "rps_age")
 
 
 _CASE_NAME = r"[A-Za-z0-9_-][A-Za-z0-9_.-]*"

@@ -154,6 +154,7 @@ def _stack_key(run: ObservedRun) -> tuple:
         *(getattr(geometry, name).tobytes() for name in layout),
         geometry.sample_period,
         geometry.gyro,
+        geometry.fixes,
         geometry.tolerances,
         len(run.observations),
         *(getattr(run.observations, part) is None for part in OPTIONAL),

@@ -148,7 +148,7 @@ class Episode:
         for run in self.runs:
             seen.update(f"{run.direction} {run.baseline}".encode())
             seen.update(_log_bytes(run.log))
-            further = {name: getattr(run.log, name) for name in ("rps", "rps_age", "command", "steering_command")}
+            further = {name: getattr(run.log, name) for name in _FURTHER}
             for name, array in (further | {"belief": run.belief, "oracle": run.oracle}).items():
                 if array is not None:
                     seen.update(name.encode() + _bytes(array))
@@ -163,6 +163,9 @@ class Episode:
                 seen.update(f"recording {recording.held} {recording.side}".encode())
                 seen.update(_log_bytes(log) + _bytes(log.command) + _bytes(log.steering_command))
         return seen.hexdigest()[:16]
+
+
+_FURTHER = ("fix", "fix_age", "rps", "rps_age", "command", "steering_command")
 
 
 def _log_bytes(log: Log) -> bytes:

@@ -24,6 +24,8 @@ class LogColumns(NamedTuple):
     steering_command: tuple[str, ...]
     reference: tuple[str, ...]
     gyro: tuple[str, ...]
+    fix: tuple[str, ...]
+    fix_age: tuple[str, ...]
     rps: tuple[str, ...]
     rps_age: tuple[str, ...]
 
@@ -42,6 +44,8 @@ class LogColumns(NamedTuple):
             steering_command=tuple(f"cmd_pivot_{i + 1}" for i in robot.driven_castors),
             reference=("ref_x", "ref_y", "ref_psi"),
             gyro=("gyro_z",),
+            fix=("fix_x", "fix_y", "fix_psi"),
+            fix_age=("fix_age",),
             rps=(),
             rps_age=(),
         )
@@ -56,6 +60,8 @@ class LogColumns(NamedTuple):
             steering_command=(),
             reference=tuple(f"ref_{i + 1}_{part}" for i in range(train.n_axles) for part in ("x", "y", "psi")),
             gyro=(),
+            fix=(),
+            fix_age=(),
             rps=tuple(f"rps_{frame}_{part}" for frame in train.frame_names for part in ("x", "y", "phi")),
             rps_age=tuple(f"rps_age_{frame}" for frame in train.frame_names),
         )
@@ -87,9 +93,10 @@ class LogColumns(NamedTuple):
                 continue
             message = "belongs to a train of other axles than given; give the robot or train that made the log"
             raise complaint(path, line, name, message)
-        ages = [name for name in self.rps_age if name in names]
-        if ages and not any(name in names for name in self.rps):
-            raise complaint(path, line, ages[0], f"is the age of {self.rps[0]!r} and the others, which are missing")
+        for age, of in ((self.rps_age, self.rps), (self.fix_age, self.fix)):
+            ages = [name for name in age if name in names]
+            if ages and not any(name in names for name in of):
+                raise complaint(path, line, ages[0], f"is the age of {of[0]!r} and the others, which are missing")
         for part, expected in self._asdict().items():
             required = part in ("t", "wheel", "pivot") or any(name in names for name in expected)
             for name in expected if required else ():

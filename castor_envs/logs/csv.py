@@ -10,8 +10,11 @@ The header comes first, columns stand in any order, columns that the vehicle doe
     ref_x, ref_y, ref_psi    m, m, rad (unwrapped), optional: the body's pose by a tracker (in simulation the truth),
                              blank where none was taken
     gyro_z                   rad/s, optional
+    fix_x, fix_y, fix_psi    m, m, rad (wrapped or not), optional: the body's pose as an external sensor has it, blank
+                             where none came; fix_psi alone is blank where a fix has no heading, and x, y of a compass
+    fix_age                  s, optional (0): how long ago that was true; blank where no fix came
 
-A train has no pivots and no gyro; its axles are numbered and its frames lettered from the front:
+A train has no pivots, no gyro and no fixes; its axles are numbered and its frames lettered from the front:
 
     t                        s, strictly increasing
     wheel_1l ... wheel_Nr    cumulative encoder counts, axle by axle
@@ -40,8 +43,8 @@ from castor_envs.logs.table import Line, check_width, complaint, number, read_li
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
 
-_MAY_BE_BLANK = ("command", "steering_command", "reference", "rps")
-_FLAT = ("t", "gyro")
+_MAY_BE_BLANK = ("command", "steering_command", "reference", "fix", "fix_age", "rps")
+_FLAT = ("t", "gyro", "fix_age")
 
 #: The largest absolute value of a log's numbers, by part. t: 64 bits of nanoseconds since 1970, so that a clock in
 #: another unit is still read, and reported by the diagnosis. Counts: below 2^53 all whole numbers, and so all
@@ -53,6 +56,7 @@ MOST = {
     "command": 1e6,
     "steering_command": 1e6,
     "gyro": 1e6,
+    "fix_age": 1e9,
     "rps_age": 1e9,
 }
 #: The same for positions, m: UTM northings in millimetres; and of headings, rad: 2778 turns in degrees.
@@ -140,7 +144,10 @@ def _blank_or_number(value: float) -> str:
 
 
 def _groups(part: str, width: int) -> list[slice]:
-    """Return which columns of a part may be blank together: of rps the three of a frame, of other parts all."""
+    """Return which columns of a part may be blank together: of rps the three of a frame, of a fix its position and its
+    heading, of other parts all."""
+    if part == "fix":
+        return [slice(0, 2), slice(2, 3)][:width]
     size = 3 if part == "rps" else max(width, 1)
     return [slice(k, k + size) for k in range(0, width, size)]
 
@@ -188,6 +195,11 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
     if log.rps_age is not None:
         for k, f in np.argwhere(log.rps_age < 0)[:1]:
             raise complaint(path, lines[k], columns.rps_age[f], f"is {log.rps_age[k, f]} s; an age is never below 0")
+    if log.fix is not None and log.fix_age is not None:
+        seen = ~np.isnan(log.fix).all(axis=1)
+        for k in np.flatnonzero(seen & ~(log.fix_age >= 0))[:1]:
+            what = "is blank beside a fix" if np.isnan(log.fix_age[k]) else f"is {log.fix_age[k]} s"
+            raise complaint(path, lines[k], columns.fix_age[0], f"{what}; give its age, 0 or more")
     if log.reference is not None:
         for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
             name = columns.reference[3 * axle + 2]

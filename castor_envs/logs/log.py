@@ -11,7 +11,7 @@ from castor_envs.vehicles.effect import Effect
 
 #: The parts of a log that are always there, and those that may be None.
 REQUIRED = ("t", "wheel", "pivot")
-OPTIONAL = ("command", "steering_command", "reference", "gyro", "rps", "rps_age")
+OPTIONAL = ("command", "steering_command", "reference", "gyro", "fix", "fix_age", "rps", "rps_age")
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,9 @@ class Log:
 
     t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe wrapped.
     command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference (K, 3): a tracker's
-    x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None. extra: the columns that
+    x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None. fix (K, 3): x, y,
+    psi of the body as an external sensor has it, NaN where there is none (psi alone: of the position only), and fix_age
+    (K,), s, how long ago that was true; zeros where it is left out. extra: the columns that
     the vehicle does not have, as text. undone: mistakes of wiring that are undone in these counts, while the controller
     of the run did not know of them. Arrays of any real numbers are held as float64.
 
@@ -36,6 +38,8 @@ class Log:
     steering_command: Numbers | None = None
     reference: Numbers | None = None
     gyro: Numbers | None = None
+    fix: Numbers | None = None
+    fix_age: Numbers | None = None
     rps: Numbers | None = None
     rps_age: Numbers | None = None
     extra: dict[str, list[str]] = field(default_factory=dict)
@@ -52,6 +56,10 @@ class Log:
             object.__setattr__(self, "rps_age", np.zeros((len(self.t), self.rps.shape[1] // 3)))
         if self.rps is None and self.rps_age is not None:
             raise ValueError("rps_age without rps: the age of what?")
+        if self.fix is not None and self.fix_age is None:
+            object.__setattr__(self, "fix_age", np.zeros(len(self.t)))
+        if self.fix is None and self.fix_age is not None:
+            raise ValueError("fix_age without fix: the age of what?")
 
     def __len__(self) -> int:
         return len(self.t)
@@ -60,7 +68,8 @@ class Log:
         """Return what an estimator sees, sample by sample: increments of counts, commands, never the reference."""
         pivot = self.pivot if self.rps is None else None
         told = [None if of is None else commanded_before(of) for of in (self.command, self.steering_command)]
-        return Observations(increments(self.wheel), self.t, pivot, self.gyro, self.rps, self.rps_age, *told)
+        seen = {name: getattr(self, name) for name in ("gyro", "fix", "fix_age", "rps", "rps_age")}
+        return Observations(increments(self.wheel), self.t, pivot, **seen, command=told[0], steering_command=told[1])
 
 
 def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:

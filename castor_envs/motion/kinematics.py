@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array, vectors
-from castor_envs.vehicles.robot import Gyro, RobotDescription
+from castor_envs.vehicles.robot import Fixes, Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from castor_envs.vehicles.train import TrainDescription
 
@@ -35,8 +35,8 @@ class Geometry:
     n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
     fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal for all
     robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there
-    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering. gyro and tolerances:
-    as the description states them, None where it states none.
+    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering. gyro, fixes and
+    tolerances: as the description states them, None where it states none.
     """
 
     pivot: Array
@@ -54,14 +54,15 @@ class Geometry:
     driven: NDArray[np.bool_]
     sample_period: float
     gyro: Gyro | None = None
+    fixes: Fixes | None = None
     tolerances: Tolerances | None = None
 
     @classmethod
     def of(cls, robot: "RobotDescription | Sequence[RobotDescription] | Geometry") -> "Geometry":
         """Return the geometry of a robot, of a sequence of robots (one leading axis), or the geometry itself.
 
-        Raises ValueError if robots of a sequence differ in layout, encoders, sample period, gyro or tolerances,
-        Declined for a train.
+        Raises ValueError if robots of a sequence differ in layout, encoders, sample period, gyro, fixes or
+        tolerances, Declined for a train.
         """
         if isinstance(robot, Geometry):
             return robot
@@ -72,7 +73,7 @@ class Geometry:
         members = [_of_robot(member) for member in robot]
         first = members[0]
         layout = ("wheel_castor", "counts_per_rev", "pivot_counts_per_rev", "standard", "fixed", "driven")
-        same = ("sample_period", "gyro", "tolerances")
+        same = ("sample_period", "gyro", "fixes", "tolerances")
         for member in members[1:]:
             for name in layout:
                 if not np.array_equal(getattr(member, name), getattr(first, name), equal_nan=name.endswith("per_rev")):
@@ -165,6 +166,7 @@ def _of_robot(robot: RobotDescription) -> Geometry:
         driven=np.array([castor.steering == "driven" for castor in castors]),
         sample_period=robot.sample_period,
         gyro=robot.gyro,
+        fixes=robot.fixes,
         tolerances=robot.tolerances,
     )
 

@@ -1,13 +1,14 @@
 """What an estimator sees of one sample: the one place where observations are built, live, from logs, and stacked.
 
 Of a robot "wheel" (driven wheels,), counts since the sample before (0 in the first); "pivot" (pivot encoders,),
-absolute counts; "time" (1,), s; and "gyro" (1,), rad/s, where there is one. Of a train "wheel" as above, axle by axle;
+absolute counts; "time" (1,), s; "gyro" (1,), rad/s, where there is one. Of a train "wheel" as above, axle by axle;
 "rps" (3 F,), x, y (m), phi (rad) of every frame's front axle in its rear axle's frame, NaN where there is no reading;
 "rps_age" (F,), s since that reading was taken; and "time". Never the truth.
 
-From logs that have them also "command" (driven wheels,) and "steering_command" (driven castors,), rad/s: what the
-motors were told in the period that led to this sample, 0 in the first, NaN where the log has a blank. The environments
-leave them to `info`: some agents are those who command.
+From logs that have them also "fix" (3,), x, y (m), psi (rad) of the body as an external sensor has it, NaN where this
+sample has none or it has no heading, and "fix_age" (1,), s since that was true; and "command" (driven wheels,) and
+"steering_command" (driven castors,), rad/s: what the motors were told in the period that led to this sample, 0 in the
+first, NaN where the log has a blank. The environments leave them to `info`: some agents are those who command.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ from castor_envs.geometry.arrays import Numbers
 
 Observation = dict[str, Numbers]
 
-OPTIONAL = ("pivot", "gyro", "rps", "rps_age", "command", "steering_command")
+OPTIONAL = ("pivot", "gyro", "fix", "fix_age", "rps", "rps_age", "command", "steering_command")
 """The parts of `Observations` that may be None."""
 
 
@@ -42,6 +43,8 @@ def observation(
     *,
     pivot: ArrayLike | None = None,
     gyro: ArrayLike | None = None,
+    fix: ArrayLike | None = None,
+    fix_age: ArrayLike | None = None,
     rps: ArrayLike | None = None,
     rps_age: ArrayLike | None = None,
     command: ArrayLike | None = None,
@@ -49,9 +52,9 @@ def observation(
 ) -> Observation:
     """Return one observation, its arrays copied; parts that are None are left out.
 
-    wheel (..., driven wheels): increments of counts. time and gyro (...): a number for each robot of a stack. pivot
-    (..., pivot encoders). rps (..., 3 F) and rps_age (..., F). command (..., driven wheels) and steering_command (...,
-    driven castors): of the period that led to it.
+    wheel (..., driven wheels): increments of counts. time, gyro and fix_age (...): a number for each robot of a stack.
+    pivot (..., pivot encoders). fix (..., 3). rps (..., 3 F) and rps_age (..., F). command (..., driven wheels) and
+    steering_command (..., driven castors): of the period that led to it.
     """
     parts = {
         "wheel": wheel,
@@ -60,6 +63,8 @@ def observation(
         "rps_age": rps_age,
         "time": np.asarray(time)[..., None],
         "gyro": None if gyro is None else np.asarray(gyro)[..., None],
+        "fix": fix,
+        "fix_age": None if fix_age is None else np.asarray(fix_age)[..., None],
         "command": command,
         "steering_command": steering_command,
     }
@@ -70,15 +75,17 @@ def observation(
 class Observations:
     """All observations of a run of K samples, or of several alike along leading axes. Iterating yields the samples.
 
-    wheel (..., K, driven wheels): increments of counts. time (..., K), s. pivot (..., K, pivot encoders), gyro
-    (..., K), rps (..., K, 3 F), rps_age (..., K, F), command (..., K, driven wheels), steering_command (..., K, driven
-    castors), both of the period that led to each sample: None where there are none.
+    wheel (..., K, driven wheels): increments of counts. time (..., K), s. pivot (..., K, pivot encoders), gyro (...,
+    K), fix (..., K, 3), fix_age (..., K), rps (..., K, 3 F), rps_age (..., K, F), command (..., K, driven wheels),
+    steering_command (..., K, driven castors), both of the period that led to each sample: None where there are none.
     """
 
     wheel: Numbers
     time: Numbers
     pivot: Numbers | None = None
     gyro: Numbers | None = None
+    fix: Numbers | None = None
+    fix_age: Numbers | None = None
     rps: Numbers | None = None
     rps_age: Numbers | None = None
     command: Numbers | None = None
@@ -88,7 +95,7 @@ class Observations:
     def of(cls, samples: Sequence[Observation]) -> "Observations":
         """Return the observations of single samples, one or more, that all have the same parts."""
         parts = {name: np.stack([sample[name] for sample in samples]) for name in samples[0]}
-        flat = {name: parts.pop(name)[..., 0] for name in ("time", "gyro") if name in parts}
+        flat = {name: parts.pop(name)[..., 0] for name in ("time", "gyro", "fix_age") if name in parts}
         return cls(**parts, **flat)
 
     @classmethod
@@ -119,6 +126,8 @@ class Observations:
             self.time[..., k],
             pivot=sample(self.pivot),
             gyro=None if self.gyro is None else self.gyro[..., k],
+            fix=sample(self.fix),
+            fix_age=None if self.fix_age is None else self.fix_age[..., k],
             rps=sample(self.rps),
             rps_age=sample(self.rps_age),
             command=sample(self.command),

@@ -136,13 +136,26 @@ class Gyro:
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Fixes:
+    """External fixes of the pose, as of a lidar against a map, of markers, beacons or satellites.
+
+    noise_position: standard deviation of x and of y, m. noise_heading: of psi, rad. When fixes come, how late, and
+    which are wrong, no description tells.
+    """
+
+    noise_position: Annotated[float, Field(gt=0, le=100)]
+    noise_heading: Annotated[float, Field(gt=0, le=4)] = 4.0
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class RobotDescription:
     """A robot on castors: frozen, validated, and the same to physics, estimators, calibration and diagnosis.
 
-    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg,
-    kg m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
+    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg, kg
+    m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
     max_steering_speed, max_steering_torque: of each driven castor. tolerances: how exact these dimensions are, None
-    where nobody says. effects: what the real robot does beyond this description; `as_built` folds them in.
+    where nobody says. fixes: how exact external fixes of the pose are, None where there are none. effects: what the
+    real robot does beyond this description; `as_built` folds them in.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -157,8 +170,9 @@ class RobotDescription:
     max_steering_torque: Torque = 5.0
     contact: Contact = Contact()
     gyro: Gyro | None = None
-    # Files of robots without tolerances, and so their hashes, are as they were before there were any.
+    # Files of robots without tolerances or fixes, and so their hashes, are as they were before there were any.
     tolerances: Annotated[Tolerances | None, Field(exclude_if=lambda value: value is None)] = None
+    fixes: Annotated[Fixes | None, Field(exclude_if=lambda value: value is None)] = None
     effects: tuple[Annotated[Effect, EffectOf("robot")], ...] = ()
     scope: ClassVar[Literal["robot"]] = "robot"
 

@@ -170,8 +170,9 @@ def _not_an_axle(module: RobotDescription) -> str | None:
         return "needs its castor fixed at the origin: steering 'fixed', pivot [0, 0], angle 0, offset 0"
     if len(castor.wheels) != 2 or not all(wheel.driven and wheel.grip == "standard" for wheel in castor.wheels):
         return "needs two driven wheels with grip 'standard'"
-    if module.gyro is not None:
-        return "has a gyro, which trains do not read; leave it out"
+    for name in ("gyro", "fixes"):
+        if getattr(module, name) is not None:
+            return f"has {name!r}, which trains do not read; leave it out"
     return None
 
 

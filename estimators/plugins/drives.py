@@ -14,6 +14,9 @@ from castor_envs.vehicles.robot import RobotDescription
 
 Observations = list[dict[str, Array]]
 
+FIXED_EVERY = 20
+"""Samples from one external fix to the next, of robots that have them: most samples have none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Drive:
@@ -88,6 +91,10 @@ def _drive(robot: RobotDescription, twist: Callable[[float], Array], seconds: fl
     if robot.gyro is not None:
         for k, observation in enumerate(observations):
             observation["gyro"] = (allowed @ twist(t[k]))[2:]
+    if robot.fixes is not None:
+        for k, observation in enumerate(observations):
+            observation["fix"] = solution[k, :3] if k % FIXED_EVERY == 0 else np.full(3, np.nan)
+            observation["fix_age"] = np.zeros(1)
     return Drive(solution[:, :3], observations)
 
 

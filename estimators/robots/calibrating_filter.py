@@ -7,8 +7,9 @@ nine things about a motion of three degrees of freedom; what contradicts is put 
 Counts themselves are measured, not their increments: each count and each pivot's reading is off by its own rounding, so
 that no remainder is ever lost. A castor does not slip to its side: a measurement of zero. The equations of a sample are
 those of `wheel_odometry`, about whose solution they are linear. Measurements that contradict the others, as over a
-bump, are released while they do (`GATE`). A gyro, if the description has one, measures the turn of each sample: half
-of its readings at both ends. The state of a robot with n castors and d wheels with encoders is
+bump, are released while they do (`GATE`). A gyro, if the description has one, measures the turn of each sample: half of
+its readings at both ends. External fixes correct it, late and wrong ones too (`fixes`). The state of a robot with n
+castors and d wheels with encoders is
 
     pose (3)         in the frame of the start pose
     swivel (n)       angles of the castors beyond what their encoders read, rad
@@ -38,6 +39,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators.protocol import Observation
 from estimators.robots.castor_odometry import start
+from estimators.robots.fixes import Belief, FixUpdates
 from estimators.robots.gyro import GyroTurns
 from estimators.robots.wheel_odometry import Equations, EquationsOfSamples, moved, solve
 
@@ -54,6 +56,9 @@ Errors as those of Table I make more difference within seconds; slip of steered 
 SLIP, SIDE_SLIP = 5e-4, 2e-4
 """m after 1 m: standard deviations of the random walks of slip along a wheel's rolling direction and to its side."""
 
+UNSEEN = 20.0
+"""Factor on `SLIP` of wheels that slip where no redundancy shows it; what fixes of the pose then tell."""
+
 UNEVEN = 2.0
 """Error of a castor's angle half-way, as a part of the change of its swivel rate, where the rate begins from zero."""
 
@@ -68,7 +73,7 @@ With one equation more than needed, as of two wheels and a gyro, it never is."""
 RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
 
-FREE = 5e-3
+FREE = 5e-2
 """m and rad: prior standard deviation of how a sample's motion differs from the solution of `wheel_odometry`, so large
 that it says nothing."""
 
@@ -155,6 +160,10 @@ class CalibratingFilter:
         self._floor_turns = (geometry.trailing & ~geometry.fixed & ~geometry.driven)[..., None, :]
         lead = geometry.offset.shape[:-1]
         priors = (CALIBRATED, UNCALIBRATED) if geometry.tolerances is None else (geometry.tolerances,)
+        slips = (1.0,) if geometry.fixes is None else (1.0, UNSEEN)
+        unlikely = np.repeat(TRUST * np.arange(len(priors)), len(slips))
+        self._slip = SLIP * np.tile(slips, len(priors))[:, None]
+        priors = [errors for errors in priors for _ in slips]
         variance = np.zeros((*lead, len(priors), at.size))
         variance[..., at.swivel], variance[..., at.roll] = step**2 / 12, self._count**2 / 12
         for k, errors in enumerate(priors):
@@ -167,9 +176,10 @@ class CalibratingFilter:
         shape = (*np.broadcast_shapes(lead, self._start.shape[:-1]), len(priors))
         self._state = np.zeros((*shape, at.size))
         self._covariance = np.broadcast_to(variance[..., None] * np.eye(at.size), (*shape, at.size, at.size)).copy()
-        self._log_likelihood = np.zeros(shape) - TRUST * np.arange(len(priors))
+        self._log_likelihood = np.zeros(shape) - unlikely
         self._angle: Array | None = None
         self._swivel, self._gyro, self._turns = np.zeros_like(step), geometry.gyro, GyroTurns()
+        self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, self._start)
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3)."""
@@ -192,6 +202,9 @@ class CalibratingFilter:
                 np.where(moves.reshape(moves.shape + (1,) * (new.ndim - moves.ndim)), new, old)
                 for new, old in zip(found, (self._state, self._covariance, self._log_likelihood), strict=True)
             )
+        if self._fixes is not None:
+            belief = Belief(self._state, self._covariance, self._log_likelihood)
+            self._state, self._covariance, self._log_likelihood = self._fixes.update(observation, belief)
         return self.pose
 
     @property
@@ -306,7 +319,7 @@ class CalibratingFilter:
         covariance[..., at.swiveled, at.swiveled] = (np.where(self._floor_turns, TURNED, held) * step) ** 2
         covariance = transition @ covariance @ np.swapaxes(transition, -1, -2)
         bent = self._bent(sample, swivel[..., None, of], uneven[..., None, of])
-        slip = SLIP**2 * np.abs(radius * rolled[..., None, :]) + LEAST + bent[..., :d]
+        slip = self._slip**2 * np.abs(radius * rolled[..., None, :]) + LEAST + bent[..., :d]
         covariance[..., at.roll, at.roll] += slip / radius**2
         state = self._state.copy()
         state[..., at.pose] = sample.pose

@@ -1,4 +1,5 @@
-"""Drives that a paper would report: long runs, manoeuvres, soft floors, slipping wheels, failing encoders, a gyro.
+"""Drives that a paper would report: long runs, manoeuvres, soft floors, slipping wheels, failing encoders, a gyro,
+external fixes.
 
 Each is driven by seven robots in physics. For every case a true robot is drawn within the tolerances that the robot
 file states, pivots' places too, so that no estimator gains by knowing a preset's numbers. No drive ends where it
@@ -14,12 +15,13 @@ import numpy as np
 
 from benchmarks.tasks.driving.disturbances import faults_of, faulty, slip_bursts, soft_floor
 from benchmarks.tasks.driving.drive import Drive, drive, joined, recorded
+from benchmarks.tasks.driving.fixes import SENSOR, with_fixes
 from benchmarks.tasks.driving.manoeuvres import laps, manoeuvres
 from benchmarks.tasks.driving.oracle import followed
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.vehicles.load import load_robot
-from castor_envs.vehicles.robot import Gyro, RobotDescription
+from castor_envs.vehicles.robot import Fixes, Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 
 ROBOTS = {
@@ -150,7 +152,7 @@ def _long(robot: RobotDescription, random: np.random.Generator, case: int) -> Dr
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of drive. tolerances and gyro: those that the robot file states. cases: how many are official."""
+    """One kind of drive. tolerances, gyro and fixes: those that the robot file states. cases: how many are official."""
 
     name: str
     title: str
@@ -159,6 +161,7 @@ class Kind:
     cases: int
     tolerances: Tolerances = CALIBRATED
     gyro: Gyro | None = None
+    fixes: Fixes | None = None
     metric: str = "ate"
 
 
@@ -208,6 +211,15 @@ KINDS = (
         _gyro,
         cases=100,
         gyro=Gyro(noise=GYRO_NOISE),
+    ),
+    Kind(
+        "fixes",
+        "Slip bursts, with external fixes",
+        "Slip bursts, and fixes of the pose as of markers: every 5 s, to 10 mm and 10 mrad, 0.1 to 0.5 s late; one of "
+        "twenty is wrong.",
+        _bursts,
+        cases=100,
+        fixes=SENSOR,
     ),
     Kind(
         "sampling",
@@ -268,7 +280,9 @@ class DrivenRobot:
     def robot(self) -> RobotDescription:
         """The robot as estimators get it."""
         kind = self.kind
-        return dataclasses.replace(load_robot(ROBOTS[self.label]), tolerances=kind.tolerances, gyro=kind.gyro)
+        return dataclasses.replace(
+            load_robot(ROBOTS[self.label]), tolerances=kind.tolerances, gyro=kind.gyro, fixes=kind.fixes
+        )
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the first n seeds."""
@@ -279,9 +293,13 @@ class DrivenRobot:
         random = np.random.default_rng([int(case), *self.name.encode()])
         driven = self.kind.recipe(self.robot, random, int(case))
         log = recorded(driven.robot, driven.read, random)
+        undisturbed = recorded(driven.robot, driven.true, random)
+        if self.kind.fixes is not None:
+            log, right = with_fixes(log, random)
+            undisturbed = dataclasses.replace(undisturbed, fix=right.fix, fix_age=right.fix_age)
         robot = dataclasses.replace(self.robot, sample_period=driven.robot.sample_period)
         run = Run(log)
-        ceiling = followed(driven.robot, recorded(driven.robot, driven.true, random), run.start, run.samples)
+        ceiling = followed(driven.robot, undisturbed, run.start, run.samples)
         return Episode(robot, (dataclasses.replace(run, oracle=ceiling),))
 
 

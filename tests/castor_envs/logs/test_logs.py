@@ -44,6 +44,11 @@ def robots_and_logs(draw):
         array[np.array(draw(st.lists(st.booleans(), min_size=n, max_size=n)))] = np.nan
         return array
 
+    position, heading = maybe_blank(2, small), maybe_blank(1, small)
+    fix, age = None, None
+    if position is not None and heading is not None:
+        fix = np.concatenate([position, heading], axis=1)
+        age = np.where(np.isnan(fix).all(axis=1), np.nan, np.abs(rows(1, small)[:, 0]))
     turn = min([robot.castors[i].pivot_counts_per_rev or 0 for i in robot.pivot_encoders], default=0)
     names = st.text("abc ,\"'é", min_size=1).map(lambda name: f"note {name}!")
     extra = draw(st.dictionaries(names, st.lists(st.text(), min_size=n, max_size=n), max_size=2))
@@ -55,6 +60,8 @@ def robots_and_logs(draw):
         steering_command=maybe_blank(len(columns.steering_command), small),
         reference=maybe_blank(3, st.floats(-1.5, 1.5)),
         gyro=rows(1, small)[:, 0] if draw(st.booleans()) else None,
+        fix=fix,
+        fix_age=age,
         extra=extra,
     )
 
@@ -442,6 +449,32 @@ def test_an_age_below_zero_is_refused(tmp_path):
     )
     with pytest.raises(InputError, match=r"log\.csv:3: column 'rps_age_A': is -1\.0 s; an age is never below 0"):
         read_log(path, cfmmr(2))
+
+
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        ("1,2,0.5,", "is blank beside a fix; give its age, 0 or more"),
+        (",,0.5,-1", "is -1.0 s; give its age, 0 or more"),
+        ("1,,0.5,0", "column 'fix_y': is blank, but not all of fix_x, fix_y"),
+    ],
+)
+def test_a_mistake_in_a_fix_is_named(tmp_path, cells, message):
+    path = tmp_path / "log.csv"
+    rows = f"0,0,0,,,,\n1,1,1,{cells}\n"
+    path.write_text("t,wheel_1l,wheel_1r,fix_x,fix_y,fix_psi,fix_age\n" + rows)
+    with pytest.raises(InputError, match=f"log\\.csv:3: .*{message}"):
+        read_log(path, DIFFERENTIAL)
+
+
+def test_fixes_without_ages_are_of_the_moment_and_estimators_see_both(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,wheel_1l,wheel_1r,fix_x,fix_y,fix_psi\n0,0,0,,,\n1,1,1,0.5,-0.25,9\n2,2,2,1,2,\n")
+    first, second, third = read_log(path, DIFFERENTIAL).observations()
+    assert np.isnan(first["fix"]).all()
+    np.testing.assert_array_equal(second["fix"], [0.5, -0.25, 9.0])
+    np.testing.assert_array_equal(third["fix"], [1.0, 2.0, np.nan])
+    assert second["fix_age"] == third["fix_age"] == 0.0
 
 
 def test_ages_of_nothing_are_refused(tmp_path):

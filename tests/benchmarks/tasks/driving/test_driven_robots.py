@@ -9,7 +9,9 @@ from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_ru
 from benchmarks.scoring.path_metrics import drift
 from benchmarks.scoring.registry import score
 from benchmarks.tasks import official_tasks
+from benchmarks.tasks.driving.fixes import with_fixes
 from benchmarks.tasks.driving.task import KINDS, ROBOTS
+from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from estimators import load_estimator
@@ -74,6 +76,50 @@ def test_a_gyro_is_seen_and_its_bias_is_not():
     assert run.log.reference is not None
     turned = np.diff(run.log.reference[:, 2]) / np.diff(run.log.t)
     assert abs(np.mean(run.log.gyro[1:] - turned)) > 1e-4
+
+
+def test_fixes_are_sparse_late_and_some_wrong_and_the_oracle_gets_the_right_ones():
+    errors, ages, gaps = [], [], []
+    for case in range(12):
+        true = np.stack([np.linspace(0.0, 9.0, 1201), np.zeros(1201), np.linspace(0.0, 3.0, 1201)], axis=-1)
+        wheel = np.zeros((1201, 2))
+        log = Log(t=0.05 * np.arange(1201), wheel=wheel, pivot=np.zeros((1201, 0)), reference=true)
+        seen, right = with_fixes(log, np.random.default_rng(case))
+        assert seen.fix is not None
+        assert seen.fix_age is not None
+        assert right.fix is not None
+        came = np.flatnonzero(~np.isnan(seen.fix).any(axis=1))
+        then = np.stack([np.interp(log.t - seen.fix_age, log.t, column)[came] for column in true.T], axis=-1)
+        error = seen.fix[came] - then
+        wrong = np.isnan(right.fix[came, 0])
+        assert (np.abs(error[~wrong]) < 0.06).all()
+        errors += [np.append(row, is_wrong) for row, is_wrong in zip(error, wrong, strict=True)]
+        ages += seen.fix_age[came].tolist()
+        gaps += np.diff(log.t[came]).tolist()
+    errors = np.array(errors)
+    wrong = errors[:, 3] == 1
+    assert np.mean(gaps) == pytest.approx(5.0, rel=0.2)
+    assert 0.0 <= min(ages) < 0.15 < 0.45 < max(ages) < 0.5
+    assert 0.005 < np.mean(wrong) < 0.12
+    np.testing.assert_allclose(np.std(errors[~wrong, :3], axis=0), 0.01, rtol=0.2)
+    assert np.median(np.hypot(*errors[wrong, :2].T)) > 0.3
+
+
+@pytest.mark.parametrize("robot", ["omni", "differential"])
+def test_the_filter_makes_use_of_fixes(robot):
+    """Some are late and some are wrong; where no wheel is redundant, slip is seen by them alone."""
+    ratio = []
+    for case in range(OTHERS, OTHERS + 3):
+        episode = TASKS[f"fixes-{robot}"].record(case)
+        blind = dataclasses.replace(episode, robot=dataclasses.replace(episode.robot, fixes=None))
+        with_them, without = (
+            estimate_singly("filter", load_estimator("filter").source_hash, observed_runs(of))
+            for of in (episode, blind)
+        )
+        assert not isinstance(with_them, Failure)
+        assert not isinstance(without, Failure)
+        ratio.append(ate(episode, with_them[0].poses) / ate(episode, without[0].poses))
+    assert np.mean(ratio) < 0.5
 
 
 def test_sampling_has_three_rates_jitter_and_lost_samples():

@@ -1,0 +1,156 @@
+"""External fixes of a pose: what late ones say of the pose now, and which of them are not believed.
+
+A fix is of the pose some time ago. The poses of the last seconds are remembered; what moved since is taken from them,
+so that a late fix corrects the pose now through the same equations as a fresh one (as by extrapolation of late
+measurements, Larsen et al., Proc. FUSION 1998).
+
+Some fixes are wrong (`WRONG`) and then anywhere; one that is likelier wrong than right is left out. If the next one is
+left out too, and the way between both is the way that was driven, then not the fixes are wrong but the pose, and it is
+taken from them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from castor_envs.geometry import se2
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import wrap
+from castor_envs.vehicles.robot import Fixes
+from estimators.protocol import Observation
+
+LATEST = 10.0
+"""s: older fixes are left out, and no pose is remembered longer."""
+
+WRONG, ANYWHERE = 0.05, 20.0
+"""The part of fixes that are wrong, as where one place looks like another; and the side, m, of the square in which
+these may lie."""
+
+DRIVEN, UNLIKELY = 0.05, 1e-3
+"""Part of a way, and of a turn, by which odometry between two fixes may be off; and the probability with which the same
+way is not recognised."""
+
+LOST = (10.0, 10.0, np.pi)
+"""m, m, rad: standard deviations of a pose that is to be taken from fixes."""
+
+
+class Belief(NamedTuple):
+    """State (..., D) whose first three entries are x, y (m) and psi (rad), covariance (..., D, D), and log-likelihood
+    (...), natural logarithm."""
+
+    state: Array
+    covariance: Array
+    log_likelihood: Array
+
+
+class _Refused(NamedTuple):
+    """The fix (..., 3) that was left out last, and the pose (..., 3) followed at its time; NaN where it was not."""
+
+    fix: Array
+    pose: Array
+
+
+class FixUpdates:
+    """Corrects a bank of filters by fixes. Arithmetic broadcasts: axes are robots of a stack, and filters of the bank.
+
+    sensor: how exact fixes are. start (..., 3): the pose in N in whose frame the filters' poses are.
+    """
+
+    def __init__(self, sensor: Fixes, start: Array) -> None:
+        self._deviation = np.array([sensor.noise_position, sensor.noise_position, sensor.noise_heading])
+        self._start = start
+        self._times: list[Array] = []
+        self._poses: list[Array] = []
+        self._refused: _Refused | None = None
+
+    def update(self, observation: Observation, belief: Belief) -> Belief:
+        """Take one sample, return the belief (..., filters) after its fix, if it has one."""
+        now, time = belief.state[..., :3], np.array(observation["time"][..., 0])
+        self._remember(time, now)
+        if "fix" not in observation or not np.isfinite(observation["fix"]).any():
+            return belief
+        fix = se2.relative_pose(self._start, observation["fix"])[..., None, :]
+        then = self._pose_at(time - observation["fix_age"][..., 0])
+        left = fix - then
+        left[..., 2] = wrap(left[..., 2])
+        says = np.isfinite(left)
+        derivative = np.zeros((*left.shape, belief.state.shape[-1]))
+        derivative[..., [0, 1, 2], [0, 1, 2]] = 1.0
+        derivative[..., 0, 2], derivative[..., 1, 2] = now[..., 1] - then[..., 1], then[..., 0] - now[..., 0]
+        derivative = np.where(says[..., None], derivative, 0.0)
+        left, variance = np.where(says, left, 0.0), np.where(says, self._deviation**2, 1.0)
+
+        corrected, likelihood = _updated(belief, derivative, left, variance)
+        likelihood += np.log(1 - WRONG) - says.sum(axis=-1) * np.log(2 * np.pi) / 2
+        wrong = np.log(WRONG) - np.where(says, np.log([ANYWHERE, ANYWHERE, 2 * np.pi]), 0.0).sum(axis=-1)
+        log_likelihood = belief.log_likelihood + np.logaddexp(likelihood, wrong)
+        right: NDArray[np.bool_] = np.greater(likelihood, wrong)
+        lost: NDArray[np.bool_] = ~right & self._goes_on(np.where(says, then + left, then), then)
+        if lost.any():
+            unknown = belief.covariance.copy()
+            unknown[..., [0, 1, 2], [0, 1, 2]] += np.where(lost[..., None], np.square(LOST), 0.0)
+            corrected, _ = _updated(belief._replace(covariance=unknown), derivative, left, variance)
+        there: NDArray[np.bool_] = np.any(says, axis=-1)
+        refused = there & ~right & ~lost
+        last = _Refused(np.full_like(then, np.nan), then) if self._refused is None else self._refused
+        fixed = np.where(refused[..., None], np.where(says, then + left, then), np.nan)
+        self._refused = _Refused(
+            np.where(there[..., None], fixed, last.fix), np.where(there[..., None], then, last.pose)
+        )
+        taken = there & (right | lost)
+        after = Belief(
+            np.where(taken[..., None], corrected.state, belief.state),
+            np.where(taken[..., None, None], corrected.covariance, belief.covariance),
+            np.where(there, log_likelihood, belief.log_likelihood),
+        )
+        self._poses = [se2.compose(after.state[..., :3], se2.relative_pose(now, pose)) for pose in self._poses]
+        return after
+
+    def _remember(self, time: Array, pose: Array) -> None:
+        self._times.append(time)
+        self._poses.append(pose)
+        while len(self._times) > 2 and np.all(self._times[1] < time - LATEST):
+            del self._times[0], self._poses[0]
+
+    def _pose_at(self, time: Array) -> Array:
+        """Return the poses (..., filters, 3) at times (...), s; NaN before the first that is remembered."""
+        times, poses = np.stack(self._times), np.stack(self._poses)
+        if len(times) == 1:
+            return np.where((time < times[0])[..., None, None], np.nan, poses[0])
+        after = np.clip(np.sum(times < time, axis=0), 1, len(times) - 1)[None]
+
+        def both(values: Array) -> tuple[Array, Array]:
+            at = after.reshape(after.shape + (1,) * (values.ndim - after.ndim))
+            return np.take_along_axis(values, at - 1, axis=0)[0], np.take_along_axis(values, at, axis=0)[0]
+
+        (began, ended), (first, second) = both(times), both(poses)
+        part = np.clip((time - began) / (ended - began), 0.0, 1.0)[..., None, None]
+        return np.where((time < times[0])[..., None, None], np.nan, first + part * (second - first))
+
+    def _goes_on(self, fix: Array, pose: Array) -> NDArray[np.bool_]:
+        """Return whether (...) the way from the fix left out last to this one is the way that was driven."""
+        if self._refused is None:
+            return np.zeros(pose.shape[:-1], dtype=bool)
+        driven = se2.relative_pose(self._refused.pose, pose)
+        off = se2.relative_pose(self._refused.fix, fix) - driven
+        off[..., 2] = wrap(off[..., 2])
+        way, turn = np.hypot(driven[..., 0], driven[..., 1]), np.abs(driven[..., 2])
+        across = 2 * self._deviation[0] ** 2 + (way * self._deviation[2]) ** 2 + (DRIVEN * way) ** 2
+        about = 2 * self._deviation[2] ** 2 + (DRIVEN * turn) ** 2
+        unlike = (off[..., 0] ** 2 + off[..., 1] ** 2) / across + off[..., 2] ** 2 / about
+        return np.less(unlike, chi2.isf(UNLIKELY, 3))  # of NaN: False
+
+
+def _updated(belief: Belief, derivative: Array, left: Array, variance: Array) -> tuple[Belief, Array]:
+    """Return the belief after a measurement, and the measurement's log-likelihood (...) but for powers of 2 pi."""
+    with_state = belief.covariance @ np.swapaxes(derivative, -1, -2)
+    joint = derivative @ with_state + variance[..., None] * np.eye(variance.shape[-1])
+    inverse = np.linalg.inv(joint)
+    gain = with_state @ inverse
+    covariance = belief.covariance - gain @ np.swapaxes(with_state, -1, -2)
+    state = belief.state + np.einsum("...ij,...j->...i", gain, left)
+    explained = np.einsum("...i,...ij,...j->...", left, inverse, left)
+    after = belief._replace(state=state, covariance=(covariance + np.swapaxes(covariance, -1, -2)) / 2)
+    return after, np.asarray((np.linalg.slogdet(inverse)[1] - explained) / 2)
