@@ -77,6 +77,8 @@ def _print_channels(source: Path, kind: str, clock: Clock, found: Mapping[str, F
         raise InputError(f"{source}: {kind} without numbers that can be read")
     start, end = min(channel.start for channel in found.values()), max(channel.end for channel in found.values())
     by = f", by the clock {clock.time!r}" if clock.time is not None else ""
+    if clock.period is not None:
+        by = f" if there is one row every {clock.period:g} s, as nothing says; give the 'period', or 'time', in the map"
     print(f"{source}: {kind}, {(end - start) / 1e9:.1f} s{by}")
     width = max(len(name) for name in (*found, "channel"))
     print(f"{'channel':{width}}  readings  a second      lowest     highest")

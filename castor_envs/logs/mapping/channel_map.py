@@ -29,6 +29,11 @@ UNDECIDED = "?"
 _Text = Annotated[str, Field(min_length=1)]
 
 
+def _unless(default: Any) -> Any:
+    """Return the field that a map's file leaves out where it is the default."""
+    return Field(default=default, exclude_if=lambda value: value == default)
+
+
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Source:
     """Where readings come from.
@@ -39,10 +44,10 @@ class Source:
     computers agree.
     """
 
-    file: _Text | None = None
-    time: _Text | None = None
-    unit: TimeUnit = "s"
-    period: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    file: _Text | None = _unless(None)
+    time: _Text | None = _unless(None)
+    unit: TimeUnit = _unless("s")
+    period: Annotated[float, Field(gt=0, le=1e6)] | None = _unless(None)
     offset: Annotated[float, Field(ge=-1e10, le=1e10)] = 0.0
 
     @property
@@ -60,12 +65,12 @@ class Column:
     what numbers are multiplied by. wraps_at: where a counter begins at 0 again, in its unit. source: by name.
     """
 
-    channel: _Text | Annotated[tuple[_Text, _Text, _Text, _Text], Field()]
+    channel: _Text | tuple[_Text, _Text, _Text, _Text]
     unit: _Text
     sign: Literal[1, -1] = 1
-    scale: Annotated[float, Field(gt=0, le=1e12)] = 1.0
-    wraps_at: Annotated[float, Field(gt=0, le=2.0**64)] | None = None
-    source: _Text = "main"
+    scale: Annotated[float, Field(gt=0, le=1e12)] = _unless(1.0)
+    wraps_at: Annotated[float, Field(gt=0, le=2.0**64)] | None = _unless(None)
+    source: _Text = _unless("main")
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -77,8 +82,8 @@ class Column:
 class ChannelMap:
     """A map as its file holds it; see the head of this module."""
 
-    columns: dict[str, Column]
     sources: dict[str, Source] = field(default_factory=lambda: {"main": Source()})
+    columns: dict[str, Column]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the map as plain data, ``format`` first."""

@@ -27,22 +27,31 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     """Return a map of all columns that a robot's log needs, `UNDECIDED` where no channel's name fits, and of those that
     it may have where one does."""
     columns, free = LogColumns.of(robot), dict(found)
-    guessed: dict[str, Column] = {}
+    guessed = {key: Column(channel=key, unit=unit) for key, unit in _log_units(columns).items() if key in free}
+    free = {name: channel for name, channel in free.items() if name not in guessed}
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
-        for key in names:
+        for key in (key for key in names if key not in guessed):
             channel = _best(key, free, words, robot)
             speed = bool(SPEED & words_of(channel))
             guessed[key] = Column(channel=channel, unit=_angle_unit(channel, found, "/s" if speed else ""))
             free.pop(channel, None)
-    commanded = {name: _best(name, free, COMMANDED, robot) for name in columns.command}
+    commanded = {key: _best(key, free, COMMANDED, robot) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
         guessed |= {key: Column(channel=name, unit=_rate_unit(name)) for key, name in commanded.items()}
     gyros = [name for name in free if _is_gyro(name)]
-    if gyros:
+    if gyros and columns.gyro[0] not in guessed:
         guessed[columns.gyro[0]] = Column(channel=gyros[0], unit="deg/s" if _degrees(gyros[0]) else "rad/s")
-    guessed |= _reference(columns.reference, free)
+    if columns.reference[0] not in guessed:
+        guessed |= _reference(columns.reference, free)
     ordered = {key: guessed[key] for part in columns for key in part if key in guessed}
     return ChannelMap(columns=ordered, sources={"main": Source(time=clock.time, unit=clock.unit, period=clock.period)})
+
+
+def _log_units(columns: LogColumns) -> dict[str, str]:
+    """Return the columns of a log and their units, for files that have them already."""
+    units = {"wheel": "counts", "pivot": "counts", "command": "rad/s", "steering_command": "rad/s", "gyro": "rad/s"}
+    named = {key: unit for part, unit in units.items() for key in getattr(columns, part)}
+    return named | dict(zip(columns.reference, ("m", "m", "rad"), strict=True))
 
 
 def words_of(name: str) -> set[str]:

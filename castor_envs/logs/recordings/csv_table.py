@@ -70,10 +70,10 @@ class Table:
         self._delimiter, self._names, self._header = self._layout(head)
 
     def clock(self) -> Clock:
-        """Return the first column that is called like a time and its unit by name or size; of none, the clock None."""
+        """Return the first column that is called like a time and its unit; of none, one row a second."""
         column = next((name for name in self._names if _TIME.fullmatch(name)), None)
         if column is None:
-            return Clock()
+            return Clock(period=1.0)
         times = [
             float(line.cells[self._names.index(column)])
             for line in itertools.islice(self._lines(), 1000)

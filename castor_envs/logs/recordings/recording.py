@@ -45,7 +45,7 @@ class Recording(Protocol):
     held: bool
 
     def clock(self) -> Clock:
-        """Return the clock that a map takes at first."""
+        """Return the clock that a map takes at first; of rows without times a period, to be edited."""
         ...
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
