@@ -23,7 +23,7 @@ TOO_FAST = 3.0
 """How much faster than the robot file's limit a wheel may be before its unit is in doubt: limits are rough."""
 
 FASTEST_HEADING = 30.0
-"""rad/s: no wheeled robot turns faster; headings in degrees, taken for radians, seem to."""
+"""rad/s: no wheeled robot turns faster."""
 
 
 class Imported(NamedTuple):
@@ -174,15 +174,16 @@ def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t
 
 
 def _heading(track: Track, column: Column) -> Track:
-    """Return headings in rad, unwrapped; raises InputError where they turn too fast for any robot."""
-    psi = track.scaled(1.0 if column.unit == "quaternion" else radians_in(column.unit)).unwrapped(2 * np.pi)
-    steps = np.diff(psi.t)
-    close = steps < 1 / FASTEST_HEADING
-    for k in np.flatnonzero(close & (np.abs(np.diff(psi.value)) > FASTEST_HEADING * steps + np.pi / 2))[:1]:
-        raise InputError(
-            f"{track.where}: the heading steps by {abs(psi.value[k + 1] - psi.value[k]):.3g} rad in {steps[k]:.3g} s; "
-            f"is the unit {column.unit!r} right?"
-        )
+    """Return headings in rad, unwrapped; raises InputError where they are no robot's, as of degrees taken for rad."""
+    read = track.scaled(1.0 if column.unit == "quaternion" else radians_in(column.unit))
+    steps = np.abs(np.diff(read.value))
+    psi = read.unwrapped(2 * np.pi)
+    rate = float(np.percentile(np.abs(np.diff(psi.value)) / np.diff(psi.t), 95)) if len(steps) else 0.0
+    doubt = f"is the unit {column.unit!r} right?"
+    for k in np.flatnonzero(steps > 3 * np.pi)[:1]:  # a wrapped heading steps by a turn at most, and half of one
+        raise InputError(f"{track.where}: the heading steps by {steps[k]:.3g} rad after {psi.t[k]:.3f} s; {doubt}")
+    if rate > FASTEST_HEADING:
+        raise InputError(f"{track.where}: the heading turns at {rate:.3g} rad/s; {doubt}")
     return psi
 
 

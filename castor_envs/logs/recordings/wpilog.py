@@ -82,8 +82,10 @@ class DataLog:
             reader = DataLogReader(content, str(self._path))
             if not reader.isValid():
                 raise InputError(f"{self._path}: is a damaged data log; copy it from the robot again")
-            yield from reader
-            del reader
+            try:
+                yield from reader
+            finally:
+                del reader  # which holds the mapped file open
 
 
 def _decoder(name: str, kind: str) -> Callable[[Any], Iterator[tuple[str, float]]]:
