@@ -5,9 +5,9 @@ from pathlib import Path
 
 from castor_envs.errors import InputError
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
-from castor_envs.logs.importers import import_sessions
+from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED
-from castor_envs.logs.recordings import recognised
+from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.vehicles.load import load_robot
 
@@ -18,8 +18,11 @@ PUBLISHED, LOG, MAP = Path("measured"), Path("log.csv"), Path("map.json")
 def import_source(source: Path, robot: str | None, channel_map: Path | None, out: Path | None) -> None:
     """Import whatever a source is, and print what was done; raises InputError for what cannot be."""
     if recognised(source) is None and source.is_dir():
+        if not any(importer.recognises(source) for importer in importers().values()):
+            known = f"recordings ({', '.join(formats())}) and published data ({', '.join(importers())})"
+            raise InputError(f"{source}: no importer recognises what is in it; known are {known}")
         if robot is not None or channel_map is not None:
-            raise InputError(f"{source}: is no recording, and published data need no --robot and no --map")
+            raise InputError(f"{source}: holds published data, which need no --robot and no --map; leave them out")
         _import_published(source, out or PUBLISHED)
     elif channel_map is not None:
         if robot is None:
@@ -39,6 +42,8 @@ def _import_published(source: Path, out: Path) -> None:
 
 def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> None:
     described = load_robot(robot)
+    if not channel_map.exists():
+        raise InputError(f"--map {channel_map}: no such file; without --map one is made to edit")
     imported = import_log(source, described, ChannelMap.load(channel_map), str(channel_map))
     try:
         write_log(out, imported.log, described, imported.tracked)

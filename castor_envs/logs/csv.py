@@ -83,8 +83,9 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
         check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
     rows, posed = _split(columns, place, rows)
-    parts = {part: _values(path, columns, part, place, rows) for part in (*REQUIRED, *OPTIONAL)}
-    if columns.rps and parts["rps"] is None:
+    present = [part for part in OPTIONAL if any(name in place for name in getattr(columns, part))]
+    parts = {part: _values(path, columns, part, place, rows) for part in (*REQUIRED, *present)}
+    if columns.rps and "rps" not in parts:
         parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
     known = columns.known
     extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}
@@ -111,11 +112,9 @@ def _split(columns: LogColumns, place: dict[str, int], rows: list[Line]) -> tupl
     return [row for row in rows if not counted or id(row) not in posed], [row for row in rows if id(row) in posed]
 
 
-def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], rows: list[Line]) -> Array | None:
-    """Return the numbers of a part (K, n), or (K,); None where the header has none of its columns."""
+def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], rows: list[Line]) -> Array:
+    """Return the numbers of a part's columns (K, n), or (K,), NaN where cells may be blank and are."""
     present = [(name, place[name]) for name in getattr(columns, part) if name in place]
-    if not present and part not in REQUIRED:
-        return None
     values = np.full((len(rows), len(present)), np.nan)
     for k, row in enumerate(rows):
         for group in _groups(part, len(present)):
@@ -130,8 +129,6 @@ def _tracked(
 ) -> TimedPoses:
     """Return all poses of a file, also those in rows with counts; raises InputError for mistakes in them."""
     t, pose = (_values(path, columns, part, place, posed) for part in ("t", "reference"))
-    assert t is not None
-    assert pose is not None
     assert log.reference is not None
     _check_size(path, [row.number for row in posed], columns.reference, pose, "reference")
     line = np.array([row.number for row in posed] + lines)

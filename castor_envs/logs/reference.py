@@ -22,8 +22,8 @@ class TimedPoses(NamedTuple):
     n is 1 for a robot, and the number of axles for a train; headings are unwrapped.
     """
 
-    t: Array
-    pose: Array
+    t: Numbers
+    pose: Numbers
 
     def at(self, t: Numbers) -> Array:
         """Return the poses (K, 3 n) at times t (K,), NaN where `interpolated` gives none."""

@@ -110,10 +110,10 @@ def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
     given = words_of(channel)
     for unit, words in (
         ("rpm", {"rpm"}),
+        ("m", {"m", "meters", "metres", "distance"}),
         ("counts", {"tick", "ticks", "count", "counts", "enc", "encoder", "encoders"}),
         ("deg", {"deg", "degrees", "degree"}),
         ("rev", {"rev", "revs", "rot", "rotations", "turns"}),
-        ("m", {"m", "meters", "metres", "distance"}),
         ("rad", {"rad", "radians"}),
     ):
         if given & words:

@@ -47,10 +47,9 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     notes: list[str] = []
     tracks = {key: _track(f"{name}: columns.{key}", by, key, readings[key], begin, notes) for key in by.columns}
     counts = _counts(robot, columns, by, tracks)
-    t, rows = _rows(robot, counts, tracks.get("gyro_z"), notes)
-    part = {key: track.at(t)[rows] for key, track in counts.items()}
-    gyro = tracks["gyro_z"].mean_around(t)[rows] if "gyro_z" in tracks else None
-    t = t[rows]
+    t = _rows(robot, counts, tracks.get("gyro_z"), notes)
+    part = {key: track.at(t) for key, track in counts.items()}
+    gyro = tracks["gyro_z"].mean_around(t) if "gyro_z" in tracks else None
     tracked = _tracked(columns, by, tracks, t)
     log = Log(
         t=t - t[0],
@@ -133,10 +132,8 @@ def _counts(
     return found
 
 
-def _rows(
-    robot: RobotDescription, counts: Mapping[str, Track], gyro: Track | None, notes: list[str]
-) -> tuple[Array, Array]:
-    """Return the times (K,), s, at which counts are read, and which of them (K,) are rows of the log."""
+def _rows(robot: RobotDescription, counts: Mapping[str, Track], gyro: Track | None, notes: list[str]) -> Array:
+    """Return the times (K,), s, of the log's rows: those of counts at which all counts, and the gyro, are known."""
     needed = dict(counts) | ({} if gyro is None else {"gyro_z": gyro})
     t = row_times(list(counts.values()), robot.sample_period / 2)
     there = {key: np.isfinite(track.at(t)) for key, track in needed.items()}
@@ -150,7 +147,7 @@ def _rows(
         inner = ~known & (t > t[rows][0]) & (t < t[rows][-1])
         if inner.any():
             notes.append(f"{key}: no reading near {inner.sum()} of {len(t)} rows, which are left out")
-    return t, rows
+    return t[rows]
 
 
 def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t: Array) -> TimedPoses | None:

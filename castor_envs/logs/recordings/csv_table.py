@@ -9,7 +9,7 @@ import csv
 import itertools
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TextIO
 
@@ -81,7 +81,7 @@ class Table:
         ]
         return Clock(column, _unit(column, np.array(times)))
 
-    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         if clock.time is None and clock.period is None:
             raise InputError(f'{self._path}: no column is known to be the time; give it as "time", or a "period"')

@@ -7,7 +7,7 @@ line, as that data set has (the map's "time"), or from a "period" (s).
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from castor_envs.errors import InputError
@@ -29,7 +29,7 @@ class KittiText:
         """Return 10 Hz, the rate of the KITTI data, to be edited."""
         return Clock(period=0.1)
 
-    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         for time, row in zip(self._times(clock), rows_of(self._path, COLUMNS), strict=False):
             line, (r11, _, r13, x, r21, _, _, y, _, _, r33, z) = row

@@ -2,7 +2,7 @@
 
 import math
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
@@ -48,7 +48,7 @@ class Recording(Protocol):
         """Return the clock that a map takes at first; of rows without times a period, to be edited."""
         ...
 
-    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield the readings of some channels, or of all, in the file's order; one is held in memory at a time.
 
         Raises InputError for what cannot be read, and for a clock that the recording does not have.

@@ -11,7 +11,7 @@ Times are by the message's header ("header"; of a transform its own), or when th
 """
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ class Bag:
         stamped = any(_stamp(message) for _, _, message in (pair for pair, _ in zip(first, range(1000), strict=False)))
         return Clock("header" if stamped else "receive")
 
-    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         if clock.time not in ("header", "receive"):
             raise InputError(f'{self._path}: has no clock {clock.time!r}; give "time": "header" or "receive"')

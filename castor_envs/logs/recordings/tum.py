@@ -1,6 +1,6 @@
 """Trajectories as TUM text: ``t x y z qx qy qz qw`` a line. Channels: x, y, z (m), heading about z (rad)."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from castor_envs.errors import InputError
@@ -46,7 +46,7 @@ class TumText:
         """Return the clock of the file."""
         return Clock()
 
-    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         if clock.time is not None or clock.period is not None:
             raise InputError(f"{self._path}: the times are in the file; remove 'time' and 'period' of it from the map")

@@ -9,7 +9,7 @@ Format: https://github.com/wpilibsuite/allwpilib/blob/main/wpiutil/doc/datalog.a
 
 import mmap
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ class DataLog:
         """Return the clock of the records."""
         return Clock()
 
-    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Iterator[Reading]:
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         if clock.time is not None or clock.period is not None:
             raise InputError(f"{self._path}: a data log has one clock; remove 'time' and 'period' of it from the map")

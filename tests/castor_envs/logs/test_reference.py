@@ -100,7 +100,9 @@ def test_a_trains_axles_have_poses_at_their_own_times(tmp_path):
     tracked = TimedPoses(seen, np.outer(seen, np.arange(6)))
     log = Log(t=t, wheel=np.zeros((5, 4)), pivot=np.empty((5, 0)), rps=np.zeros((5, 3)))
     write_log(tmp_path / "log.csv", log, train, tracked)
-    np.testing.assert_allclose(read_log(tmp_path / "log.csv", train).reference, np.outer(t, np.arange(6)), atol=1e-15)
+    again = read_log(tmp_path / "log.csv", train).reference
+    assert again is not None
+    np.testing.assert_allclose(again, np.outer(t, np.arange(6)), atol=1e-15)
 
 
 @pytest.mark.parametrize(
