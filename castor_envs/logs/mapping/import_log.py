@@ -63,7 +63,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
         tracked = TimedPoses(tracked.t - t[0], tracked.pose)
         log = Log(**{**_parts(log), "reference": tracked.at(log.t)})
         notes += _reference_notes(log, tracked)
-    return Imported(log, tracked, (*notes, *_speed_notes(robot, columns, log)))
+    return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
 
 
 def _parts(log: Log) -> dict[str, Array | None]:
@@ -124,7 +124,8 @@ def _counts(
         wheel, column, track = robot.wheels[k], by.columns[key], tracks[key]
         kind = kind_of(column.unit)
         track = track.integrated() if kind == "speed" else track.added_up() if kind == "increment" else track
-        found[key] = track.scaled(counts_in(column.unit, wheel.counts_per_rev or 1.0, wheel.radius))
+        track = track.scaled(counts_in(column.unit, wheel.counts_per_rev or 1.0, wheel.radius))
+        found[key] = track.whole() if kind == "position" else track
     for key, i in zip(columns.pivot, robot.pivot_encoders, strict=True):
         turn = robot.castors[i].pivot_counts_per_rev or 1.0
         track = tracks[key].scaled(counts_in(by.columns[key].unit, turn))
@@ -212,8 +213,10 @@ def _commands(
     return np.where(np.isfinite(given).all(axis=1, keepdims=True), given, np.nan)
 
 
-def _speed_notes(robot: RobotDescription, columns: LogColumns, log: Log) -> Iterator[str]:
-    """Yield what speaks of wrong units: wheels beyond the robot's limit, rows at another rate than its file's."""
+def _robot_notes(robot: RobotDescription, columns: LogColumns, log: Log) -> Iterator[str]:
+    """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro that it lacks."""
+    if log.gyro is not None and robot.gyro is None:
+        yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
     steps = np.diff(log.t)
     for key, k, counts in zip(columns.wheel, robot.driven_wheels, log.wheel.T, strict=True):
         turn = robot.wheels[k].counts_per_rev or 1.0

@@ -12,6 +12,9 @@ from castor_envs.logs.reference import interpolated
 LONGEST = 0.5
 """s: the longest time between speeds over which counts are still summed."""
 
+WHOLE = 0.02
+"""Counts by which whole ones may be off after a driver turned them into an angle, in single precision for instance."""
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -49,6 +52,12 @@ class Track:
     def unwrapped(self, period: float) -> Self:
         """Return the track with steps of over half a period taken the shorter way round."""
         return replace(self, value=np.unwrap(self.value, period=period))
+
+    def whole(self) -> Self:
+        """Return whole numbers where readings are apart by whole ones: counts that a driver turned into an angle."""
+        first, apart = self.value[0], self.value - self.value[0]
+        rounded = np.round(apart)
+        return replace(self, value=np.round(first) + rounded) if np.all(np.abs(apart - rounded) <= WHOLE) else self
 
     def added_up(self) -> Self:
         """Return the sums of increments; that of the first reading came before it."""

@@ -61,6 +61,16 @@ def test_wheels_come_in_every_unit(tmp_path, unit, values, within):
     np.testing.assert_allclose(counts[:, 1], counts[:, 0], atol=1e-9)
 
 
+def test_whole_counts_that_a_driver_gave_in_radians_are_whole_again(tmp_path):
+    """In single precision, and from an angle on at which the driver was started."""
+    counts = np.round(ANGLE * PER_RADIAN)
+    angle = (counts / PER_RADIAN + 0.1234).astype(np.float32)
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=angle, wheel_1r=ANGLE)
+    log = import_log(source, ROBOT, mapped(WHEELS)).log
+    np.testing.assert_array_equal(log.wheel[:, 0] - log.wheel[0, 0], counts)
+    np.testing.assert_allclose(log.wheel[:, 1], ANGLE * PER_RADIAN, atol=1e-9)
+
+
 def test_a_counter_that_wraps_counts_on(tmp_path):
     counts = np.round(400 * T * 50)
     source = table(tmp_path / "run.csv", t=T, wheel_1l=np.mod(counts, 2**15), wheel_1r=-counts)
@@ -110,7 +120,7 @@ def test_commands_gyro_and_reference_have_their_units_and_meaning(tmp_path):
     np.testing.assert_allclose(log.command, np.column_stack([held, -held]), atol=1e-12)
     np.testing.assert_allclose(log.gyro, -np.sin(T) * np.pi / 2, atol=1e-12)
     np.testing.assert_allclose(log.reference, np.column_stack([T, 0 * T, 2 * T]), atol=1e-9)
-    assert imported.notes == ()
+    assert [note.split(":")[0] for note in imported.notes] == ["gyro_z"]
 
 
 def test_quaternions_are_read_as_headings(tmp_path):
