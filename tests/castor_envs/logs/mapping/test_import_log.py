@@ -240,7 +240,7 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
         ({"wheel_2l": {"unit": "rad"}}, ["columns.wheel_2l", "no column of", "did you mean 'wheel_1l'"]),
         ({"wheel_1l": {"unit": "rad", "channel": "?"}}, ["columns.wheel_1l.channel", "is still '?'"]),
         ({"wheel_1l": {"unit": "rad", "channel": "wheel1l"}}, ["columns.wheel_1l", "did you mean 'wheel_1l'"]),
-        ({"wheel_1l": {"unit": "rad", "source": "mian"}}, ["columns.wheel_1l.source", "did you mean 'main'"]),
+        ({"wheel_1l": {"unit": "rad", "source": "mane"}}, ["columns.wheel_1l.source", "did you mean 'main'"]),
         ({"ref_psi": None}, ["columns.ref_psi", "is missing"]),
         ({"ref_psi": {"channel": "yaw", "unit": "quaternion"}}, ["columns.ref_psi.channel", "four"]),
         ({"gyro_z": {"channel": "yaw", "unit": "rad"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
