@@ -73,7 +73,8 @@ def _verdict(scale: float, follows: float) -> str:
     for meaning, words in _MEANINGS.items():
         if abs(scale / meaning - 1) <= NEAR:
             return words
-    return f"turns {scale:.3g} times as much as the wheels say: its unit or scale, or the robot file's radii or track"
+    causes = "its unit or scale, a wheel's sign, or the robot file's radii or track"
+    return f"turns {scale:.3g} times as much as the wheels say: {causes}"
 
 
 def _turns(robot: RobotDescription, log: Log) -> tuple[Array, Array, Array]:

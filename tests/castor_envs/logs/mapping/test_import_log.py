@@ -182,6 +182,29 @@ def test_two_clocks_agree_by_an_offset(tmp_path):
         import_log(source, ROBOT, mapped(WHEELS | reference, main={"time": "t"}, tracker=tracker))
 
 
+def test_topics_of_one_bag_may_have_two_clocks(tmp_path, bag_writer):
+    """Ticks without a header, when they were received; poses by the stamps of a computer that is 3 s ahead."""
+    with bag_writer(tmp_path / "run.bag", "ros1") as w:
+        for k in range(51):
+            t = START + 0.02 * k
+            w.put("/left_ticks", "std_msgs/Int32", t, 10 * k)
+            w.put("/right_ticks", "std_msgs/Int32", t, -12 * k)
+            w.put("/vicon", "geometry_msgs/PoseStamped", t + 0.004, w.header(t + 3.0), w.pose(0.02 * k, 0.0, 0.0))
+    pose = {"unit": "m", "source": "tracker"}
+    columns = {
+        "wheel_1l": {"channel": "/left_ticks data", "unit": "counts"},
+        "wheel_1r": {"channel": "/right_ticks data", "unit": "counts", "sign": -1},
+        "ref_x": {"channel": "/vicon pose.x"} | pose,
+        "ref_y": {"channel": "/vicon pose.y"} | pose,
+        "ref_psi": {"channel": "/vicon pose.heading"} | pose | {"unit": "rad"},
+    }
+    clocks = {"main": {"time": "receive"}, "tracker": {"time": "header", "offset": -3.0}}
+    log = import_log(tmp_path / "run.bag", ROBOT, mapped(columns, **clocks)).log
+    assert log.reference is not None
+    np.testing.assert_array_equal(log.wheel, np.outer(np.arange(51), [10, 12]))
+    np.testing.assert_allclose(log.reference[:, 0], log.t, atol=1e-6)
+
+
 def test_wheels_of_two_topics_are_brought_to_the_times_of_the_slower_one(tmp_path):
     left, right = 0.02 * np.arange(101), 0.005 + 0.01 * np.arange(202)
     path = tmp_path / "run.csv"
@@ -240,7 +263,7 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
         ({"wheel_2l": {"unit": "rad"}}, ["columns.wheel_2l", "no column of", "did you mean 'wheel_1l'"]),
         ({"wheel_1l": {"unit": "rad", "channel": "?"}}, ["columns.wheel_1l.channel", "is still '?'"]),
         ({"wheel_1l": {"unit": "rad", "channel": "wheel1l"}}, ["columns.wheel_1l", "did you mean 'wheel_1l'"]),
-        ({"wheel_1l": {"unit": "rad", "source": "mane"}}, ["columns.wheel_1l.source", "did you mean 'main'"]),
+        ({"wheel_1l": {"unit": "rad", "source": "other"}}, ["columns.wheel_1l.source", "'other'", "known: main"]),
         ({"ref_psi": None}, ["columns.ref_psi", "is missing"]),
         ({"ref_psi": {"channel": "yaw", "unit": "quaternion"}}, ["columns.ref_psi.channel", "four"]),
         ({"gyro_z": {"channel": "yaw", "unit": "rad"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
