@@ -19,6 +19,9 @@ TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
 """Words of poses that are estimates, which are no reference."""
 
+_IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
+"""Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
+
 ENOUGH = 3
 """Score from which a channel is taken: a side or a number, and a word, speak for it."""
 
@@ -72,7 +75,7 @@ def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int
         return 0
     match = re.search(r"(\d+)([lr])?$", key)
     number, side = (match[1], match[2]) if match else ("", None)
-    score = 2 if given & words else 0
+    score = 2 if given & words or (words is WHEEL and given <= LEFT | RIGHT) else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
         score -= 3 if "angle" in given else 0
@@ -107,6 +110,8 @@ def _degrees(name: str) -> bool:
 
 def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
     """Return the unit that a channel's name says, or its numbers: whole ones are counts."""
+    if _IN_RADIANS.search(channel):
+        return "rad" + per
     given = words_of(channel)
     for unit, words in (
         ("rpm", {"rpm"}),

@@ -47,7 +47,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     notes: list[str] = []
     tracks = {key: _track(f"{name}: columns.{key}", by, key, readings[key], begin, notes) for key in by.columns}
     counts = _counts(robot, columns, by, tracks)
-    t = _rows(robot, counts, tracks.get("gyro_z"), notes)
+    t = _rows(counts, tracks.get("gyro_z"), notes)
     part = {key: track.at(t) for key, track in counts.items()}
     gyro = tracks["gyro_z"].mean_around(t) if "gyro_z" in tracks else None
     tracked = _tracked(columns, by, tracks, t)
@@ -133,10 +133,10 @@ def _counts(
     return found
 
 
-def _rows(robot: RobotDescription, counts: Mapping[str, Track], gyro: Track | None, notes: list[str]) -> Array:
+def _rows(counts: Mapping[str, Track], gyro: Track | None, notes: list[str]) -> Array:
     """Return the times (K,), s, of the log's rows: those of counts at which all counts, and the gyro, are known."""
     needed = dict(counts) | ({} if gyro is None else {"gyro_z": gyro})
-    t = row_times(list(counts.values()), robot.sample_period / 2)
+    t = row_times(list(counts.values()))
     there = {key: np.isfinite(track.at(t)) for key, track in needed.items()}
     rows = np.all(list(there.values()), axis=0)
     if rows.sum() < 2:

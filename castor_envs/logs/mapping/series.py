@@ -109,15 +109,17 @@ def _integral(t: Array, value: Array) -> Array:
     return np.append(0.0, np.cumsum(np.diff(t) * (value[1:] + value[:-1]) / 2))
 
 
-def row_times(tracks: list[Track], least: float) -> Array:
+def row_times(tracks: list[Track]) -> Array:
     """Return the times (K,) of rows for columns of counts.
 
     Of sampled columns those of the one with the fewest readings, so that it needs no interpolation. Of columns that are
-    held, every change: what comes within `least`, s, of the first change since the last row is one row, at its last.
+    held, every change: those of one cycle of the robot's program, which come within half the usual time between changes
+    of the busiest column, are one row, at the last of them.
     """
     if not any(track.held or track.rate is not None for track in tracks):
         return min(tracks, key=lambda track: len(track.t)).t
     times = np.unique(np.concatenate([track.t for track in tracks]))
+    least = np.median(np.diff(max((track.t for track in tracks), key=len), prepend=-np.inf)) / 2
     rows, first = [], -np.inf
     for time in times.tolist():
         if time - first > least:

@@ -7,8 +7,8 @@ from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.vehicles.presets import preset
 
 
-def guessed(robot, *channels):
-    found = {name: Found(count=10, start=0, end=10**9, low=0.0, high=1.0, whole=False) for name in channels}
+def guessed(robot, *channels, whole=False):
+    found = {name: Found(count=10, start=0, end=10**9, low=0.0, high=1.0, whole=whole) for name in channels}
     columns = guess_map(found, Clock("header"), preset(robot)).columns
     return {key: (column.channel, column.unit) for key, column in columns.items()}
 
@@ -20,6 +20,7 @@ def guessed(robot, *channels):
         ("/joint_states velocity[wheel_left]", "/joint_states velocity[wheel_right]", "rad/s"),
         ("left_ticks", "right_ticks", "counts"),
         ("encL", "encR", "counts"),
+        ("left", "right", "rad"),
         ("LeftEncoderDistance", "RightEncoderDistance", "m"),
         ("NT:/drive/leftPosition_m", "NT:/drive/rightPosition_m", "m"),
         ("wheel speed left [rpm]", "wheel speed right [rpm]", "rpm"),
@@ -43,6 +44,12 @@ def test_modules_of_an_array_are_counted_from_0():
     for k in range(4):
         assert found[f"wheel_{k + 1}"] == (f"NT:/modules[{k}].distance", "m")
         assert found[f"pivot_{k + 1}"] == (f"NT:/modules[{k}].angle", "rad")
+
+
+def test_what_stands_at_0_all_the_time_is_not_taken_for_counts_where_its_format_says_the_unit():
+    names = [f"/joints position[{name}]" for name in ("left_wheel", "right_wheel")]
+    assert {unit for _, unit in guessed("differential", *names, whole=True).values()} == {"rad"}
+    assert {unit for _, unit in guessed("differential", "left", "right", whole=True).values()} == {"counts"}
 
 
 def test_a_gyro_and_commands_are_found():
