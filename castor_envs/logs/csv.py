@@ -100,16 +100,15 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
 
 def _split(columns: LogColumns, place: dict[str, int], rows: list[Line]) -> tuple[list[Line], list[Line]]:
     """Return the rows with counts, and those with nothing but a time and a reference."""
-    allowed = {place[name] for name in (*columns.t, *columns.reference) if name in place}
-    needed = [place[name] for name in columns.reference if name in place]
-    posed = {
-        id(row)
-        for row in rows
-        if any(row.cells[k].strip() for k in needed)
-        and not any(cell.strip() for k, cell in enumerate(row.cells) if k not in allowed)
-    }
-    counted = bool(columns.wheel or columns.pivot)
-    return [row for row in rows if not counted or id(row) not in posed], [row for row in rows if id(row) in posed]
+    reference = {place[name] for name in columns.reference if name in place}
+    others = [k for k in range(len(place)) if k not in reference and k != place["t"]]
+    counted: list[Line] = []
+    posed: list[Line] = []
+    for row in rows:
+        blank = others and not any(row.cells[k].strip() for k in others)
+        alone = blank and any(row.cells[k].strip() for k in reference)
+        (posed if alone else counted).append(row)
+    return counted, posed
 
 
 def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], rows: list[Line]) -> Array:
