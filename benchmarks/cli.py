@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from benchmarks.calibrate import calibrate_logs
+from benchmarks.import_recording import import_source
 from benchmarks.leaderboard import board as boards
 from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import overviews_markdown, print_overviews
@@ -34,7 +35,6 @@ from benchmarks.tasks import official_tasks, select_tasks, tasks_by_group, tasks
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs import command_line
 from castor_envs.errors import InputError
-from castor_envs.logs.importers import import_sessions
 from castor_envs.vehicles.load import load_robot, load_train, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.plugins.registry import CALIBRATION, ESTIMATOR, builtin_names
@@ -290,15 +290,22 @@ def calibrate(
 
 @app.command("import")
 def import_data(
-    source: Annotated[Path, typer.Argument(help="Folder that holds published measurements; OptiOdom's as optiodom/.")],
-    out: Annotated[Path, typer.Option("--out", help="The folder that logs go to.")] = Path("measured"),
+    source: Annotated[Path, typer.Argument(help="A recording, or a folder that holds published measurements.")],
+    robot: Annotated[
+        str | None, typer.Option(help="The robot that made the recording: a file, or a preset's name.")
+    ] = None,
+    channel_map: Annotated[Path | None, typer.Option("--map", help="Which channel is which column of the log.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The log (log.csv), or the folder of published data (measured).")
+    ] = None,
 ) -> None:
-    """Write published measurements as logs and robot files, a folder for each session."""
-    try:
-        for folder, session in import_sessions(source, out):
-            print(f"{folder}: {session.vehicle.name}, {len(session.runs)} runs")
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+    """Make a log of a recording, or logs of published measurements.
+
+    Recordings: bags of ROS 1 and 2, data logs of WPILib, CSV files; trajectories (TUM, KITTI) as their reference.
+    Without --map, what the recording holds is shown, and with --robot a map is written to edit: map.json. Published
+    measurements, such as OptiOdom's in a folder optiodom, become a folder of a robot file and logs for each session.
+    """
+    import_source(source, robot, channel_map, out)
 
 
 @app.command("list")

@@ -279,6 +279,9 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
             channel["name"], *(f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step")), limit
         )
     yield table
+    if entry["gyro"] is not None:
+        gyro = entry["gyro"]
+        yield f"gyro_z {gyro['verdict']} (scale {gyro['scale']:.4g}, bias {gyro['bias']:.3g} rad/s)"
     if parity["note"]:
         yield f"parity: {parity['note']}"
         return

@@ -10,6 +10,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.checks import wheel_steps
 from discrepancy.preflight.stretches import poses_taken
+from discrepancy.validation.gyro_check import gyro_against_wheels
 from discrepancy.validation.parity import BLIND, Parity, parity_residual
 
 FORMAT = "castor-inspect/1"
@@ -58,6 +59,7 @@ def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
         "commands": log.command is not None,
         "unknown_columns": list(log.extra),
         "parity": _parity(robot, log),
+        "gyro": _gyro(robot, log),
     }
 
 
@@ -130,6 +132,19 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
         "verdict": _verdict(robot, parity, max(row["ratio"] or 0.0 for row in rows)) if seen else None,
         "note": None if seen else BLIND,
     }
+
+
+def _gyro(robot: RobotDescription, log: Log) -> dict[str, Any] | None:
+    """Return the gyro against the wheels; null where nothing can be said (`gyro_against_wheels`)."""
+    check = gyro_against_wheels(robot, log)
+    if check is None:
+        return None
+    numbers = {
+        "scale": _rounded(check.scale, 6),
+        "bias": _rounded(check.bias, 9),
+        "follows": _rounded(check.follows, 3),
+    }
+    return numbers | {"verdict": check.verdict}
 
 
 def _verdict(robot: RobotDescription, parity: Parity, ratio: float) -> str:

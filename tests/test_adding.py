@@ -31,7 +31,7 @@ def test_every_file_of_the_page_is_found_without_a_change_elsewhere(tmp_path):
             with path.open("a", encoding="utf-8") as file:
                 file.write("\n\n" + body)
         added += 1
-    assert added == len(checks) == 11
+    assert added == len(checks) == 12
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", f"import sys; sys.path.insert(0, {str(copy)!r})\n" + "\n".join(checks)],
         cwd=tmp_path,

@@ -4,14 +4,17 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks import cli
+from castor_envs import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.presets import preset
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("physics", "effects", "diagnose")
+PAGES = ("physics", "effects", "diagnose", "logs")
 
 
 def page(name):
@@ -51,3 +54,30 @@ def test_the_effects_of_the_example_stand_in_its_file(tmp_path, monkeypatch):
     exec(code, {})
     saved = load_vehicle("real.json").to_dict()["effects"]
     assert str(saved).replace("'", '"').replace("None", "null") in page("effects")
+
+
+def test_the_example_of_an_own_log_is_as_its_page_says(tmp_path, monkeypatch, capsys):
+    """The blocks of docs/logs.md in order: what is typed, what is printed, and the map in between."""
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```(\w+)\n(.*?)```", page("logs"), flags=re.S)
+    assert [kind for kind, _ in blocks] == ["python", "bash", "text", "json", "bash", "text", "python"]
+    (_, make), (_, look), (_, shown), (_, edited), (_, imports), (_, said), (_, python) = blocks
+
+    def typed(line):
+        with pytest.raises(SystemExit) as leaving:
+            command_line.run(cli.app, line.split()[1:])
+        assert leaving.value.code == 0
+        return capsys.readouterr().out
+
+    exec(make, {})
+    assert typed(look) == shown
+    Path("map.json").write_text(edited)
+    assert typed(imports.splitlines()[0]) == said
+    first = Path("log.csv").read_bytes()
+    found = {}
+    exec(python, found)
+    assert Path("log.csv").read_bytes() == first
+    log = found["log"]
+    assert log.wheel[-1].tolist() == [2086, 2384]
+    known = np.isfinite(log.reference[:, 0])
+    np.testing.assert_allclose(log.reference[known][:, [0, 2]], 0.2 * np.outer(log.t[known], [1, 1]), atol=1e-9)

@@ -191,7 +191,8 @@ class SensedRobot(SensedVehicle):
 
     def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
         turn = self._built[0].pivot_counts_per_rev[np.array(self._robot.pivot_encoders, dtype=np.intp)]
-        pivot = spaces.Box(np.zeros_like(turn), turn - 1, dtype=np.float64)
+        most = np.where(turn == np.round(turn), turn - 1, turn)  # whole counts, wrapped at a turn that may not be whole
+        pivot = spaces.Box(np.zeros_like(turn), most, dtype=np.float64)
         gyro = spaces.Box(-FASTEST_YAW, FASTEST_YAW, (1,), dtype=np.float64)
         return {"pivot": pivot} if self._robot.gyro is None else {"pivot": pivot, "gyro": gyro}
 

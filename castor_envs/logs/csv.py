@@ -14,6 +14,9 @@ The header comes first, columns stand in any order, columns that the vehicle doe
                              where none came; fix_psi alone is blank where a fix has no heading, and x, y of a compass
     fix_age                  s, optional (0): how long ago that was true; blank where no fix came
 
+A tracker with times and a rate of its own has rows of its own, in the order of time: t and the reference, all else
+blank. `read_log` then gives the reference at the rows with counts, as `castor_envs.logs.reference` finds it there.
+
 A train has no pivots, no gyro and no fixes; its axles are numbered and its frames lettered from the front:
 
     t                        s, strictly increasing
@@ -26,9 +29,11 @@ A train has no pivots, no gyro and no fixes; its axles are numbered and its fram
     ref_1_x, ref_1_y, ref_1_psi, ref_2_x ...
                              m, m, rad (unwrapped), optional: the axles' poses, likewise
 
-Commands too may be blank in rows without any. Whatever `read_log` refuses, `write_log` refuses to write.
+Commands too may be blank in rows without any, and poses of axles have rows of their own as above. Whatever `read_log`
+refuses, `write_log` refuses to write.
 """
 
+import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,6 +44,7 @@ from castor_envs.files import write_atomically
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import OPTIONAL, REQUIRED, Log, pivot_jumps
+from castor_envs.logs.reference import TimedPoses
 from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
@@ -80,32 +86,74 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     for row in rows:
         check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
-    parts: dict[str, Array] = {}
-    for part in (*REQUIRED, *OPTIONAL):
-        present = [(name, place[name]) for name in getattr(columns, part) if name in place]
-        if part in REQUIRED or present:
-            values = np.full((len(rows), len(present)), np.nan)
-            for k, row in enumerate(rows):
-                for group in _groups(part, len(present)):
-                    if part in _MAY_BE_BLANK and _blank(path, row, present[group]):
-                        continue
-                    values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
-            parts[part] = values[:, 0] if part in _FLAT else values
+    rows, posed = _split(columns, place, rows)
+    present = [part for part in OPTIONAL if any(name in place for name in getattr(columns, part))]
+    parts = {part: _values(path, columns, part, place, rows) for part in (*REQUIRED, *present)}
     if columns.rps and "rps" not in parts:
         parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
     known = columns.known
     extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}
     log = Log(**parts, extra=extra, undone=())
-    _check_values(path, [row.number for row in rows], log, vehicle)
-    return log
+    lines = [row.number for row in rows]
+    _check_values(path, lines, log, vehicle)
+    if not posed:
+        return log
+    tracked = _tracked(path, columns, place, posed, log, lines)
+    return dataclasses.replace(log, reference=tracked.at(log.t))
 
 
-def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle) -> None:
+def _split(columns: LogColumns, place: dict[str, int], rows: list[Line]) -> tuple[list[Line], list[Line]]:
+    """Return the rows with counts, and those with nothing but a time and a reference."""
+    reference = {place[name] for name in columns.reference if name in place}
+    others = [k for k in range(len(place)) if k not in reference and k != place["t"]]
+    counted: list[Line] = []
+    posed: list[Line] = []
+    for row in rows:
+        blank = others and not any(row.cells[k].strip() for k in others)
+        alone = blank and any(row.cells[k].strip() for k in reference)
+        (posed if alone else counted).append(row)
+    return counted, posed
+
+
+def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], rows: list[Line]) -> Array:
+    """Return the numbers of a part's columns (K, n), or (K,), NaN where cells may be blank and are."""
+    present = [(name, place[name]) for name in getattr(columns, part) if name in place]
+    values = np.full((len(rows), len(present)), np.nan)
+    for k, row in enumerate(rows):
+        for group in _groups(part, len(present)):
+            if part in _MAY_BE_BLANK and _blank(path, row, present[group]):
+                continue
+            values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
+    return values[:, 0] if part in _FLAT else values
+
+
+def _tracked(
+    path: Path, columns: LogColumns, place: dict[str, int], posed: list[Line], log: Log, lines: list[int]
+) -> TimedPoses:
+    """Return all poses of a file, also those in rows with counts; raises InputError for mistakes in them."""
+    t, pose = (_values(path, columns, part, place, posed) for part in ("t", "reference"))
+    assert log.reference is not None
+    _check_size(path, [row.number for row in posed], columns.reference, pose, "reference")
+    line = np.array([row.number for row in posed] + lines)
+    t, pose = np.append(t, log.t), np.concatenate([pose, log.reference])
+    order = np.argsort(line)
+    _check_times(path, line[order].tolist(), t[order])
+    known = order[np.isfinite(pose[order]).all(axis=1)]
+    _check_headings(path, line[known].tolist(), columns, pose[known])
+    return TimedPoses(t[known], pose[known])
+
+
+def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle, tracked: TimedPoses | None = None) -> None:
     """Write a log of a robot or a train, whole or not at all; `read_log` gives back the same numbers, bit for bit.
+
+    tracked: the reference at its own times, which is written instead of the log's, in rows of its own where there are
+    no counts at its times.
 
     Raises InputError for what `read_log` would refuse, ValueError for shapes that do not fit the vehicle.
     """
     path, columns = Path(path), LogColumns.of(vehicle)
+    if tracked is not None:
+        log = dataclasses.replace(log, reference=_at_same_times(tracked, log.t))
     names: list[str] = []
     cells: list[list[str]] = []
     for part in (*REQUIRED, *OPTIONAL):
@@ -127,8 +175,32 @@ def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle) -> None:
     columns.check_header(path, 1, names)
     columns.check_castors(path, 1, names, vehicle)
     _check_values(path, range(2, len(log) + 2), log, vehicle)
-    rows = [names, *zip(*cells, strict=True)]
+    rows = [*zip(*cells, strict=True)]
+    if tracked is not None:
+        rows = _with_poses(columns, names, rows, log.t, tracked)
+    rows = [names, *rows]
     write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
+
+
+def _at_same_times(tracked: TimedPoses, t: Array) -> Array:
+    """Return the poses taken at exactly the times of counts, NaN where none was."""
+    place = np.minimum(np.searchsorted(tracked.t, t), len(tracked.t) - 1)
+    return np.where((tracked.t[place] == t)[:, None], tracked.pose[place], np.nan)
+
+
+def _with_poses(
+    columns: LogColumns, names: list[str], rows: list[tuple[str, ...]], t: Array, tracked: TimedPoses
+) -> list[tuple[str, ...]]:
+    """Return rows of a file in the order of time, those added that hold a pose alone."""
+    _check_headings(Path("tracked"), range(len(tracked.t)), columns, tracked.pose)
+    alone = ~np.isin(tracked.t, t)
+    place = {name: k for k, name in enumerate((*columns.t, *columns.reference))}
+    added = [
+        tuple(repr(row[place[name]]) if name in place else "" for name in names)
+        for row in np.column_stack([tracked.t, tracked.pose])[alone].tolist()
+    ]
+    order = np.argsort(np.append(t, tracked.t[alone]), kind="stable")
+    return [[*rows, *added][k] for k in order]
 
 
 def _quoted(cell: str) -> str:
@@ -172,12 +244,7 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
             rows = np.asarray(values).reshape(len(log), -1)
             _check_finite(path, lines, getattr(columns, part), rows, part)
             _check_size(path, lines, getattr(columns, part), rows, part)
-    late = np.flatnonzero(np.diff(log.t) <= 0)
-    if late.size:
-        k = late[0] + 1
-        before, current = float(log.t[k - 1]), float(log.t[k])
-        problem = f"repeats {current!r}" if current == before else f"goes back from {before!r} to {current!r}"
-        raise complaint(path, lines[k], "t", f"{problem}; sort the rows and keep one for each time")
+    _check_times(path, lines, log.t)
     pivots = [] if isinstance(vehicle, TrainDescription) else [vehicle.castors[i] for i in vehicle.pivot_encoders]
     for j, castor in enumerate(pivots):
         turn = castor.pivot_counts_per_rev or np.nan
@@ -189,7 +256,7 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
                 path,
                 lines[k],
                 columns.pivot[j],
-                f"jumps from {before} to {current}, over half a turn of {turn} counts, in a column that spans "
+                f"jumps from {before} to {current}, over half a turn of {_count(turn)} counts, in a column that spans "
                 f"over one turn ({low} to {high}) and so does not wrap; mend the count, or sample faster",
             )
     if log.rps_age is not None:
@@ -201,13 +268,24 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
             what = "is blank beside a fix" if np.isnan(log.fix_age[k]) else f"is {log.fix_age[k]} s"
             raise complaint(path, lines[k], columns.fix_age[0], f"{what}; give its age, 0 or more")
     if log.reference is not None:
-        for k, axle in np.argwhere(np.abs(np.diff(log.reference[:, 2::3], axis=0)) > np.pi)[:1]:
-            name = columns.reference[3 * axle + 2]
-            step = float(np.diff(log.reference[k : k + 2, 3 * axle + 2])[0])
-            degrees = (
-                "" if abs(abs(step) - 2 * np.pi) < np.pi / 2 else f" by {step:.4g} rad, or are these degrees? give rad"
-            )
-            raise complaint(path, lines[k + 1], name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
+        _check_headings(path, lines, columns, log.reference)
+
+
+def _check_times(path: Path, lines: Sequence[int], t: Array) -> None:
+    for k in np.flatnonzero(np.diff(t) <= 0)[:1] + 1:
+        before, current = float(t[k - 1]), float(t[k])
+        problem = f"repeats {current!r}" if current == before else f"goes back from {before!r} to {current!r}"
+        raise complaint(path, lines[k], "t", f"{problem}; sort the rows and keep one for each time")
+
+
+def _check_headings(path: Path, lines: Sequence[int], columns: LogColumns, poses: Array) -> None:
+    for k, axle in np.argwhere(np.abs(np.diff(poses[:, 2::3], axis=0)) > np.pi)[:1]:
+        name = columns.reference[3 * axle + 2]
+        step = float(np.diff(poses[k : k + 2, 3 * axle + 2])[0])
+        degrees = (
+            "" if abs(abs(step) - 2 * np.pi) < np.pi / 2 else f" by {step:.4g} rad, or are these degrees? give rad"
+        )
+        raise complaint(path, lines[k + 1], name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
 
 
 def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:

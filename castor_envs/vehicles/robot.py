@@ -11,7 +11,7 @@ import os
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import Field, PlainSerializer, TypeAdapter, model_validator
 from pydantic.dataclasses import dataclass
 
 from castor_envs import description
@@ -37,6 +37,15 @@ from castor_envs.vehicles.effect import Effect, EffectOf, apply_effects
 from castor_envs.vehicles.tolerances import Tolerances
 
 FORMAT = "castor-robot/1"
+
+
+def _whole_if_possible(count: float) -> int | float:
+    return int(count) if count == int(count) else count
+
+
+#: Counts a turn of a pivot encoder, of any size: with a gear they need not be whole. Whole numbers are written
+#: as such, so that files and hashes of robots are the same however a number was given.
+PivotCounts = Annotated[float, Field(ge=1e-3, le=2**32), PlainSerializer(_whole_if_possible)]
 #: rad: rollers whose axes lie within 4 degrees of the wheel's own axle would leave it unable to push.
 STEEPEST_ROLLER = 1.5
 
@@ -76,9 +85,9 @@ class Castor:
 
     pivot: position in B, m. steering: "free", "driven" (a motor turns it) or "fixed" (at `angle`, rad). offset: how
     far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of mass, which is taken to
-    lie on the axle behind the pivot, kg and kg m2. pivot_counts_per_rev: of the absolute pivot encoder, None where
-    there is none; a castor that turns needs one to be driven in an environment. pivot_zero: the model's
-    beta in measured angle = theta + beta (Doebbler eq. 2), rad.
+    lie on the axle behind the pivot, kg and kg m2. pivot_counts_per_rev: of the absolute pivot encoder, not
+    necessarily a whole number, None where there is none; a castor that turns needs one to be driven in an environment.
+    pivot_zero: the model's beta in measured angle = theta + beta (Doebbler eq. 2), rad.
     """
 
     pivot: Vector
@@ -88,7 +97,7 @@ class Castor:
     offset: LengthOrNone = 0.0
     mass: Mass = 1.0
     inertia: Inertia = 0.005
-    pivot_counts_per_rev: Annotated[int, Field(gt=2, le=2**32)] | None = None
+    pivot_counts_per_rev: PivotCounts | None = None
     pivot_zero: Angle = 0.0
 
     @model_validator(mode="after")

@@ -1,4 +1,7 @@
-"""The command that writes published measurements as logs."""
+"""The command that makes logs of published measurements, and of recordings of one's own robot."""
+
+import json
+from pathlib import Path
 
 import pytest
 
@@ -6,6 +9,7 @@ from benchmarks import cli
 from castor_envs import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import load_robot
+from castor_envs.vehicles.presets import preset
 
 METADATA = "type,diff\nngear,12\nencRes,16\nLi,0.2\nDi,0.08,0.08\nN,1\nL,1.0\n"
 RUN = "0,0,0,0,9,9\n0.05,0.1,0,0,4,6\n0.1,0.2,0,0,1,1\n"
@@ -37,3 +41,50 @@ def test_what_no_importer_knows_is_refused_in_one_line(tmp_path, capsys):
     assert len(said.splitlines()) == 1
     assert "no importer recognises" in said
     assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_is_shown_and_a_map_is_made_then_a_log(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = [f"{20 * k},{10 * k},{12 * k},{k / 100},0,0" for k in range(50)]
+    Path("run.csv").write_text("\n".join(["stamp_ms,left_ticks,right_ticks,x,y,yaw", *rows]) + "\n")
+    code, printed, _ = call(capsys, "import", "run.csv")
+    assert code == 0
+    assert "run.csv: CSV file, 1.0 s, by the clock 'stamp_ms'" in printed
+    assert any(line.split() == ["left_ticks", "50", "50", "0", "490"] for line in printed.splitlines())
+    assert not Path("map.json").exists()
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert code == 0
+    assert "wheel_1l: left_ticks (counts)" in printed
+    assert printed.splitlines()[-1] == (
+        "next: castor-bench import run.csv --robot differential --map map.json --out log.csv"
+    )
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
+    assert code == 0
+    assert printed.splitlines()[0] == "log.csv: 50 rows in 1.0 s, 50 reference poses"
+    assert "note: rows come every 0.02 s" in printed
+    log = read_log("log.csv", preset("differential"))
+    assert log.wheel[:, 1].tolist() == [12 * k for k in range(50)]
+
+
+def test_mistakes_in_an_import_are_one_line_and_leave_no_file(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left,right\n0,1,2\n1,2,3\n")
+    Path("odd.bin").write_bytes(b"\x00\x01")
+    columns = {"wheel_1l": {"channel": "left", "unit": "counts"}, "wheel_1r": {"channel": "right", "unit": "s"}}
+    Path("wrong.json").write_text(json.dumps({"format": "castor-map/1", "columns": columns}))
+    for arguments, words in (
+        (["run.csv", "--map", "map.json"], "--map needs --robot"),
+        (["run.csv", "--map", "map.json", "--robot", "differential"], "--map map.json: no such file; without --map"),
+        (["run.csv", "--map", "wrong.json", "--robot", "differential"], "wrong.json: columns.wheel_1r.unit: 's'"),
+        (["run.csv", "--robot", "no-such-robot"], "no-such-robot"),
+        (["none.csv", "--robot", "differential"], "none.csv: no such file"),
+        (["odd.bin", "--robot", "differential"], "odd.bin: is no known kind of recording"),
+    ):
+        code, printed, said = call(capsys, "import", *arguments)
+        assert (code, printed) == (2, ""), arguments
+        assert len(said.splitlines()) == 1
+        assert words in said
+    Path("map.json").write_text("{}")
+    assert "map.json: is there already" in call(capsys, "import", "run.csv", "--robot", "differential")[2]
+    assert Path("map.json").read_text() == "{}"
+    assert not Path("log.csv").exists()

@@ -34,6 +34,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.importers import optiodom as synchronised
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import GAP, interpolated
 from castor_envs.logs.table import complaint, number
 from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.sensors.encoders import castor_angles
@@ -41,9 +42,6 @@ from castor_envs.vehicles.robot import RobotDescription
 
 AWAY, ARM = 5e-3, 0.1
 """m: by how much a robot has left a place; and per rad of turning."""
-
-GAP = 0.1
-"""s: longest gap between poses that is bridged."""
 
 _HEADER = 7
 _MOTIVE = ("frame", "time", "rotation Y", "rotation X", "rotation Z", "X", "Y", "Z")
@@ -144,11 +142,10 @@ def read_motive(path: Path) -> tuple[Array, Array]:
 
 
 def resampled(seen: Array, poses: Array, t: Array) -> Array:
-    """Return poses (K, 3) at times t (K,), of those (M, 3) seen at other times (M,); NaN beside them and in gaps."""
+    """Return poses (K, 3) at times t (K,), of those (M, 3) seen at other times (M,); NaN beside them and in all of a
+    gap, also near its ends, where this camera is about to lose the body."""
     after = np.clip(np.searchsorted(seen, t), 1, len(seen) - 1)
-    covered = (t >= seen[0]) & (t <= seen[-1]) & (seen[after] - seen[after - 1] <= GAP)
-    found = np.column_stack([np.interp(t, seen, column) for column in poses.T])
-    return np.where(covered[:, None], found, np.nan)
+    return np.where((seen[after] - seen[after - 1] <= GAP)[:, None], interpolated(seen, poses, t), np.nan)
 
 
 def tracker_yaw(robot: RobotDescription, runs: Sequence[Log]) -> float:

@@ -55,7 +55,7 @@ def robots_and_logs(draw):
     return robot, Log(
         t=np.array(t),
         wheel=rows(len(columns.wheel), counts),
-        pivot=rows(len(columns.pivot), st.integers(0, max(turn - 1, 0))).reshape(n, -1),
+        pivot=rows(len(columns.pivot), st.integers(0, max(int(turn) - 1, 0))).reshape(n, -1),
         command=maybe_blank(len(columns.command), small),
         steering_command=maybe_blank(len(columns.steering_command), small),
         reference=maybe_blank(3, st.floats(-1.5, 1.5)),

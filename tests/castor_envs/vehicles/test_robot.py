@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.errors import InputError
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.robot_world import RobotWorld
+from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.presets import n_castor, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
@@ -172,6 +174,27 @@ def test_the_hash_knows_parameters_not_names():
     robot = preset("asoc-prototype")
     assert dataclasses.replace(robot, name="other").hash() == robot.hash()
     assert dataclasses.replace(robot, mass=robot.mass + 1e-9).hash() != robot.hash()
+
+
+@pytest.mark.parametrize("counts", [0.5, 2 * np.pi, 1000.5])
+def test_a_pivot_may_have_any_number_of_counts_a_turn(counts, tmp_path):
+    robot = preset("1-castor")
+    robot = dataclasses.replace(robot, castors=(dataclasses.replace(robot.castors[0], pivot_counts_per_rev=counts),))
+    robot.save(tmp_path / "robot.json")
+    assert RobotDescription.load(tmp_path / "robot.json") == robot
+    counted = Encoders(Geometry.of(robot), np.zeros(2)).pivot(np.array([[0.0], [0.3], [2 * np.pi + 0.3]]))
+    assert counted[1] == pytest.approx(counted[0] + round(0.3 * counts / (2 * np.pi)), abs=1e-9)
+    angles = castor_angles(Geometry.of(robot), counted + counts)
+    off = angles[:, 0] + robot.castors[0].pivot_zero - np.array([0.0, 0.3, 0.3])
+    assert np.abs(np.angle(np.exp(1j * off))).max() <= np.pi / counts + 1e-9
+
+
+def test_whole_counts_a_turn_are_the_same_robot_however_they_are_written():
+    data = preset("tricycle").to_dict()
+    counts = data["castors"][0]["pivot_counts_per_rev"]
+    assert isinstance(counts, int)
+    data["castors"][0]["pivot_counts_per_rev"] = float(counts)
+    assert RobotDescription.from_dict(data).hash() == preset("tricycle").hash()
 
 
 def test_papers_numbers_stand_in_the_presets():

@@ -1,0 +1,91 @@
+"""The command that makes logs of measurements: of published data, or of a recording of one's own robot."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from castor_envs.errors import InputError
+from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
+from castor_envs.logs.importers import import_sessions, importers
+from castor_envs.logs.mapping.channel_map import UNDECIDED
+from castor_envs.logs.recordings import formats, recognised
+from castor_envs.logs.recordings.recording import Clock, Found
+from castor_envs.vehicles.load import load_robot
+
+PUBLISHED, LOG, MAP = Path("measured"), Path("log.csv"), Path("map.json")
+"""Where things go unless told: the folder of published data, a log, a map to edit."""
+
+
+def import_source(source: Path, robot: str | None, channel_map: Path | None, out: Path | None) -> None:
+    """Import whatever a source is, and print what was done; raises InputError for what cannot be."""
+    if recognised(source) is None and source.is_dir():
+        if not any(importer.recognises(source) for importer in importers().values()):
+            known = f"recordings ({', '.join(formats())}) and published data ({', '.join(importers())})"
+            raise InputError(f"{source}: no importer recognises what is in it; known are {known}")
+        if robot is not None or channel_map is not None:
+            raise InputError(f"{source}: holds published data, which need no --robot and no --map; leave them out")
+        _import_published(source, out or PUBLISHED)
+    elif channel_map is not None:
+        if robot is None:
+            raise InputError("--map needs --robot: the robot that made the recording, a file or a preset's name")
+        _import_mapped(source, robot, channel_map, out or LOG)
+    else:
+        _show(source, robot)
+
+
+def _import_published(source: Path, out: Path) -> None:
+    try:
+        for folder, session in import_sessions(source, out):
+            print(f"{folder}: {session.vehicle.name}, {len(session.runs)} runs")
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+
+
+def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> None:
+    described = load_robot(robot)
+    if not channel_map.exists():
+        raise InputError(f"--map {channel_map}: no such file; without --map one is made to edit")
+    imported = import_log(source, described, ChannelMap.load(channel_map), str(channel_map))
+    try:
+        write_log(out, imported.log, described, imported.tracked)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+    log, poses = imported.log, 0 if imported.tracked is None else len(imported.tracked.t)
+    print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses} reference poses")
+    for note in imported.notes:
+        print(f"note: {note}")
+    print(f"next: castor-diagnose inspect {out} --robot {robot}")
+
+
+def _show(source: Path, robot: str | None) -> None:
+    """Print what a recording holds; write a map to edit where the robot is known."""
+    described = None if robot is None else load_robot(robot)
+    if described is not None and MAP.exists():
+        raise InputError(f"{MAP}: is there already; import with --map {MAP}, or move it to have a new one made")
+    recording = open_recording(source)
+    clock = recording.clock()
+    found = survey(recording, clock)
+    _print_channels(source, recording.kind, clock, found)
+    if described is None:
+        print("next: give --robot, and a map is made that says which channel is which column of the log")
+        return
+    guessed = guess_map(found, clock, described)
+    guessed.save(MAP)
+    print(f"\n{MAP}: a map, guessed from names; check each line of it")
+    for key, column in guessed.columns.items():
+        given = ", ".join(column.channels)
+        print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({column.unit})'}")
+    print(f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {LOG}")
+
+
+def _print_channels(source: Path, kind: str, clock: Clock, found: Mapping[str, Found]) -> None:
+    if not found:
+        raise InputError(f"{source}: {kind} without numbers that can be read")
+    start, end = min(channel.start for channel in found.values()), max(channel.end for channel in found.values())
+    by = f", by the clock {clock.time!r}" if clock.time is not None else ""
+    if clock.period is not None:
+        by = f" if there is one row every {clock.period:g} s, as nothing says; give the 'period', or 'time', in the map"
+    print(f"{source}: {kind}, {(end - start) / 1e9:.1f} s{by}")
+    width = max(len(name) for name in (*found, "channel"))
+    print(f"{'channel':{width}}  readings  a second      lowest     highest")
+    for name, channel in sorted(found.items()):
+        print(f"{name:{width}}  {channel.count:8}  {channel.rate:8.4g}  {channel.low:10.5g}  {channel.high:10.5g}")

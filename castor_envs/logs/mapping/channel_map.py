@@ -1,0 +1,139 @@
+"""A map: which channel of a recording is which column of a log, in which unit, and by which clock.
+
+A map is a JSON file:
+
+    format    "castor-map/1"
+    sources   by name: where readings come from. "main" is the recording that is imported
+    columns   by the log's column (`wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z`, `ref_x`, ...): its channel
+"""
+
+import os
+from dataclasses import field
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+from pydantic.dataclasses import dataclass
+
+from castor_envs import description
+from castor_envs.description import CONFIG
+from castor_envs.errors import InputError, did_you_mean
+from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.mapping.units import units_of
+from castor_envs.logs.recordings.recording import Clock, TimeUnit
+from castor_envs.vehicles.robot import RobotDescription
+
+NAME = "castor-map/1"
+UNDECIDED = "?"
+"""The channel of a column for which no channel was guessed."""
+
+_Text = Annotated[str, Field(min_length=1)]
+
+
+def _unless(default: Any) -> Any:
+    """Return the field that a map's file leaves out where it is the default."""
+    return Field(default=default, exclude_if=lambda value: value == default)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Source:
+    """Where readings come from.
+
+    file: a recording, as seen from the folder of the one that is imported, None for that one itself. time: by which
+    clock: "header" or "receive" of ROS messages, a CSV file's column of times, a file of times for KITTI text. unit: of
+    such a column or file. period: s, between rows without times. offset: s, added to all times, so that clocks of two
+    computers agree.
+    """
+
+    file: _Text | None = _unless(None)
+    time: _Text | None = _unless(None)
+    unit: TimeUnit = _unless("s")
+    period: Annotated[float, Field(gt=0, le=1e6)] | None = _unless(None)
+    offset: Annotated[float, Field(ge=-1e10, le=1e10)] = 0.0
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the readings, before the offset."""
+        return Clock(self.time, self.unit, self.period)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class Column:
+    """What a column of the log is made from.
+
+    channel: by the name that the survey of the recording shows; of the unit "quaternion" four: x, y, z, w. unit: of the
+    channel's numbers, see `castor_envs.logs.mapping.units`. sign: -1 where the channel counts the other way. scale:
+    what numbers are multiplied by. wraps_at: where a counter begins at 0 again, in its unit. source: by name.
+    """
+
+    channel: _Text | tuple[_Text, _Text, _Text, _Text]
+    unit: _Text
+    sign: Literal[1, -1] = 1
+    scale: Annotated[float, Field(gt=0, le=1e12)] = _unless(1.0)
+    wraps_at: Annotated[float, Field(gt=0, le=2.0**64)] | None = _unless(None)
+    source: _Text = _unless("main")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels, one or four."""
+        return (self.channel,) if isinstance(self.channel, str) else self.channel
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
+class ChannelMap:
+    """A map as its file holds it; see the head of this module."""
+
+    sources: dict[str, Source] = field(default_factory=lambda: {"main": Source()})
+    columns: dict[str, Column]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the map as plain data, ``format`` first."""
+        return description.to_data(_ADAPTER, self, NAME)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the map as JSON; the file is complete or not there."""
+        description.save(path, self.to_dict())
+
+    @classmethod
+    def from_dict(cls, data: Any, source: str = "map") -> "ChannelMap":
+        """Read a map from plain data; raises InputError that names `source` and the offending keys."""
+        return description.from_data(_ADAPTER, data, NAME, source)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "ChannelMap":
+        """Read a map from a JSON file; raises InputError that names file and key."""
+        return description.load(_ADAPTER, path, NAME)
+
+    def check(self, robot: RobotDescription, name: str = "map") -> None:
+        """Raise InputError, which calls the map `name`, unless it says what the robot's log needs, in fitting units."""
+        columns = LogColumns.of(robot)
+        for key, column in self.columns.items():
+            place = f"{name}: columns.{key}"
+            if key == "t" or key not in columns.known:
+                raise InputError(f"{place}: is no column of {robot.name!r}{did_you_mean(key, columns.known - {'t'})}")
+            if column.source not in self.sources:
+                problem = f"unknown source {column.source!r}{did_you_mean(column.source, self.sources)}"
+                raise InputError(f"{place}.source: {problem}")
+            if UNDECIDED in column.channels:
+                raise InputError(f"{place}.channel: is still {UNDECIDED!r}; give a channel, or remove the column")
+            part = next(part for part, names in columns._asdict().items() if key in names)
+            known = units_of(part, key)
+            if column.unit not in known:
+                raise InputError(f"{place}.unit: {column.unit!r} does not fit {key}; give one of {', '.join(known)}")
+            if (column.unit == "quaternion") != (len(column.channels) == 4):
+                raise InputError(f"{place}.channel: give one, or four (x, y, z, w) with the unit 'quaternion'")
+        for part, names in columns._asdict().items():
+            needed = part in ("wheel", "pivot") or any(key in self.columns for key in names)
+            for key in names if needed and part != "t" else ():
+                if key not in self.columns:
+                    raise InputError(f"{name}: columns.{key}: is missing; add it{self._why(part)}")
+
+    @staticmethod
+    def _why(part: str) -> str:
+        if part == "wheel":
+            return ', or make the wheel idle in the robot file ("counts_per_rev": null)'
+        if part == "pivot":
+            return ', or leave the encoder out of the robot file ("pivot_counts_per_rev": null)'
+        return ", or remove the others of its kind"
+
+
+_ADAPTER = TypeAdapter(ChannelMap)

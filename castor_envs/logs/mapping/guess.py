@@ -1,0 +1,153 @@
+"""A first map of a recording, from its channels' names and numbers; what no name speaks for stays undecided."""
+
+import re
+from collections.abc import Iterable, Mapping
+
+from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
+from castor_envs.logs.recordings.recording import Clock, Found
+from castor_envs.vehicles.robot import RobotDescription
+
+LEFT, RIGHT = {"left", "l", "fl", "rl", "bl"}, {"right", "r", "fr", "rr", "br"}
+HEADING = {"heading", "psi", "yaw", "theta", "phi"}
+WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
+PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
+COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
+SPEED = {"velocity", "vel", "speed", "rpm"}
+NEVER = {"effort", "torque", "current", "voltage", "volts", "temperature", "covariance", "heading"}
+TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "tracker", "ref", "reference", "opti"}
+ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
+"""Words of poses that are estimates, which are no reference."""
+
+_IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
+"""Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
+
+ENOUGH = 3
+"""Score from which a channel is taken: a side or a number, and a word, speak for it."""
+
+
+def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription) -> ChannelMap:
+    """Return a map of all columns that a robot's log needs, `UNDECIDED` where no channel's name fits, and of those that
+    it may have where one does."""
+    columns, free = LogColumns.of(robot), dict(found)
+    guessed = {key: Column(channel=key, unit=unit) for key, unit in _log_units(columns).items() if key in free}
+    free = {name: channel for name, channel in free.items() if name not in guessed}
+    for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
+        for key in (key for key in names if key not in guessed):
+            channel = _best(key, free, words, robot)
+            speed = bool(SPEED & words_of(channel))
+            guessed[key] = Column(channel=channel, unit=_angle_unit(channel, found, "/s" if speed else ""))
+            free.pop(channel, None)
+    commanded = {key: _best(key, free, COMMANDED, robot) for key in columns.command if key not in guessed}
+    if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
+        guessed |= {key: Column(channel=name, unit=_rate_unit(name)) for key, name in commanded.items()}
+    gyros = [name for name in free if _is_gyro(name)]
+    if gyros and columns.gyro[0] not in guessed:
+        guessed[columns.gyro[0]] = Column(channel=gyros[0], unit="deg/s" if _degrees(gyros[0]) else "rad/s")
+    if columns.reference[0] not in guessed:
+        guessed |= _reference(columns.reference, free)
+    ordered = {key: guessed[key] for part in columns for key in part if key in guessed}
+    return ChannelMap(columns=ordered, sources={"main": Source(time=clock.time, unit=clock.unit, period=clock.period)})
+
+
+def _log_units(columns: LogColumns) -> dict[str, str]:
+    """Return the columns of a log and their units, for files that have them already."""
+    units = {"wheel": "counts", "pivot": "counts", "command": "rad/s", "steering_command": "rad/s", "gyro": "rad/s"}
+    named = {key: unit for part, unit in units.items() for key in getattr(columns, part)}
+    return named | dict(zip(columns.reference, ("m", "m", "rad"), strict=True))
+
+
+def words_of(name: str) -> set[str]:
+    """Return the words and numbers in a name, in lower case; ``leftWheel_2`` has left, wheel and 2."""
+    return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)}
+
+
+def _best(key: str, free: Iterable[str], words: set[str], robot: RobotDescription) -> str:
+    """Return the channel whose name speaks best for a column, `UNDECIDED` where none does."""
+    scored = [(_score(key, name, words, robot), name) for name in free]
+    best = max((score for score, _ in scored), default=0)
+    return next(name for score, name in scored if score == best) if best >= ENOUGH else UNDECIDED
+
+
+def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int:
+    given = words_of(name)
+    if given & NEVER or (words is not COMMANDED and given & COMMANDED) or _is_gyro(name):
+        return 0
+    match = re.search(r"(\d+)([lr])?$", key)
+    number, side = (match[1], match[2]) if match else ("", None)
+    score = 2 if given & words or (words is WHEEL and given <= LEFT | RIGHT) else 0
+    if words is WHEEL:
+        score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
+        score -= 3 if "angle" in given else 0
+        score += 1 if given & SPEED else 0
+        score += 1 if "wheel" in given else 0
+        if score <= 0:
+            return 0
+        score += 1 if not given & SPEED else -1
+    if score <= 0:
+        return 0
+    if side is not None:
+        own, other = (LEFT, RIGHT) if side == "l" else (RIGHT, LEFT)
+        score += 2 if given & own else 0
+        score -= 4 if given & other else 0
+    if len(robot.castors) > 1 or side is None:
+        numbers = [word for word in given if word.isdigit()]
+        zero_based = bool(re.search(r"\[\d+\]", name))
+        wanted = str(int(number) - 1) if zero_based else number
+        score += 2 if wanted in numbers else -2 if numbers else 0
+    return score
+
+
+def _is_gyro(name: str) -> bool:
+    given = words_of(name)
+    turning = {"gyro"} & given or {"yaw", "rate"} <= given or {"angular", "velocity"} <= given
+    return bool(turning) and not given & (ESTIMATED | COMMANDED | {"x", "y", "linear"})
+
+
+def _degrees(name: str) -> bool:
+    return bool({"deg", "degrees", "degree", "dps"} & words_of(name))
+
+
+def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
+    """Return the unit that a channel's name says, or its numbers: whole ones are counts."""
+    if _IN_RADIANS.search(channel):
+        return "rad" + per
+    given = words_of(channel)
+    for unit, words in (
+        ("rpm", {"rpm"}),
+        ("m", {"m", "meters", "metres", "distance"}),
+        ("counts", {"tick", "ticks", "count", "counts", "enc", "encoder", "encoders"}),
+        ("deg", {"deg", "degrees", "degree"}),
+        ("rev", {"rev", "revs", "rot", "rotations", "turns"}),
+        ("rad", {"rad", "radians"}),
+    ):
+        if given & words:
+            return unit if unit == "rpm" else unit + per
+    return ("counts" if channel in found and found[channel].whole else "rad") + per
+
+
+def _rate_unit(name: str) -> str:
+    given = words_of(name)
+    return "rpm" if "rpm" in given else "deg/s" if _degrees(name) else "rad/s"
+
+
+def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, Column]:
+    """Return the columns of the pose that most looks like a tracker's; of odometry's poses none."""
+    poses: dict[frozenset[str], dict[str, str]] = {}
+    for channel in found:
+        given = words_of(channel)
+        part = next((part for part in ("x", "y", "heading") if part in given), "heading" if given & HEADING else None)
+        if part is not None:
+            poses.setdefault(frozenset(given - {"x", "y", "m", "mm", "rad", "deg", *HEADING}), {})[part] = channel
+    whole = {words: parts for words, parts in poses.items() if {"x", "y", "heading"} <= set(parts)}
+    fitting = [words for words in whole if not words & (ESTIMATED | COMMANDED) or words & TRUSTED]
+    if not fitting:
+        return {}
+    chosen = whole[max(fitting, key=lambda words: bool(words & TRUSTED))]
+    heading = found[chosen["heading"]]
+    angle = "deg" if _degrees(chosen["heading"]) or max(abs(heading.low), abs(heading.high)) > 100 else "rad"
+    units = ["mm" if "mm" in words_of(chosen[part]) else "m" for part in ("x", "y")] + [angle]
+    return {
+        key: Column(channel=chosen[part], unit=unit)
+        for key, part, unit in zip(names, ("x", "y", "heading"), units, strict=True)
+    }

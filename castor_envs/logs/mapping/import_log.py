@@ -1,0 +1,231 @@
+"""A recording and a map become a log: readings are collected channel by channel, and brought to common rows."""
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from castor_envs.errors import InputError, did_you_mean, shortened
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.log import Log
+from castor_envs.logs.mapping.channel_map import ChannelMap, Column
+from castor_envs.logs.mapping.series import Track, row_times
+from castor_envs.logs.mapping.units import LENGTHS, counts_in, kind_of, radians_in
+from castor_envs.logs.recordings import open_recording
+from castor_envs.logs.recordings.recording import Series, heading_of, survey
+from castor_envs.logs.reference import TimedPoses
+from castor_envs.vehicles.robot import RobotDescription
+
+TOO_FAST = 3.0
+"""How much faster than the robot file's limit a wheel may be before its unit is in doubt: limits are rough."""
+
+FASTEST_HEADING = 30.0
+"""rad/s: no wheeled robot turns faster."""
+
+
+class Imported(NamedTuple):
+    """What an import gives: the log, the reference at its own times (None without one), and what to look at."""
+
+    log: Log
+    tracked: TimedPoses | None
+    notes: tuple[str, ...]
+
+
+def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: ChannelMap, name: str = "map") -> Imported:
+    """Return the log that a recording holds for a robot, by a map, which errors call `name`.
+
+    A recording is read once for each of the map's sources, a reading at a time; what is kept of it are the readings of
+    the map's channels. Raises InputError for mistakes in the map and for what cannot be read.
+    """
+    by.check(robot, name)
+    readings = _readings(Path(source), by, name)
+    columns = LogColumns.of(robot)
+    begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
+    notes: list[str] = []
+    tracks = {key: _track(f"{name}: columns.{key}", by, key, readings[key], begin, notes) for key in by.columns}
+    counts = _counts(robot, columns, by, tracks)
+    t = _rows(counts, tracks.get("gyro_z"), notes)
+    part = {key: track.at(t) for key, track in counts.items()}
+    gyro = tracks["gyro_z"].mean_around(t) if "gyro_z" in tracks else None
+    tracked = _tracked(columns, by, tracks, t)
+    log = Log(
+        t=t - t[0],
+        wheel=_stacked([part[key] for key in columns.wheel], t),
+        pivot=_stacked([part[key] for key in columns.pivot], t),
+        command=_commands(robot, columns.command, by, tracks, t),
+        steering_command=_commands(robot, columns.steering_command, by, tracks, t),
+        gyro=None if gyro is None else gyro * radians_in(by.columns["gyro_z"].unit),
+    )
+    if tracked is not None:
+        tracked = TimedPoses(tracked.t - t[0], tracked.pose)
+        log = Log(**{**_parts(log), "reference": tracked.at(log.t)})
+        notes += _reference_notes(log, tracked)
+    return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
+
+
+def _parts(log: Log) -> dict[str, Array | None]:
+    return {part: getattr(log, part) for part in ("t", "wheel", "pivot", "command", "steering_command", "gyro")}
+
+
+def _stacked(columns: list[Array], t: Array) -> Array:
+    return np.column_stack(columns) if columns else np.empty((len(t), 0))
+
+
+def _readings(source: Path, by: ChannelMap, name: str) -> dict[str, list[Series]]:
+    """Return the readings of each column, one series for each of its channels; offsets are added."""
+    found: dict[tuple[str, str], Series] = {}
+    for key, place in by.sources.items():
+        needed = frozenset(c for column in by.columns.values() if column.source == key for c in column.channels)
+        if not needed:
+            continue
+        recording = open_recording(source if place.file is None else source.parent / place.file)
+        series = {channel: Series(recording.held) for channel in needed}
+        for reading in recording.readings(needed, place.clock):
+            series[reading.channel].add(reading)
+        absent = [channel for channel in needed if not series[channel].time]
+        if absent:
+            known = survey(recording, place.clock)
+            column = next(k for k, c in by.columns.items() if c.source == key and absent[0] in c.channels)
+            problem = f"source {key!r} has no readings of {absent[0]!r}{did_you_mean(absent[0], known)}"
+            raise InputError(f"{name}: columns.{column}: {shortened(problem, 600)}")
+        shift = round(place.offset * 1e9)
+        found |= {(key, channel): one.shifted(shift) for channel, one in series.items()}
+    return {key: [found[column.source, channel] for channel in column.channels] for key, column in by.columns.items()}
+
+
+def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: int, notes: list[str]) -> Track:
+    """Return a column's readings in the channel's unit, sign and scale applied; headings of quaternions in rad."""
+    column, first = by.columns[key], series[0]
+    times, values = np.asarray(first.time, dtype=np.int64), np.asarray(first.value, dtype=float)
+    if len(series) == 4:
+        if any(not np.array_equal(times, other.time) for other in series):
+            raise InputError(f"{where}: the four channels are not read at the same times; take them from one message")
+        values = np.array([heading_of(*q) for q in zip(*(other.value for other in series), strict=True)])
+        times, values = times[np.isfinite(values)], values[np.isfinite(values)]
+    track, repeated = Track.of(where, times - begin, values, first.held)
+    missing = max(other.missing for other in series)
+    for count, what in ((repeated, "repeat a time"), (missing, "are no finite numbers")):
+        if count:
+            notes.append(f"{key}: {count} of {len(first.time) + missing} readings {what} and are left out")
+    if column.wraps_at is not None:
+        track = track.unwrapped(column.wraps_at)
+    return track.scaled(column.sign * column.scale)
+
+
+def _counts(
+    robot: RobotDescription, columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track]
+) -> dict[str, Track]:
+    """Return the tracks of wheels and pivots in counts, cumulative; pivots unwrapped where they stay within a turn."""
+    found: dict[str, Track] = {}
+    for key, k in zip(columns.wheel, robot.driven_wheels, strict=True):
+        wheel, column, track = robot.wheels[k], by.columns[key], tracks[key]
+        kind = kind_of(column.unit)
+        track = track.integrated() if kind == "speed" else track.added_up() if kind == "increment" else track
+        track = track.scaled(counts_in(column.unit, wheel.counts_per_rev or 1.0, wheel.radius))
+        found[key] = track.whole() if kind == "position" else track
+    for key, i in zip(columns.pivot, robot.pivot_encoders, strict=True):
+        turn = robot.castors[i].pivot_counts_per_rev or 1.0
+        track = tracks[key].scaled(counts_in(by.columns[key].unit, turn))
+        found[key] = track.unwrapped(turn) if np.ptp(track.value) <= turn else track
+    return found
+
+
+def _rows(counts: Mapping[str, Track], gyro: Track | None, notes: list[str]) -> Array:
+    """Return the times (K,), s, of the log's rows: those of counts at which all counts, and the gyro, are known."""
+    needed = dict(counts) | ({} if gyro is None else {"gyro_z": gyro})
+    t = row_times(list(counts.values()))
+    there = {key: np.isfinite(track.at(t)) for key, track in needed.items()}
+    rows = np.all(list(there.values()), axis=0)
+    if rows.sum() < 2:
+        spans = ", ".join(f"{key} from {track.t[0]:.3f} to {track.t[-1]:.3f} s" for key, track in needed.items())
+        raise InputError(
+            f"no two rows have readings of all of: {spans}; times are since the first count: mend clocks or offsets"
+        )
+    for key, known in there.items():
+        inner = ~known & (t > t[rows][0]) & (t < t[rows][-1])
+        if inner.any():
+            notes.append(f"{key}: no reading near {inner.sum()} of {len(t)} rows, which are left out")
+    return t[rows]
+
+
+def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t: Array) -> TimedPoses | None:
+    """Return the poses around the rows' times t (K,), s; None where the map has no reference."""
+    if columns.reference[0] not in tracks:
+        return None
+    x, y = (tracks[key].scaled(LENGTHS[by.columns[key].unit]) for key in columns.reference[:2])
+    psi = _heading(tracks[columns.reference[2]], by.columns[columns.reference[2]])
+    times = np.intersect1d(np.intersect1d(x.t, y.t), psi.t)
+    if len(times) < 2:
+        raise InputError(f"{x.where}: x, y and heading are not taken at the same times; take them from one channel")
+    pose = np.column_stack([track.value[np.searchsorted(track.t, times)] for track in (x, y, psi)])
+    first, last = (np.searchsorted(times, t[0], "right") - 1, np.searchsorted(times, t[-1], "left") + 1)
+    kept = slice(max(first, 0), last)
+    if not ((times >= t[0]) & (times <= t[-1])).any():
+        raise InputError(
+            f"{x.where}: the reference is from {times[0]:.3f} to {times[-1]:.3f} s, counts are from {t[0]:.3f} to "
+            f"{t[-1]:.3f} s; they share no time: give the source an 'offset', or another 'time'"
+        )
+    return TimedPoses(times[kept], pose[kept])
+
+
+def _heading(track: Track, column: Column) -> Track:
+    """Return headings in rad, unwrapped; raises InputError where they are no robot's, as of degrees taken for rad."""
+    read = track.scaled(1.0 if column.unit == "quaternion" else radians_in(column.unit))
+    steps = np.abs(np.diff(read.value))
+    psi = read.unwrapped(2 * np.pi)
+    rate = float(np.percentile(np.abs(np.diff(psi.value)) / np.diff(psi.t), 95)) if len(steps) else 0.0
+    doubt = f"is the unit {column.unit!r} right?"
+    for k in np.flatnonzero(steps > 3 * np.pi)[:1]:  # a wrapped heading steps by a turn at most, and half of one
+        raise InputError(f"{track.where}: the heading steps by {steps[k]:.3g} rad after {psi.t[k]:.3f} s; {doubt}")
+    if rate > FASTEST_HEADING:
+        raise InputError(f"{track.where}: the heading turns at {rate:.3g} rad/s; {doubt}")
+    return psi
+
+
+def _reference_notes(log: Log, tracked: TimedPoses) -> Iterator[str]:
+    assert log.reference is not None
+    known = int(np.isfinite(log.reference[:, 0]).sum())
+    if known < len(log):
+        rate = (len(tracked.t) - 1) / (tracked.t[-1] - tracked.t[0]) if len(tracked.t) > 1 else 0.0
+        yield f"reference: {len(tracked.t)} poses, {rate:.3g} a second, near enough to {known} of {len(log)} rows"
+
+
+def _commands(
+    robot: RobotDescription, names: tuple[str, ...], by: ChannelMap, tracks: Mapping[str, Track], t: Array
+) -> Array | None:
+    """Return commands (K, n), rad/s, as last given before each row; rows before the first are blank."""
+    if not names or names[0] not in tracks:
+        return None
+    found = []
+    for k, key in enumerate(names):
+        if key.startswith("cmd_pivot"):
+            factor = radians_in(
+                by.columns[key].unit, robot.castors[robot.driven_castors[k]].pivot_counts_per_rev or np.nan
+            )
+        else:
+            wheel = robot.wheels[robot.driven_wheels[k]]
+            factor = radians_in(by.columns[key].unit, wheel.counts_per_rev or np.nan, wheel.radius)
+        found.append(tracks[key].before(t) * factor)
+    given = np.column_stack(found)
+    return np.where(np.isfinite(given).all(axis=1, keepdims=True), given, np.nan)
+
+
+def _robot_notes(robot: RobotDescription, columns: LogColumns, log: Log) -> Iterator[str]:
+    """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro that it lacks."""
+    if log.gyro is not None and robot.gyro is None:
+        yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
+    steps = np.diff(log.t)
+    for key, k, counts in zip(columns.wheel, robot.driven_wheels, log.wheel.T, strict=True):
+        turn = robot.wheels[k].counts_per_rev or 1.0
+        fast = float(np.percentile(np.abs(np.diff(counts)) / steps, 95)) * 2 * np.pi / turn
+        if fast > TOO_FAST * robot.max_wheel_speed:
+            yield (
+                f"{key}: turns at {fast:.3g} rad/s, the robot's limit is {robot.max_wheel_speed:g}: is its unit right, "
+                "and its counts_per_rev?"
+            )
+    period = float(np.median(steps))
+    if abs(period / robot.sample_period - 1) > 0.1:
+        yield f"rows come every {period:.4g} s, the robot file's sample_period is {robot.sample_period:g} s: mend that"

@@ -1,0 +1,130 @@
+"""Readings of one channel as arrays, and their values at the times of a log's rows."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array, Numbers
+from castor_envs.logs.reference import interpolated
+
+LONGEST = 0.5
+"""s: the longest time between speeds over which counts are still summed."""
+
+WHOLE = 0.02
+"""Counts by which whole ones may be off after a driver turned them into an angle, in single precision for instance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Numbers of one column in time.
+
+    where: names the channel in errors. t (M,), s, strictly increasing; value (M,). held: whether each value stays until
+    the next. rate: where values are a sum over held rates, the last of them, which goes on; None elsewhere.
+    """
+
+    where: str
+    t: Array
+    value: Array
+    held: bool
+    rate: float | None = None
+
+    @classmethod
+    def of(cls, where: str, times: Numbers, values: Numbers, held: bool) -> tuple[Self, int]:
+        """Return the track of readings at times, ns since the log's first row, and how many repeated a time, left out.
+
+        Raises InputError for a clock that goes back.
+        """
+        steps = np.diff(times)
+        for k in np.flatnonzero(steps < 0)[:1]:
+            raise InputError(
+                f"{where}: the clock goes back by {-steps[k] / 1e9:.6g} s at reading {k + 2}; give another clock, or "
+                "cut the recording there"
+            )
+        new = np.append(True, steps > 0)
+        return cls(where, times[new] / 1e9, values[new], held), int(np.sum(~new))
+
+    def scaled(self, factor: float) -> Self:
+        """Return the track with all numbers multiplied."""
+        return replace(self, value=self.value * factor, rate=None if self.rate is None else self.rate * factor)
+
+    def unwrapped(self, period: float) -> Self:
+        """Return the track with steps of over half a period taken the shorter way round."""
+        return replace(self, value=np.unwrap(self.value, period=period))
+
+    def whole(self) -> Self:
+        """Return whole numbers where readings are apart by whole ones: counts that a driver turned into an angle."""
+        first, apart = self.value[0], self.value - self.value[0]
+        rounded = np.round(apart)
+        return replace(self, value=np.round(first) + rounded) if np.all(np.abs(apart - rounded) <= WHOLE) else self
+
+    def added_up(self) -> Self:
+        """Return the sums of increments; that of the first reading came before it."""
+        return replace(self, value=np.append(0.0, np.cumsum(self.value[1:])))
+
+    def integrated(self) -> Self:
+        """Return the integral of rates over time: by the trapezoid rule, or of held values.
+
+        Raises InputError for gaps of over `LONGEST` between rates that are not held.
+        """
+        steps = np.diff(self.t)
+        for k in np.flatnonzero(steps > LONGEST)[: 0 if self.held else 1]:
+            raise InputError(
+                f"{self.where}: no reading for {steps[k]:.3g} s from {self.t[k]:.3f} s on, over which speeds cannot be "
+                "summed; cut the recording there"
+            )
+        mean = self.value[:-1] if self.held else (self.value[:-1] + self.value[1:]) / 2
+        total = np.append(0.0, np.cumsum(mean * steps))
+        return replace(self, value=total, held=False, rate=float(self.value[-1]) if self.held else None)
+
+    def at(self, t: Array) -> Array:
+        """Return the values (K,) at times t (K,), NaN where there is none near enough."""
+        if self.rate is not None:
+            beyond = np.maximum(t - self.t[-1], 0.0) * self.rate
+            return np.where(t < self.t[0], np.nan, np.interp(t, self.t, self.value) + beyond)
+        return self.before(t) if self.held else interpolated(self.t, self.value, t)
+
+    def before(self, t: Array) -> Array:
+        """Return the last values (K,) at or before times t (K,), NaN where there is none."""
+        place = np.searchsorted(self.t, t, side="right") - 1
+        return np.where(place < 0, np.nan, self.value[np.maximum(place, 0)])
+
+    def mean_around(self, t: Array) -> Array:
+        """Return at times t (K,) of rows the mean from half a row before to half a row after, NaN as `at` has it.
+
+        A gyro that is read more often than counts loses noise by that and keeps its whole turn. Values of a track that
+        has no more than two readings a row are those of `at`.
+        """
+        found = self.at(t)
+        inside = (self.t >= t[0]) & (self.t <= t[-1])
+        if not self.held and np.sum(inside) <= 2 * len(t):
+            return found
+        edges = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
+        total = self.integrated() if self.held else replace(self, value=_integral(self.t, self.value), rate=0.0)
+        return np.where(np.isfinite(found), np.diff(total.at(edges)) / np.diff(edges), np.nan)
+
+
+def _integral(t: Array, value: Array) -> Array:
+    return np.append(0.0, np.cumsum(np.diff(t) * (value[1:] + value[:-1]) / 2))
+
+
+def row_times(tracks: list[Track]) -> Array:
+    """Return the times (K,) of rows for columns of counts.
+
+    Of sampled columns those of the one with the fewest readings, so that it needs no interpolation. Of columns that are
+    held, every change: those of one cycle of the robot's program, which come within half the usual time between changes
+    of the busiest column, are one row, at the last of them.
+    """
+    if not any(track.held or track.rate is not None for track in tracks):
+        return min(tracks, key=lambda track: len(track.t)).t
+    times = np.unique(np.concatenate([track.t for track in tracks]))
+    least = np.median(np.diff(max((track.t for track in tracks), key=len), prepend=-np.inf)) / 2
+    rows, first = [], -np.inf
+    for time in times.tolist():
+        if time - first > least:
+            rows.append(time)
+            first = time
+        else:
+            rows[-1] = time
+    return np.array(rows)

@@ -1,0 +1,28 @@
+"""Recordings of real robots, of any program: each module of this folder that defines a `FORMAT` reads one kind."""
+
+import os
+from pathlib import Path
+
+from castor_envs.discovery import offers
+from castor_envs.errors import InputError
+from castor_envs.logs.recordings.recording import Recording, RecordingFormat
+
+
+def formats() -> dict[str, RecordingFormat]:
+    """Return all kinds of recording by name."""
+    return {known.name: known for known in offers(__name__, "FORMAT")}
+
+
+def recognised(source: str | os.PathLike[str]) -> RecordingFormat | None:
+    """Return the kind of recording that a path is, None for no known one."""
+    return next((known for known in formats().values() if known.recognises(Path(source))), None)
+
+
+def open_recording(source: str | os.PathLike[str]) -> Recording:
+    """Open a recording; raises InputError where there is none, or of no known kind, or the library for it is absent."""
+    if not Path(source).exists():
+        raise InputError(f"{source}: no such file or folder; give a recording")
+    found = recognised(source)
+    if found is None:
+        raise InputError(f"{source}: is no known kind of recording; known: {', '.join(formats())}")
+    return found.open(Path(source))

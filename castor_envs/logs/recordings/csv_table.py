@@ -1,0 +1,174 @@
+"""CSV files with any columns: a channel is a column, by the name in the header.
+
+The header is the line before the first row of numbers; lines above it are left alone. A name that stands twice gets its
+place (``X``, ``X #2``), a column without a name too (``#3``). Cells are separated by commas, semicolons or tabs,
+whichever gives the most of them, or else by blanks. A blank cell is no reading, so one file may hold several rates.
+"""
+
+import csv
+import itertools
+import math
+import re
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from castor_envs.errors import InputError, did_you_mean
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, TimeUnit, nanoseconds
+from castor_envs.logs.table import Line, complaint, number
+
+HEAD = 100
+"""Lines in which the first row of numbers must come."""
+
+_TIME = re.compile(r"(?:.*[\s_./])?(?:t|time|times|timestamp|stamp|secs?|seconds)(?:[\s_\[(].*)?", re.IGNORECASE)
+_UNIT_IN_NAME: dict[TimeUnit, str] = {
+    "ns": r"(^|[\s_\[(])(ns|nsecs?|nanosecs?|nanoseconds)\b",
+    "us": r"(^|[\s_\[(])(us|µs|usecs?|microseconds)\b",
+    "ms": r"(^|[\s_\[(])(ms|msecs?|millis|milliseconds)\b",
+}
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell's text is a number; NaN is one."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def first_row(path: Path) -> list[str] | None:
+    """Return the cells of the first line that is no comment, split at blanks; None for what is no text."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            return next((line.split() for line in file if line.strip() and not line.startswith("#")), None)
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+def _is_table(path: Path) -> bool:
+    if not path.is_file() or path.suffix.lower() not in (".csv", ".tsv", ".txt", ".dat"):
+        return False
+    if path.suffix.lower() in (".csv", ".tsv"):
+        return True
+    cells = first_row(path)
+    return cells is not None and not all(map(is_number, cells))
+
+
+class Table:
+    """A CSV file; each pass over it opens it anew and reads line by line."""
+
+    kind, held = "CSV file", False
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with self._text() as file:
+            head = [line for line in itertools.islice(file, HEAD)]
+        self._delimiter, self._names, self._header = self._layout(head)
+
+    def clock(self) -> Clock:
+        """Return the first column that is called like a time and its unit; of none, one row a second."""
+        column = next((name for name in self._names if _TIME.fullmatch(name)), None)
+        if column is None:
+            return Clock(period=1.0)
+        times = [
+            float(line.cells[self._names.index(column)])
+            for line in itertools.islice(self._lines(), 1000)
+            if is_number(line.cells[self._names.index(column)])
+        ]
+        return Clock(column, _unit(column, np.array(times)))
+
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
+        """Yield readings, see `Recording`."""
+        if clock.time is None and clock.period is None:
+            raise InputError(f'{self._path}: no column is known to be the time; give it as "time", or a "period"')
+        if clock.time is not None and clock.time not in self._names:
+            raise InputError(f"{self._path}: has no column {clock.time!r}{did_you_mean(clock.time, self._names)}")
+        at = None if clock.time is None else self._names.index(clock.time)
+        taken = [(k, name) for k, name in enumerate(self._names) if k != at and (channels is None or name in channels)]
+        for row, line in enumerate(self._lines()):
+            if at is None:
+                time = round(row * (clock.period or 0.0) * 1e9)
+            else:
+                value = number(self._path, line.number, self._names[at], line.cells[at])
+                time = nanoseconds(value, clock.unit, f"{self._path}:{line.number}")
+            for k, name in taken:
+                cell = line.cells[k].strip()
+                if not cell:
+                    continue
+                if is_number(cell):
+                    yield Reading(name, time, float(cell))
+                elif channels is not None:
+                    raise complaint(self._path, line.number, name, f"{cell!r} is not a number; mend or blank it")
+
+    def _text(self) -> TextIO:
+        try:
+            return self._path.open(encoding="utf-8-sig", newline="")
+        except OSError as error:
+            raise complaint(self._path, None, None, f"cannot be read ({error.strerror or error})") from None
+
+    def _layout(self, head: list[str]) -> tuple[str, list[str], int]:
+        """Return the delimiter, the columns' names, and after how many lines the rows begin."""
+        best: tuple[int, str, list[str], int] | None = None
+        for delimiter in (",", ";", "\t", " "):
+            rows = [_cells(line, delimiter) for line in head]
+            first = next((k for k, cells in enumerate(rows) if _is_row(cells)), None)
+            if first is not None and (best is None or (delimiter != " " and len(rows[first]) > best[0])):
+                above = [cells for cells in rows[:first] if any(cells)]
+                names = above[-1] if above and len(above[-1]) == len(rows[first]) else [""] * len(rows[first])
+                best = len(rows[first]), delimiter, names, first
+        if best is None:
+            raise complaint(self._path, None, None, f"holds no row of numbers in its first {HEAD} lines")
+        _, delimiter, names, first = best
+        return delimiter, _distinct(names), first
+
+    def _lines(self) -> Iterator[Line]:
+        with self._text() as file:
+            try:
+                for k, text in enumerate(file):
+                    if k < self._header or not text.strip() or text.startswith("#"):
+                        continue
+                    cells = _cells(text, self._delimiter)
+                    if len(cells) != len(self._names):
+                        problem = f"has {len(cells)} cells, the header {len(self._names)}; mend or remove the line"
+                        raise complaint(self._path, k + 1, None, problem)
+                    yield Line(k + 1, cells)
+            except UnicodeDecodeError:
+                raise complaint(self._path, None, None, "is not text in UTF-8; save it as UTF-8") from None
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    line = line.strip("\r\n")
+    if delimiter == " ":
+        return line.lstrip("#").split()
+    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    return [cells[0].lstrip("# "), *cells[1:]] if cells else cells
+
+
+def _is_row(cells: list[str]) -> bool:
+    """Return whether most cells are numbers."""
+    given = [cell for cell in cells if cell]
+    return len(given) > 1 and sum(map(is_number, given)) > len(given) / 2
+
+
+def _distinct(names: list[str]) -> list[str]:
+    found: list[str] = []
+    for k, name in enumerate(names, start=1):
+        found.append(f"{name} #{k}".strip() if not name or name in found else name)
+    return found
+
+
+def _unit(name: str, times: Array) -> TimeUnit:
+    """Return the unit of time that a column's name says; of no word, that which makes 1 us to 10 s of its steps."""
+    for unit, pattern in _UNIT_IN_NAME.items():
+        if re.search(pattern, name, re.IGNORECASE):
+            return unit
+    steps = np.diff(times[np.isfinite(times)])
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
+    return "ns" if step >= 1e6 else "us" if step >= 1e3 else "ms" if step >= 2 else "s"
+
+
+FORMAT = RecordingFormat("CSV file (.csv, .tsv, .txt)", _is_table, Table)

@@ -1,0 +1,142 @@
+"""What a recording of a real robot is to the importer: channels of numbers, each reading with its own time."""
+
+import math
+from array import array
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, NamedTuple, Protocol
+
+from castor_envs.errors import InputError
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+UNITS: dict[TimeUnit, float] = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+"""ns in units of time."""
+
+
+class Reading(NamedTuple):
+    """One number: the channel it belongs to, when it was taken (ns), and its value, NaN where there was none."""
+
+    channel: str
+    time: int
+    value: float
+
+
+@dataclass(frozen=True)
+class Clock:
+    """By which clock readings have their times.
+
+    time: "header" or "receive" of ROS messages, a CSV file's column, the file of times of KITTI text; None takes what
+    the format has. unit: of numbers of time. period: s, of rows without times.
+    """
+
+    time: str | None = None
+    unit: TimeUnit = "s"
+    period: float | None = None
+
+
+class Recording(Protocol):
+    """An opened recording.
+
+    kind: what it is, for people. held: whether a value is written only where it changes, and stays until the next.
+    """
+
+    kind: str
+    held: bool
+
+    def clock(self) -> Clock:
+        """Return the clock that a map takes at first; of rows without times a period, to be edited."""
+        ...
+
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
+        """Yield the readings of some channels, or of all, in the file's order; one is held in memory at a time.
+
+        Raises InputError for what cannot be read, and for a clock that the recording does not have.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class RecordingFormat:
+    """A kind of file or folder. recognises: whether a path is one, judged by names and first bytes. open: opens it."""
+
+    name: str
+    recognises: Callable[[Path], bool]
+    open: Callable[[Path], Recording]
+
+
+@dataclass
+class Series:
+    """The readings of a channel: times, ns, and values; and how many of them were no finite numbers, left out.
+
+    held: whether a value stays until the next.
+    """
+
+    held: bool
+    time: array = field(default_factory=lambda: array("q"))
+    value: array = field(default_factory=lambda: array("d"))
+    missing: int = 0
+
+    def add(self, reading: Reading) -> None:
+        """Take a reading."""
+        if math.isfinite(reading.value):
+            self.time.append(reading.time)
+            self.value.append(reading.value)
+        else:
+            self.missing += 1
+
+    def shifted(self, by: int) -> "Series":
+        """Return the readings with a time, ns, added to theirs."""
+        return Series(
+            self.held, array("q", (time + by for time in self.time)) if by else self.time, self.value, self.missing
+        )
+
+
+@dataclass
+class Found:
+    """What a channel holds: how many readings, from when to when (ns), of which values, only whole ones or not."""
+
+    count: int = 0
+    start: int = 0
+    end: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+    whole: bool = True
+
+    def add(self, reading: Reading) -> None:
+        """Take a reading."""
+        if not math.isfinite(reading.value):
+            return
+        self.start = reading.time if self.count == 0 else min(self.start, reading.time)
+        self.end = max(self.end, reading.time) if self.count else reading.time
+        self.count += 1
+        self.low, self.high = min(self.low, reading.value), max(self.high, reading.value)
+        self.whole = self.whole and reading.value.is_integer()
+
+    @property
+    def rate(self) -> float:
+        """Readings a second, 0 where there are too few to say."""
+        return (self.count - 1) / (self.end - self.start) * 1e9 if self.end > self.start else 0.0
+
+
+def survey(recording: Recording, clock: Clock) -> dict[str, Found]:
+    """Read a recording once; return what each channel holds. Memory is bounded by the number of channels."""
+    found: dict[str, Found] = {}
+    for reading in recording.readings(None, clock):
+        found.setdefault(reading.channel, Found()).add(reading)
+    return {name: channel for name, channel in found.items() if channel.count}
+
+
+def nanoseconds(value: float, unit: TimeUnit, where: str) -> int:
+    """Return a time as ns; raises InputError for one that is not finite or beyond 64 bits."""
+    time = value * UNITS[unit]
+    if not abs(time) < 2**63:
+        raise InputError(f"{where}: {value:g} {unit} is no time; mend it, or the unit in the map")
+    return round(time)
+
+
+def heading_of(x: float, y: float, z: float, w: float) -> float:
+    """Return the rotation about z of a quaternion, rad: the direction of its x axis; NaN for one of all zeros."""
+    if not x * x + y * y + z * z + w * w > 0:
+        return math.nan
+    return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)

@@ -1,0 +1,155 @@
+"""ROS 2 bags (MCAP and sqlite) and ROS 1 bags, by the library rosbags.
+
+A channel is a topic and a number in its messages, such as ``/imu angular_velocity.z``:
+
+- of a message with a list of names, such as JointState: ``/joint_states position[left_wheel]``
+- of a pose or a transform: ``.x``, ``.y`` and ``.heading``, its angle about z (rad), as in ``/odom pose.pose.heading``
+- of transforms: ``/tf odom>base_link.x``, each between the two frames that a message names; chains are not composed
+- of short arrays: ``/ticks data[0]``; covariances and arrays of more than `MOST` numbers are left out
+
+Times are by the message's header ("header"; of a transform its own), or when the bag received the message ("receive").
+"""
+
+import dataclasses
+from collections.abc import Generator, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from castor_envs.errors import InputError, message_of
+from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of
+
+MOST = 32
+"""Numbers of an array: drives with more wheels are not known, images and scans have more."""
+
+_SUFFIXES = (".bag", ".mcap", ".db3")
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix in _SUFFIXES if path.is_file() else bool(_bags(path))
+
+
+def _bags(path: Path) -> list[Path]:
+    """Return what rosbags opens: the folder of a ROS 2 bag, one file, or the files of a ROS 1 bag in pieces."""
+    if path.is_file() or (path / "metadata.yaml").is_file():
+        return [path]
+    for suffix in _SUFFIXES:
+        found = sorted(path.glob(f"*{suffix}"))
+        if found:
+            return found
+    return []
+
+
+class Bag:
+    """A bag of either ROS; each pass over it opens it anew."""
+
+    kind, held = "ROS bag", False
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def clock(self) -> Clock:
+        """Return the header's clock, or where no message has one when they were received."""
+        first = self._messages(None)
+        stamped = any(_stamp(message) for _, _, message in (pair for pair, _ in zip(first, range(1000), strict=False)))
+        return Clock("header" if stamped else "receive")
+
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
+        """Yield readings, see `Recording`."""
+        if clock.time not in ("header", "receive"):
+            raise InputError(f'{self._path}: has no clock {clock.time!r}; give "time": "header" or "receive"')
+        topics = None if channels is None else {name.split(" ", 1)[0] for name in channels}
+        for topic, received, message in self._messages(topics):
+            for time, path, value in _stamped_numbers(message):
+                name = f"{topic} {path}"
+                if channels is not None and name not in channels:
+                    continue
+                if clock.time == "receive":
+                    time = received
+                elif not time:
+                    if channels is None:
+                        time = received
+                    else:
+                        raise InputError(
+                            f"{self._path}: {topic} has messages without a time in their header; give these channels a "
+                            'source of their own with "time": "receive"'
+                        )
+                yield Reading(name, time, value)
+
+    def _messages(self, topics: set[str] | None) -> Iterator[tuple[str, int, Any]]:
+        """Yield topic, time of receipt (ns) and message; of types that the bag does not describe, none."""
+        try:
+            from rosbags.highlevel import AnyReader, AnyReaderError
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError:
+            raise InputError(f'{self._path}: needs rosbags; pip install "castor-envs[ros]"') from None
+        try:
+            with AnyReader(_bags(self._path), default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+                known = [
+                    connection
+                    for connection in reader.connections
+                    if connection.msgtype in reader.typestore.types and (topics is None or connection.topic in topics)
+                ]
+                for connection, received, raw in reader.messages(known) if known else ():
+                    yield connection.topic, received, reader.deserialize(raw, connection.msgtype)
+        except (AnyReaderError, OSError, ValueError, AssertionError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{self._path}: cannot be read as a ROS bag ({message_of(error)})") from None
+
+
+def _stamp(message: Any) -> int:
+    """Return the time of a message's header, ns; 0 where it has none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+
+
+def _stamped_numbers(message: Any) -> Iterator[tuple[int, str, float]]:
+    """Yield the time (ns, 0 where there is none), the path and the value of each number in a message."""
+    transforms = [message] if hasattr(message, "child_frame_id") and hasattr(message, "transform") else None
+    for transform in getattr(message, "transforms", transforms) or ():
+        frames = f"{transform.header.frame_id.lstrip('/')}>{transform.child_frame_id.lstrip('/')}"
+        for path, value in _numbers(frames, transform.transform):
+            yield _stamp(transform), path, value
+    if transforms is None and not hasattr(message, "transforms"):
+        time, names = _stamp(message), getattr(message, "name", getattr(message, "joint_names", ()))
+        for field in _fields(message):
+            if field not in ("header", "name", "joint_names"):
+                for path, value in _numbers(field, getattr(message, field), names):
+                    yield time, path, value
+
+
+def _fields(message: Any) -> Iterable[str]:
+    return (field.name for field in dataclasses.fields(message) if not field.name.startswith("__"))
+
+
+def _numbers(path: str, value: Any, names: Any = ()) -> Iterator[tuple[str, float]]:
+    """Yield the numbers below a field; names: of the entries of its arrays, where the message has some."""
+    if isinstance(value, bool | int | float | np.number):
+        yield path, float(value)
+    elif isinstance(value, np.ndarray | list | tuple):
+        if len(value) > MOST or path.endswith("covariance"):
+            return
+        labels = names if not isinstance(names, str) and len(names) == len(value) else range(len(value))
+        for label, entry in zip(labels, value, strict=True):
+            yield from _numbers(f"{path}[{label}]", entry, names)
+    elif dataclasses.is_dataclass(value):
+        for place, angle in (("position", "orientation"), ("translation", "rotation")):
+            if hasattr(value, place) and hasattr(value, angle):
+                yield f"{path}.x", float(getattr(value, place).x)
+                yield f"{path}.y", float(getattr(value, place).y)
+                yield f"{path}.heading", _heading(getattr(value, angle))
+                return
+        if all(hasattr(value, part) for part in "xyzw"):
+            yield f"{path}.heading", _heading(value)
+            return
+        for field in _fields(value):
+            yield from _numbers(f"{path}.{field}", getattr(value, field), names)
+
+
+def _heading(q: Any) -> float:
+    return heading_of(float(q.x), float(q.y), float(q.z), float(q.w))
+
+
+FORMAT = RecordingFormat("ROS bag (.mcap, .db3, .bag, or a folder of them)", _is_bag, Bag)

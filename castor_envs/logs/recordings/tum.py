@@ -1,0 +1,60 @@
+"""Trajectories as TUM text: ``t x y z qx qy qz qw`` a line. Channels: x, y, z (m), heading about z (rad)."""
+
+from collections.abc import Generator, Iterator
+from pathlib import Path
+
+from castor_envs.errors import InputError
+from castor_envs.logs.recordings.csv_table import first_row, is_number
+from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of, nanoseconds
+from castor_envs.logs.table import complaint, number
+
+COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def rows_of(path: Path, names: tuple[str, ...]) -> Iterator[tuple[int, list[float]]]:
+    """Yield line numbers and the numbers of each line, separated by blanks; lines that begin with # are left out."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for k, line in enumerate(file, start=1):
+                cells = line.split()
+                if not cells or line.startswith("#"):
+                    continue
+                if len(cells) != len(names):
+                    raise complaint(path, k, None, f"has {len(cells)} numbers; give {' '.join(names)}")
+                yield k, [number(path, k, name, cell) for name, cell in zip(names, cells, strict=True)]
+    except OSError as error:
+        raise complaint(path, None, None, f"cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError:
+        raise complaint(path, None, None, "is not text in UTF-8; save it as UTF-8") from None
+
+
+def has_rows_of(path: Path, count: int) -> bool:
+    """Return whether a text file's first line that is no comment has so many numbers, separated by blanks."""
+    cells = first_row(path) if path.is_file() and path.suffix.lower() in (".tum", ".kitti", ".txt", "") else None
+    return cells is not None and len(cells) == count and all(map(is_number, cells))
+
+
+class TumText:
+    """A trajectory with times, s, or in the unit that a map gives."""
+
+    kind, held = "trajectory (TUM text)", False
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def clock(self) -> Clock:
+        """Return the clock of the file."""
+        return Clock()
+
+    def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
+        """Yield readings, see `Recording`."""
+        if clock.time is not None or clock.period is not None:
+            raise InputError(f"{self._path}: the times are in the file; remove 'time' and 'period' of it from the map")
+        for line, (t, x, y, z, *quaternion) in rows_of(self._path, COLUMNS):
+            time = nanoseconds(t, clock.unit, f"{self._path}:{line}")
+            for name, value in (("x", x), ("y", y), ("z", z), ("heading", heading_of(*quaternion))):
+                if channels is None or name in channels:
+                    yield Reading(name, time, value)
+
+
+FORMAT = RecordingFormat("trajectory as TUM text (.tum, .txt)", lambda path: has_rows_of(path, 8), TumText)

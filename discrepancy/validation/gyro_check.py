@@ -1,0 +1,90 @@
+"""A gyro against the wheels of the same log: its sign, unit, scale and bias.
+
+    turn by the gyro = scale (turn by the wheels) + bias (time)
+
+by least squares over windows. A scale off 1 is the gyro's or the wheels' (radii over track): without a reference only
+their ratio is seen.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from castor_envs.errors import Declined
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from estimators.robots.gyro import GyroTurns
+from estimators.robots.wheel_odometry import WheelOdometry
+
+WINDOW = 1.0
+"""s, over which turns are compared: within it rounded counts and clocks that are apart average out."""
+
+LEAST_TURN = 1.0
+"""rad that the wheels turn the body in all, both ways added: below it a scale says little."""
+
+FOLLOWS = 0.9
+"""Part of the gyro's squares that the wheels explain: below it another thing than this body's turn is read."""
+
+NEAR = 0.05
+"""How far the scale may be from a number that it stands for; dimensions of a robot file are rarely off by more."""
+
+_MEANINGS = {
+    1.0: "agrees with the wheels",
+    -1.0: "turns against the wheels: change its sign",
+    math.degrees(1.0): "is in deg/s: give rad/s",
+    -math.degrees(1.0): "is in deg/s, and turns against the wheels: give rad/s, and change its sign",
+}
+
+
+class GyroCheck(NamedTuple):
+    """scale: of the gyro's turn to the wheels'. bias, rad/s. follows: part of the gyro's squares that is explained, 0
+    to 1. verdict: one line."""
+
+    scale: float
+    bias: float
+    follows: float
+    verdict: str
+
+
+def gyro_against_wheels(robot: RobotDescription, log: Log) -> GyroCheck | None:
+    """Return what a log shows of its gyro; None without one, where the wheels do not tell how the body turns, and where
+    it turns too little."""
+    if log.gyro is None:
+        return None
+    try:
+        gyro, wheels, time = _turns(robot, log)
+    except Declined:
+        return None
+    if np.abs(wheels).sum() < LEAST_TURN or len(time) < 3:
+        return None
+    terms = np.column_stack([wheels, time])
+    scale, bias = np.linalg.lstsq(terms, gyro, rcond=None)[0].tolist()
+    left = gyro - terms @ [scale, bias]
+    about_bias = gyro - bias * time
+    follows = 1.0 - float(left @ left) / max(float(about_bias @ about_bias), 1e-300)
+    return GyroCheck(scale, bias, follows, _verdict(scale, follows))
+
+
+def _verdict(scale: float, follows: float) -> str:
+    if follows < FOLLOWS:
+        return "does not follow the wheels: another axis, another clock, or wheels that slip"
+    for meaning, words in _MEANINGS.items():
+        if abs(scale / meaning - 1) <= NEAR:
+            return words
+    causes = "its unit or scale, a wheel's sign, or the robot file's radii or track"
+    return f"turns {scale:.3g} times as much as the wheels say: {causes}"
+
+
+def _turns(robot: RobotDescription, log: Log) -> tuple[Array, Array, Array]:
+    """Return the turns (W,), rad, by gyro and wheels, and the time (W,), s, of each window."""
+    odometry, by_gyro = WheelOdometry(), GyroTurns()
+    odometry.reset(robot, np.zeros(3))
+    heading, turned = [], []
+    for observation in log.observations():
+        heading.append(float(odometry.update(observation)[2]))
+        read = by_gyro.read(observation)
+        turned.append(0.0 if read is None else float(read.turn))
+    edges = np.unique(np.searchsorted(log.t, np.arange(log.t[0], log.t[-1], WINDOW)))
+    return np.diff(np.cumsum(turned)[edges]), np.diff(np.array(heading)[edges]), np.diff(log.t[edges])

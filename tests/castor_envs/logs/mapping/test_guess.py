@@ -1,0 +1,75 @@
+"""A first map, guessed from names as they are found in the field; what no name speaks for is left open."""
+
+import pytest
+
+from castor_envs.logs.mapping.guess import guess_map
+from castor_envs.logs.recordings.recording import Clock, Found
+from castor_envs.vehicles.presets import preset
+
+
+def guessed(robot, *channels, whole=False):
+    found = {name: Found(count=10, start=0, end=10**9, low=0.0, high=1.0, whole=whole) for name in channels}
+    columns = guess_map(found, Clock("header"), preset(robot)).columns
+    return {key: (column.channel, column.unit) for key, column in columns.items()}
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "unit"),
+    [
+        ("/joint_states position[left_wheel_joint]", "/joint_states position[right_wheel_joint]", "rad"),
+        ("/joint_states velocity[wheel_left]", "/joint_states velocity[wheel_right]", "rad/s"),
+        ("left_ticks", "right_ticks", "counts"),
+        ("encL", "encR", "counts"),
+        ("left", "right", "rad"),
+        ("LeftEncoderDistance", "RightEncoderDistance", "m"),
+        ("NT:/drive/leftPosition_m", "NT:/drive/rightPosition_m", "m"),
+        ("wheel speed left [rpm]", "wheel speed right [rpm]", "rpm"),
+        ("wheel_1l", "wheel_1r", "counts"),
+    ],
+)
+def test_wheels_are_found_by_their_side(left, right, unit):
+    others = ("/joint_states effort[left_wheel]", "left_motor_current", "cmd_left", "battery", "/odom pose.pose.x")
+    found = guessed("differential", right, left, *others)
+    assert (found["wheel_1l"], found["wheel_1r"]) == ((left, unit), (right, unit))
+
+
+def test_positions_go_before_speeds():
+    names = [f"/joint_states {what}[{side}_wheel]" for what in ("velocity", "position") for side in ("right", "left")]
+    assert guessed("differential", *names)["wheel_1l"] == ("/joint_states position[left_wheel]", "rad")
+
+
+def test_modules_of_an_array_are_counted_from_0():
+    names = [f"NT:/modules[{k}].{part}" for k in range(4) for part in ("distance", "angle")]
+    found = guessed("swerve", *names)
+    for k in range(4):
+        assert found[f"wheel_{k + 1}"] == (f"NT:/modules[{k}].distance", "m")
+        assert found[f"pivot_{k + 1}"] == (f"NT:/modules[{k}].angle", "rad")
+
+
+def test_what_stands_at_0_all_the_time_is_not_taken_for_counts_where_its_format_says_the_unit():
+    names = [f"/joints position[{name}]" for name in ("left_wheel", "right_wheel")]
+    assert {unit for _, unit in guessed("differential", *names, whole=True).values()} == {"rad"}
+    assert {unit for _, unit in guessed("differential", "left", "right", whole=True).values()} == {"counts"}
+
+
+def test_a_gyro_and_commands_are_found():
+    names = ("left_ticks", "right_ticks", "cmd_left_rpm", "cmd_right_rpm", "/imu angular_velocity.x")
+    found = guessed("differential", *names, "/imu angular_velocity.z")
+    assert found["gyro_z"] == ("/imu angular_velocity.z", "rad/s")
+    assert found["cmd_1l"] == ("cmd_left_rpm", "rpm")
+    assert guessed("differential", "left_ticks", "right_ticks", "gyro_z_dps")["gyro_z"] == ("gyro_z_dps", "deg/s")
+
+
+def test_a_trackers_pose_is_the_reference_and_odometrys_is_not():
+    def pose(prefix):
+        return [f"{prefix}.{part}" for part in ("x", "y", "heading")]
+
+    found = guessed("differential", *pose("/odom pose.pose"), *pose("/robot pose"), *pose("/vicon/robot pose"))
+    assert found["ref_psi"] == ("/vicon/robot pose.heading", "rad")
+    assert "ref_x" not in guessed("differential", *pose("/odom pose.pose"))
+    found = guessed("differential", "x_mm", "y_mm", "yaw_deg")
+    assert [found[key] for key in ("ref_x", "ref_y", "ref_psi")] == [("x_mm", "mm"), ("y_mm", "mm"), ("yaw_deg", "deg")]
+
+
+def test_what_nothing_speaks_for_is_left_open():
+    assert guessed("differential", "a", "b") == {"wheel_1l": ("?", "rad"), "wheel_1r": ("?", "rad")}

@@ -1,0 +1,352 @@
+"""A recording and a map become a log: units, signs, clocks, rates and mistakes, against known motions."""
+
+import dataclasses
+import struct
+
+import numpy as np
+import pytest
+
+from castor_envs.errors import InputError
+from castor_envs.logs import ChannelMap, import_log, read_log, write_log
+from castor_envs.vehicles.presets import preset
+
+START = 1_700_000_000.0
+WHEEL = preset("differential").wheels[0]
+ROBOT = dataclasses.replace(preset("differential"), sample_period=0.02)
+PER_RADIAN = (WHEEL.counts_per_rev or 0) / (2 * np.pi)
+
+
+def mapped(columns, **sources):
+    named = {key: {"channel": key, "sign": 1} | value for key, value in columns.items()}
+    return ChannelMap.from_dict(
+        {"format": "castor-map/1", "sources": sources or {"main": {"time": "t"}}, "columns": named}
+    )
+
+
+def table(path, **columns):
+    cells = [[repr(v) if v == v else "" for v in np.asarray(c, dtype=float).tolist()] for c in columns.values()]
+    rows = zip(*cells, strict=True)
+    path.write_text("\n".join(",".join(row) for row in [tuple(columns), *rows]) + "\n")
+    return path
+
+
+WHEELS = {"wheel_1l": {"unit": "rad"}, "wheel_1r": {"unit": "rad"}}
+T = 0.02 * np.arange(101)
+ANGLE = 3 * T + 0.5 * np.sin(2 * T)
+"""rad: the angle of a wheel that speeds up and slows down."""
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "within"),
+    [
+        ("counts", ANGLE * PER_RADIAN, 1e-9),
+        ("rev", ANGLE / (2 * np.pi), 1e-9),
+        ("deg", np.degrees(ANGLE), 1e-9),
+        ("rad", ANGLE, 1e-9),
+        ("m", ANGLE * WHEEL.radius, 1e-9),
+        ("counts/row", np.diff(ANGLE, prepend=0) * PER_RADIAN, 1e-9),
+        # The trapezoid rule is off by at most h^2/12 (b - a) max|f''|, f'' at most 4 rad/s3 here.
+        ("rad/s", 3 + np.cos(2 * T), PER_RADIAN * 0.02**2 / 12 * 2 * 4),
+        ("rpm", (3 + np.cos(2 * T)) * 30 / np.pi, PER_RADIAN * 0.02**2 / 12 * 2 * 4),
+        ("m/s", (3 + np.cos(2 * T)) * WHEEL.radius, PER_RADIAN * 0.02**2 / 12 * 2 * 4),
+    ],
+)
+def test_wheels_come_in_every_unit(tmp_path, unit, values, within):
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=values, wheel_1r=-2 * values)
+    columns = {"wheel_1l": {"unit": unit}, "wheel_1r": {"unit": unit, "sign": -1, "scale": 0.5}}
+    log = import_log(source, ROBOT, mapped(columns)).log
+    np.testing.assert_allclose(log.t, T, atol=1e-9)
+    counts = (log.wheel - log.wheel[0]) / 1.0
+    np.testing.assert_allclose(counts[:, 0], ANGLE * PER_RADIAN, atol=within)
+    np.testing.assert_allclose(counts[:, 1], counts[:, 0], atol=1e-9)
+
+
+def test_whole_counts_that_a_driver_gave_in_radians_are_whole_again(tmp_path):
+    """In single precision, and from an angle on at which the driver was started."""
+    counts = np.round(ANGLE * PER_RADIAN)
+    angle = (counts / PER_RADIAN + 0.1234).astype(np.float32)
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=angle, wheel_1r=ANGLE)
+    log = import_log(source, ROBOT, mapped(WHEELS)).log
+    np.testing.assert_array_equal(log.wheel[:, 0] - log.wheel[0, 0], counts)
+    np.testing.assert_allclose(log.wheel[:, 1], ANGLE * PER_RADIAN, atol=1e-9)
+
+
+def test_a_counter_that_wraps_counts_on(tmp_path):
+    counts = np.round(400 * T * 50)
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=np.mod(counts, 2**15), wheel_1r=-counts)
+    columns = {"wheel_1l": {"unit": "counts", "wraps_at": 2**15}, "wheel_1r": {"unit": "counts", "sign": -1}}
+    log = import_log(source, ROBOT, mapped(columns)).log
+    np.testing.assert_array_equal(log.wheel[:, 0], counts)
+    np.testing.assert_array_equal(log.wheel[:, 1], counts)
+
+
+def test_pivots_come_in_radians_of_any_encoder(tmp_path):
+    """An encoder of 1000.5 counts a turn behind a gear; angles wrapped at half a turn."""
+    robot = preset("1-castor")
+    castor = dataclasses.replace(robot.castors[0], pivot_counts_per_rev=1000.5)
+    robot = dataclasses.replace(robot, castors=(castor,), sample_period=0.02)
+    angle = 4 * T - 1
+    wrapped = np.degrees(np.angle(np.exp(1j * angle)))
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, steer=wrapped)
+    columns = WHEELS | {"pivot_1": {"channel": "steer", "unit": "deg"}}
+    imported = import_log(source, robot, mapped(columns))
+    write_log(tmp_path / "log.csv", imported.log, robot)
+    log = read_log(tmp_path / "log.csv", robot)
+    off = log.pivot[:, 0] * 2 * np.pi / 1000.5 - angle
+    np.testing.assert_allclose(np.angle(np.exp(1j * off)), 0.0, atol=1e-9)
+
+
+def test_commands_gyro_and_reference_have_their_units_and_meaning(tmp_path):
+    """Commands hold until the next, here given every second row; the gyro is read with the counts."""
+    given = np.where(np.arange(101) % 2 == 0, 60.0 + np.arange(101), np.nan)
+    source = table(
+        tmp_path / "run.csv", t=1000 * T, wheel_1l=ANGLE, wheel_1r=ANGLE, left=given, right=-given, gyro=np.sin(T) * 90,
+        x=1000 * T, y=T * 0, yaw=np.degrees(np.angle(np.exp(2j * T))),
+    )  # fmt: skip
+    columns = WHEELS | {
+        "cmd_1l": {"channel": "left", "unit": "rpm"},
+        "cmd_1r": {"channel": "right", "unit": "rpm"},
+        "gyro_z": {"channel": "gyro", "unit": "deg/s", "sign": -1},
+        "ref_x": {"channel": "x", "unit": "mm"},
+        "ref_y": {"channel": "y", "unit": "cm"},
+        "ref_psi": {"channel": "yaw", "unit": "deg"},
+    }
+    imported = import_log(source, ROBOT, mapped(columns, main={"time": "t", "unit": "ms"}))
+    log = imported.log
+    held = (60.0 + 2 * (np.arange(101) // 2)) * np.pi / 30
+    assert log.command is not None
+    assert log.gyro is not None
+    assert log.reference is not None
+    np.testing.assert_allclose(log.command, np.column_stack([held, -held]), atol=1e-12)
+    np.testing.assert_allclose(log.gyro, -np.sin(T) * np.pi / 2, atol=1e-12)
+    np.testing.assert_allclose(log.reference, np.column_stack([T, 0 * T, 2 * T]), atol=1e-9)
+    assert [note.split(":")[0] for note in imported.notes] == ["gyro_z"]
+
+
+def test_quaternions_are_read_as_headings(tmp_path):
+    source = table(
+        tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, x=T, y=T, qx=0 * T, qy=0 * T, qz=np.sin(2 * T),
+        qw=np.cos(2 * T),
+    )  # fmt: skip
+    columns = WHEELS | {
+        "ref_x": {"channel": "x", "unit": "m"},
+        "ref_y": {"channel": "y", "unit": "m"},
+        "ref_psi": {"channel": ["qx", "qy", "qz", "qw"], "unit": "quaternion"},
+    }
+    log = import_log(source, ROBOT, mapped(columns)).log
+    assert log.reference is not None
+    np.testing.assert_allclose(log.reference[:, 2], 4 * T, atol=1e-9)
+
+
+def test_a_fast_gyro_is_averaged_so_that_its_whole_turn_stays(tmp_path, bag_writer):
+    """500 Hz against counts at 50 Hz: rate 0.5 + t, and a vibration that alternates from reading to reading."""
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        for k in range(1001):
+            t = START + 0.002 * k
+            vector = w.make("geometry_msgs/Vector3", 0.0, 0.0, 0.5 + 0.002 * k + (-1) ** k)
+            w.put("/imu", "sensor_msgs/Imu", t, w.header(t), w.quaternion(0), np.zeros(9), vector, np.zeros(9), vector,
+                  np.zeros(9))  # fmt: skip
+            if k % 10 == 0:
+                w.joints("/joints", t, t, left=0.02 * k, right=0.01 * k)
+    columns = {
+        "wheel_1l": {"channel": "/joints position[left]", "unit": "rad"},
+        "wheel_1r": {"channel": "/joints position[right]", "unit": "rad"},
+        "gyro_z": {"channel": "/imu angular_velocity.z", "unit": "rad/s"},
+    }
+    log = import_log(tmp_path / "run", ROBOT, mapped(columns, main={"time": "header"})).log
+    assert log.gyro is not None
+    np.testing.assert_allclose(log.gyro[1:-1], 0.5 + log.t[1:-1], atol=1e-6)
+    assert np.trapezoid(log.gyro, log.t) == pytest.approx(0.5 * 2 + 2**2 / 2, abs=0.01)
+
+
+def test_two_clocks_agree_by_an_offset(tmp_path):
+    """The tracker's clock is 40 s behind; its poses come at times of their own."""
+    seen = 0.013 * np.arange(154) - 40.0
+    table(tmp_path / "tracker.csv", clock=seen, x=np.sin(seen + 40), y=0 * seen, yaw=seen + 40)
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE)
+    reference = {
+        "ref_x": {"channel": "x", "unit": "m", "source": "tracker"},
+        "ref_y": {"channel": "y", "unit": "m", "source": "tracker"},
+        "ref_psi": {"channel": "yaw", "unit": "rad", "source": "tracker"},
+    }
+    tracker = {"file": "tracker.csv", "time": "clock"}
+    agreed = mapped(WHEELS | reference, main={"time": "t"}, tracker=tracker | {"offset": 40.0})
+    imported = import_log(source, ROBOT, agreed)
+    assert imported.tracked is not None
+    assert imported.log.reference is not None
+    np.testing.assert_allclose(imported.log.t, T, atol=1e-9)
+    known = imported.log.t <= imported.tracked.t[-1]
+    expected = np.column_stack([np.sin(T), 0 * T, T])[known]
+    np.testing.assert_allclose(imported.log.reference[known], expected, atol=0.013**2 / 8 + 1e-9)
+    with pytest.raises(InputError, match=r"reference is from -40.000 to .* share no time: give the source an 'offset'"):
+        import_log(source, ROBOT, mapped(WHEELS | reference, main={"time": "t"}, tracker=tracker))
+
+
+def test_topics_of_one_bag_may_have_two_clocks(tmp_path, bag_writer):
+    """Ticks without a header, when they were received; poses by the stamps of a computer that is 3 s ahead."""
+    with bag_writer(tmp_path / "run.bag", "ros1") as w:
+        for k in range(51):
+            t = START + 0.02 * k
+            w.put("/left_ticks", "std_msgs/Int32", t, 10 * k)
+            w.put("/right_ticks", "std_msgs/Int32", t, -12 * k)
+            w.put("/vicon", "geometry_msgs/PoseStamped", t + 0.004, w.header(t + 3.0), w.pose(0.02 * k, 0.0, 0.0))
+    pose = {"unit": "m", "source": "tracker"}
+    columns = {
+        "wheel_1l": {"channel": "/left_ticks data", "unit": "counts"},
+        "wheel_1r": {"channel": "/right_ticks data", "unit": "counts", "sign": -1},
+        "ref_x": {"channel": "/vicon pose.x"} | pose,
+        "ref_y": {"channel": "/vicon pose.y"} | pose,
+        "ref_psi": {"channel": "/vicon pose.heading"} | pose | {"unit": "rad"},
+    }
+    clocks = {"main": {"time": "receive"}, "tracker": {"time": "header", "offset": -3.0}}
+    log = import_log(tmp_path / "run.bag", ROBOT, mapped(columns, **clocks)).log
+    assert log.reference is not None
+    np.testing.assert_array_equal(log.wheel, np.outer(np.arange(51), [10, 12]))
+    np.testing.assert_allclose(log.reference[:, 0], log.t, atol=1e-6)
+
+
+def test_wheels_of_two_topics_are_brought_to_the_times_of_the_slower_one(tmp_path):
+    left, right = 0.02 * np.arange(101), 0.005 + 0.01 * np.arange(202)
+    path = tmp_path / "run.csv"
+    rows = sorted([(t, repr(3 * t), "") for t in left.tolist()] + [(t, "", repr(5 * t)) for t in right.tolist()])
+    path.write_text("t,wheel_1l,wheel_1r\n" + "".join(f"{t!r},{a},{b}\n" for t, a, b in rows))
+    log = import_log(path, ROBOT, mapped(WHEELS)).log
+    np.testing.assert_allclose(log.t, left[1:] - left[1], atol=1e-8)
+    np.testing.assert_allclose(log.wheel / PER_RADIAN, np.outer(left[1:], [3, 5]), atol=1e-6)
+
+
+def test_readings_that_are_missing_or_no_numbers_are_left_out_and_said(tmp_path):
+    left, right = ANGLE.copy(), ANGLE.copy()
+    left[10:20:2], right[50] = np.nan, np.nan
+    path = tmp_path / "run.csv"
+    path.write_text("t,wheel_1l,wheel_1r\n" + "".join(f"{t},{a},{b}\n" for t, a, b in zip(T, left, right, strict=True)))
+    imported = import_log(path, ROBOT, mapped(WHEELS))
+    assert "wheel_1l: 5 of 101 readings are no finite numbers and are left out" in imported.notes
+    np.testing.assert_allclose(imported.log.wheel[:, 0] / PER_RADIAN, np.interp(imported.log.t, T, ANGLE), atol=1e-9)
+    assert len(imported.log) == 96
+
+
+def test_entries_that_are_written_when_they_change_hold_in_between(tmp_path, write_wpilog):
+    """The left wheel stands for a second, and is not written; both are written 30 us apart in each cycle of 20 ms."""
+    pytest.importorskip("wpiutil", reason="WPILib's reader is not installed: pip install robotpy-wpiutil")
+    angles = [(max(0, k - 50) * 0.1, k * 0.2) for k in range(101)]
+    records = []
+    for k, (left, right) in enumerate(angles):
+        if k == 0 or left != angles[k - 1][0]:
+            records.append((0, 20_000 * k, struct.pack("<d", left)))
+        records.append((1, 20_000 * k + 30, struct.pack("<d", right)))
+    path = tmp_path / "run.wpilog"
+    path.write_bytes(write_wpilog([("NT:/left", "double"), ("NT:/right", "double")], records))
+    columns = {
+        "wheel_1l": {"channel": "NT:/left", "unit": "rad"},
+        "wheel_1r": {"channel": "NT:/right", "unit": "rad"},
+    }
+    slow = dataclasses.replace(ROBOT, sample_period=0.1)  # of the robot file: no row is left out for it
+    log = import_log(path, slow, mapped(columns, main={})).log
+    np.testing.assert_allclose(log.t, T, atol=1e-4)
+    np.testing.assert_allclose(log.wheel / PER_RADIAN, angles, atol=1e-9)
+    speeds = {key: value | {"unit": "rad/s"} for key, value in columns.items()}
+    summed = import_log(path, ROBOT, mapped(speeds, main={})).log
+    rates = np.array(angles)[:-1]
+    np.testing.assert_allclose(np.diff(summed.wheel, axis=0) / PER_RADIAN, rates * 0.02, atol=1e-3)
+
+
+GOOD = {"t": T, "wheel_1l": ANGLE, "wheel_1r": ANGLE, "x": T, "y": T, "yaw": T}
+POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, unit in
+        (("ref_x", "m"), ("ref_y", "m"), ("ref_psi", "rad"))}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"wheel_1l": {"unit": "rads"}}, ["columns.wheel_1l.unit", "'rads' does not fit wheel_1l", "counts, rev, deg"]),
+        ({"wheel_1l": None}, ["columns.wheel_1l", "is missing", "counts_per_rev"]),
+        ({"wheel_2l": {"unit": "rad"}}, ["columns.wheel_2l", "no column of", "did you mean 'wheel_1l'"]),
+        ({"wheel_1l": {"unit": "rad", "channel": "?"}}, ["columns.wheel_1l.channel", "is still '?'"]),
+        ({"wheel_1l": {"unit": "rad", "channel": "wheel1l"}}, ["columns.wheel_1l", "did you mean 'wheel_1l'"]),
+        ({"wheel_1l": {"unit": "rad", "source": "other"}}, ["columns.wheel_1l.source", "'other'", "known: main"]),
+        ({"ref_psi": None}, ["columns.ref_psi", "is missing"]),
+        ({"ref_psi": {"channel": "yaw", "unit": "quaternion"}}, ["columns.ref_psi.channel", "four"]),
+        ({"gyro_z": {"channel": "yaw", "unit": "rad"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
+        ({"t": {"unit": "s"}}, ["columns.t", "no column"]),
+    ],
+)
+def test_a_wrong_map_is_refused_by_its_place(tmp_path, change, words):
+    columns = {key: value for key, value in (WHEELS | POSE | change).items() if value is not None}
+    with pytest.raises(InputError) as caught:
+        import_log(table(tmp_path / "run.csv", **GOOD), ROBOT, mapped(columns), "map.json")
+    for word in ["map.json", *words]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({}, ["'format' must be 'castor-map/1'"]),
+        ({"format": "castor-map/1"}, ["columns", "required"]),
+        ({"format": "castor-map/1", "columns": {"wheel_1l": {"channel": "a"}}}, ["columns.wheel_1l.unit", "required"]),
+        ({"format": "castor-map/1", "columns": {"a": {"channel": "a", "unit": "rad", "sgn": 1}}}, ["sgn", "not known"]),
+        ({"format": "castor-map/1", "columns": {"a": {"channel": "a", "unit": "rad", "sign": 2}}}, ["a.sign"]),
+        ({"format": "castor-map/1", "columns": {}, "sources": {"main": {"unit": "h"}}}, ["sources.main.unit", "'h'"]),
+    ],
+)
+def test_a_map_that_is_no_map_is_refused(data, words):
+    with pytest.raises(InputError) as caught:
+        ChannelMap.from_dict(data, "map.json")
+    for word in ["map.json", *words]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"t": np.where(np.arange(101) == 40, 0.0, T)}, ["columns.", "the clock goes back by 0.78 s at reading 41"]),
+        ({"yaw": np.degrees(T)}, ["columns.ref_psi", "turns at 57.3 rad/s", "unit 'rad' right"]),
+        ({"yaw": np.degrees(np.angle(np.exp(2.9j + 0.5j * T)))}, ["heading steps by 359 rad after", "'rad' right"]),
+        ({"wheel_1r": np.full(101, np.nan)}, ["columns.wheel_1r", "no readings of 'wheel_1r'"]),
+        ({"wheel_1r": np.where(T < 0.01, 1, np.nan)}, ["no two rows have readings of all of", "wheel_1r from 0.000"]),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_refused(tmp_path, change, words):
+    source = table(tmp_path / "run.csv", **(GOOD | change))
+    with pytest.raises(InputError) as caught:
+        import_log(source, ROBOT, mapped(WHEELS | POSE))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_speeds_are_not_summed_over_a_gap(tmp_path):
+    gone = (T < 0.5) | (T > 1.2)
+    source = table(tmp_path / "run.csv", t=T[gone], wheel_1l=ANGLE[gone], wheel_1r=ANGLE[gone])
+    columns = {"wheel_1l": {"unit": "rad/s"}, "wheel_1r": {"unit": "rad/s"}}
+    with pytest.raises(InputError, match=r"no reading for 0.74 s from 0.480 s on.*cut the recording"):
+        import_log(source, ROBOT, mapped(columns))
+
+
+def test_doubtful_units_and_rates_are_said(tmp_path):
+    source = table(tmp_path / "run.csv", t=T * 5, wheel_1l=np.degrees(ANGLE) * 20, wheel_1r=ANGLE)
+    notes = import_log(source, ROBOT, mapped(WHEELS)).notes
+    assert any(note.startswith("wheel_1l: turns at") and "unit" in note for note in notes)
+    assert any("rows come every 0.1 s" in note and "sample_period is 0.02" in note for note in notes)
+
+
+def test_a_slow_reference_is_used_near_its_poses_and_that_is_said(tmp_path):
+    x = np.where(np.arange(101) % 25 == 0, T, np.nan)
+    source = table(tmp_path / "run.csv", **(GOOD | {"x": x, "y": x, "yaw": x}))
+    imported = import_log(source, ROBOT, mapped(WHEELS | POSE))
+    assert imported.log.reference is not None
+    assert np.flatnonzero(np.isfinite(imported.log.reference[:, 0])).tolist() == [0, 25, 50, 75, 100]
+    assert "reference: 5 poses, 2 a second, near enough to 5 of 101 rows" in imported.notes
+
+
+def test_a_recording_is_kept_in_memory_only_by_its_mapped_channels(tmp_path, monkeypatch):
+    """Of a file with a hundred columns, readings of two are made."""
+    from castor_envs.logs.recordings import csv_table
+
+    made = []
+    inner = csv_table.Reading
+    monkeypatch.setattr(csv_table, "Reading", lambda *reading: made.append(reading[0]) or inner(*reading))
+    other = {f"other_{k}": T for k in range(100)}
+    import_log(table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, **other), ROBOT, mapped(WHEELS))
+    assert sorted({*made}) == ["wheel_1l", "wheel_1r"]
+    assert len(made) == 202

@@ -1,0 +1,154 @@
+"""Bags of ROS 1 and 2, written by rosbags: every number comes out with its name and its time."""
+
+import sqlite3
+import sys
+
+import numpy as np
+import pytest
+
+from castor_envs.errors import InputError
+from castor_envs.logs.recordings import open_recording
+from castor_envs.logs.recordings.recording import Clock, survey
+
+START = 1_700_000_000.0
+KINDS = ("mcap", "sqlite3", "ros1")
+
+
+def read(path, *channels, time="header"):
+    """Return times (s since START) and values of channels."""
+    found = [(r.time, r.value) for r in open_recording(path).readings(frozenset(channels), Clock(time))]
+    return [round(ns / 1e9 - START, 6) for ns, _ in found], [value for _, value in found]
+
+
+@pytest.fixture(params=KINDS)
+def bag(request, tmp_path, bag_writer):
+    """Three messages of each kind, 0.1 s apart, received 7 ms after their stamps."""
+    path = tmp_path / ("run.bag" if request.param == "ros1" else "run")
+    with bag_writer(path, request.param) as w:
+        for k in range(3):
+            stamp, received = START + 0.1 * k, START + 0.1 * k + 0.007
+            vector = w.make("geometry_msgs/Vector3", 0.0, 0.5, float(k))
+            pose = w.pose(1.0 + k, 2.0, 0.1 * k)
+            twist = w.make("geometry_msgs/Twist", vector, vector)
+            tf = w.make("geometry_msgs/Transform", vector, w.quaternion(-0.1 * k))
+            transform = w.make("geometry_msgs/TransformStamped", w.header(stamp, "/odom"), "base", tf)
+            cov = np.zeros(36)
+            w.joints("/joints", received, stamp, left=1.5 * k, right=-2.5 * k)
+            w.put("/pose", "geometry_msgs/PoseStamped", received, w.header(stamp), pose)
+            w.put(
+                "/odom", "nav_msgs/Odometry", received, w.header(stamp), "base",
+                w.make("geometry_msgs/PoseWithCovariance", pose, cov),
+                w.make("geometry_msgs/TwistWithCovariance", twist, cov),
+            )  # fmt: skip
+            w.put(
+                "/imu", "sensor_msgs/Imu", received, w.header(stamp), w.quaternion(1.0), cov[:9], vector, cov[:9],
+                vector, cov[:9],
+            )  # fmt: skip
+            w.put("/tf", "tf2_msgs/TFMessage", received, [transform, transform])
+            w.put("/ticks", "std_msgs/Int32", received, 1000 * k)
+            w.put("/cmd_vel", "geometry_msgs/Twist", received, vector, vector)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("channel", "values"),
+    [
+        ("/joints position[left]", [0.0, 1.5, 3.0]),
+        ("/joints position[right]", [0.0, -2.5, -5.0]),
+        ("/pose pose.x", [1.0, 2.0, 3.0]),
+        ("/pose pose.heading", [0.0, 0.1, 0.2]),
+        ("/odom pose.pose.heading", [0.0, 0.1, 0.2]),
+        ("/odom twist.twist.angular.z", [0.0, 1.0, 2.0]),
+        ("/imu angular_velocity.z", [0.0, 1.0, 2.0]),
+        ("/imu orientation.heading", [1.0, 1.0, 1.0]),
+    ],
+)
+def test_numbers_have_the_times_of_their_headers(bag, channel, values):
+    times, found = read(bag, channel)
+    assert times == [0.0, 0.1, 0.2]
+    np.testing.assert_allclose(found, values, atol=1e-15)
+    assert read(bag, channel, time="receive")[0] == [0.007, 0.107, 0.207]
+
+
+def test_transforms_are_named_by_their_frames(bag):
+    times, values = read(bag, "/tf odom>base.heading")
+    assert times == [0.0, 0.0, 0.1, 0.1, 0.2, 0.2]
+    np.testing.assert_allclose(values, [0.0, 0.0, -0.1, -0.1, -0.2, -0.2], atol=1e-15)
+
+
+def test_messages_without_a_header_have_the_time_of_their_receipt_alone(bag):
+    assert read(bag, "/ticks data", time="receive") == ([0.007, 0.107, 0.207], [0.0, 1000.0, 2000.0])
+    with pytest.raises(InputError, match="/ticks has messages without a time in their header") as caught:
+        read(bag, "/ticks data")
+    assert '"time": "receive"' in str(caught.value)
+
+
+def test_a_survey_shows_every_number_but_no_covariances(bag):
+    recording = open_recording(bag)
+    assert recording.clock() == Clock("header")
+    found = survey(recording, Clock("header"))
+    left = found["/joints position[left]"]
+    assert (left.count, left.low, left.high, left.whole) == (3, 0.0, 3.0, False)
+    assert left.rate == pytest.approx(10.0)
+    assert found["/ticks data"].whole
+    assert not [name for name in found if "covariance" in name or "header" in name]
+
+
+def test_an_unknown_clock_is_refused(bag):
+    with pytest.raises(InputError, match="no clock 'stamp'"):
+        read(bag, "/joints position[left]", time="stamp")
+
+
+def test_joints_that_are_missing_in_some_messages_have_fewer_readings(tmp_path, bag_writer):
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        for k in range(4):
+            names = {"left": float(k), "right": 1.0} if k % 2 else {"right": 1.0}
+            w.joints("/joints", START + 0.1 * k, START + 0.1 * k, **names)
+    assert read(tmp_path / "run", "/joints position[left]") == ([0.1, 0.3], [1.0, 3.0])
+    assert read(tmp_path / "run", "/joints position[right]")[0] == [0.0, 0.1, 0.2, 0.3]
+
+
+def test_one_file_of_a_bag_is_read_without_its_folder(tmp_path, bag_writer):
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        w.joints("/joints", START, START, left=2.0)
+    (file,) = (tmp_path / "run").glob("*.mcap")
+    assert read(file, "/joints position[left]") == ([0.0], [2.0])
+
+
+def test_a_damaged_bag_is_refused_in_one_line(tmp_path):
+    (tmp_path / "run.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
+    (tmp_path / "run.mcap").write_bytes(b"nothing at all")
+    sqlite3.connect(tmp_path / "run.db3").close()
+    (tmp_path / "run.db3").write_bytes(b"no data base")
+    for name in ("run.bag", "run.mcap", "run.db3"):
+        with pytest.raises(InputError) as caught:
+            survey(open_recording(tmp_path / name), Clock("receive"))
+        assert str(tmp_path / name) in str(caught.value)
+
+
+def test_without_rosbags_it_says_what_to_install(tmp_path, monkeypatch):
+    (tmp_path / "run.bag").write_bytes(b"#ROSBAG V2.0\n")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(InputError, match=r'pip install "castor-envs\[ros\]"'):
+        survey(open_recording(tmp_path / "run.bag"), Clock("receive"))
+
+
+def test_a_bag_is_read_message_by_message(tmp_path, bag_writer, monkeypatch):
+    """Of a topic that is not asked for, nothing is decoded; of the others one message at a time."""
+    import rosbags.highlevel
+
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        for k in range(50):
+            w.joints("/joints", START + k, START + k, left=float(k))
+            w.put("/pose", "geometry_msgs/PoseStamped", START + k, w.header(START + k), w.pose(0.0, 0.0, 0.0))
+    decoded = []
+    inner = rosbags.highlevel.AnyReader.deserialize
+    monkeypatch.setattr(
+        rosbags.highlevel.AnyReader,
+        "deserialize",
+        lambda self, raw, kind: decoded.append(kind) or inner(self, raw, kind),
+    )
+    readings = open_recording(tmp_path / "run").readings(frozenset(["/joints position[left]"]), Clock("header"))
+    for k, _ in enumerate(readings, start=1):
+        assert len(decoded) == k
+    assert set(decoded) == {"sensor_msgs/msg/JointState"}

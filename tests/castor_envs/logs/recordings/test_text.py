@@ -1,0 +1,142 @@
+"""CSV files with any columns, TUM and KITTI text."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from castor_envs.errors import InputError
+from castor_envs.logs.recordings import open_recording, recognised
+from castor_envs.logs.recordings.recording import Clock, survey
+from castor_envs.logs.trajectory_files import export_kitti, export_tum
+
+
+def written(folder, text, name="run.csv"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def read(path, channel, clock=None):
+    recording = open_recording(path)
+    found = recording.readings(frozenset([channel]), recording.clock() if clock is None else clock)
+    return [(reading.time / 1e9, reading.value) for reading in found]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,left\n0,1\n0.5,2\n",
+        "time [s];left\n0;1\n0.5;2\n",
+        "# run 7\n\n# t left\n0 1\n0.5 2\n",
+        "Robot,7\nt\tleft\n0\t1\n0.5\t2\n",
+        "left,mode,stamp_ms\n1,AUTO,0\n2,AUTO,500\n",
+        "left,timestamp\n1,1700000000000000000\n2,1700000000500000000\n",
+        "\ufeffleft,time\n1,1700000000.0\n2,1700000000.5\n",
+        "title\n,\ntime_us,left\n0,1\n\n500000,2\n",
+    ],
+)
+def test_delimiter_header_and_time_are_found(tmp_path, text):
+    (start, first), (end, second) = read(written(tmp_path, text), "left")
+    assert (first, second) == (1.0, 2.0)
+    assert end - start == pytest.approx(0.5, abs=1e-6)
+
+
+def test_columns_of_one_name_and_of_none_are_told_apart(tmp_path):
+    path = written(tmp_path, "t,x,x,\n0,1,2,3\n1,4,5,6\n")
+    assert sorted(survey(open_recording(path), Clock("t"))) == ["#4", "x", "x #3"]
+    bare = written(tmp_path, "0,1\n1,2\n", "bare.csv")
+    assert read(bare, "#2", Clock("#1")) == [(0.0, 1.0), (1.0, 2.0)]
+
+
+def test_blank_cells_are_no_reading_and_nan_is_none_either(tmp_path):
+    path = written(tmp_path, "t,left,ref\n0,1,\n1,,7\n2,3,nan\n")
+    assert read(path, "left") == [(0.0, 1.0), (2.0, 3.0)]
+    found = survey(open_recording(path), Clock("t"))
+    assert (found["left"].count, found["ref"].count) == (2, 1)
+
+
+def test_rows_without_times_need_a_period(tmp_path):
+    path = written(tmp_path, "left,right\n1,2\n3,4\n")
+    assert read(path, "right", Clock(period=0.05)) == [(0.0, 2.0), (0.05, 4.0)]
+    with pytest.raises(InputError, match="period"):
+        read(path, "right", Clock())
+
+
+@pytest.mark.parametrize(
+    ("text", "clock", "words"),
+    [
+        ("t,left\n0,1\n1,two\n", Clock("t"), [":3:", "'left'", "'two' is not a number"]),
+        ("t,left\n0,1\n1,2,3\n", Clock("t"), [":3:", "3 cells"]),
+        ("t,left\n0,1\nx,2\n", Clock("t"), [":3:", "'t'", "'x'"]),
+        ("t,left\n0,1\n1e300,2\n", Clock("t"), [":3", "is no time"]),
+        ("t,left\n0,1\n", Clock("tt"), ["no column 'tt'", "did you mean 't'"]),
+        ("name,place\nA,B\n", Clock("t"), ["no row of numbers"]),
+        ("", Clock("t"), ["no row of numbers"]),
+    ],
+)
+def test_a_mistake_is_named_with_its_place(tmp_path, text, clock, words):
+    with pytest.raises(InputError) as caught:
+        read(written(tmp_path, text), "left", clock)
+    for word in ["run.csv", *words]:
+        assert word in str(caught.value)
+
+
+def test_a_file_is_read_line_by_line(tmp_path):
+    path = written(tmp_path, "t,left\n" + "".join(f"{k},{k}\n" for k in range(10_000)) + "damaged\n")
+    readings = open_recording(path).readings(frozenset(["left"]), Clock("t"))
+    assert [reading.value for reading in itertools.islice(readings, 5000)][-1] == 4999.0
+    with pytest.raises(InputError, match=":10002:"):
+        list(readings)
+
+
+T, POSE = np.array([5.0, 5.5, 7.0]), np.array([[1.0, 2.0, 0.3], [1.5, 2.5, -3.0], [2.0, 3.0, 3.1]])
+
+
+def test_tum_text_is_read_as_it_is_exported(tmp_path):
+    export_tum(tmp_path / "truth.txt", T, POSE)
+    for column, name in enumerate(("x", "y", "heading")):
+        found = np.array(read(tmp_path / "truth.txt", name))
+        np.testing.assert_allclose(found, np.column_stack([T, POSE[:, column]]), atol=1e-9)
+
+
+def test_kitti_text_takes_times_from_a_file_or_a_period(tmp_path):
+    export_kitti(tmp_path / "truth.txt", POSE)
+    written(tmp_path, "5\n5.5\n7\n", "times.txt")
+    for clock, times in ((Clock("times.txt"), T), (Clock(period=0.2), np.array([0.0, 0.2, 0.4]))):
+        found = np.array(read(tmp_path / "truth.txt", "heading", clock))
+        np.testing.assert_allclose(found, np.column_stack([times, POSE[:, 2]]), atol=1e-9)
+    written(tmp_path, "5\n5.5\n", "times.txt")
+    with pytest.raises(InputError, match=r"truth.txt:3: times.txt holds no time"):
+        read(tmp_path / "truth.txt", "x", Clock("times.txt"))
+
+
+def test_a_kitti_cameras_heading_is_about_its_own_vertical(tmp_path):
+    """A camera that looks along z with x to its right turns left by psi: its z axis points to (-sin, 0, cos)."""
+    psi = 0.4
+    c, s = math.cos(psi), math.sin(psi)
+    written(tmp_path, f"{c} 0 {-s} 0 0 1 0 0 {s} 0 {c} 0\n", "truth.kitti")
+    assert read(tmp_path / "truth.kitti", "camera heading")[0][1] == pytest.approx(psi)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("a.txt", "# t x y z\n1 2 3 4 0 0 0 1\n", "TUM"),
+        ("a.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "KITTI"),
+        ("a.txt", "t x\n1 2\n", "CSV"),
+        ("a.csv", "1 2 3 4 0 0 0 1\n", "CSV"),
+        ("a.py", "print(1)\n", None),
+    ],
+)
+def test_what_a_file_is_shows_in_its_first_line(tmp_path, name, text, kind):
+    found = recognised(written(tmp_path, text, name))
+    assert (found is None) if kind is None else (found is not None and kind in found.name)
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file or folder"):
+        open_recording(tmp_path / "nothing")
+    with pytest.raises(InputError, match="no known kind of recording; known: CSV"):
+        open_recording(tmp_path)
