@@ -108,8 +108,9 @@ class ChannelMap:
         columns = LogColumns.of(robot)
         for key, column in self.columns.items():
             place = f"{name}: columns.{key}"
-            if key == "t" or key not in columns.known:
-                raise InputError(f"{place}: is no column of {robot.name!r}{did_you_mean(key, columns.known - {'t'})}")
+            made = {*columns.t, *columns.fix_age}  # from the times of readings
+            if key in made or key not in columns.known:
+                raise InputError(f"{place}: is no column of {robot.name!r}{did_you_mean(key, columns.known - made)}")
             if column.source not in self.sources:
                 problem = f"unknown source {column.source!r}{did_you_mean(column.source, self.sources)}"
                 raise InputError(f"{place}.source: {problem}")
@@ -123,8 +124,8 @@ class ChannelMap:
                 raise InputError(f"{place}.channel: give one, or four (x, y, z, w) with the unit 'quaternion'")
         for part, names in columns._asdict().items():
             needed = part in ("wheel", "pivot") or any(key in self.columns for key in names)
-            for key in names if needed and part != "t" else ():
-                if key not in self.columns:
+            for key in names if needed and part not in ("t", "fix_age") else ():
+                if key != "fix_psi" and key not in self.columns:  # a fix may have no heading
                     raise InputError(f"{name}: columns.{key}: is missing; add it{self._why(part)}")
 
     @staticmethod

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,6 +52,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     part = {key: track.at(t) for key, track in counts.items()}
     gyro = tracks["gyro_z"].mean_around(t) if "gyro_z" in tracks else None
     tracked = _tracked(columns, by, tracks, t)
+    fix, age = _fixes(columns, by, tracks, t)
     log = Log(
         t=t - t[0],
         wheel=_stacked([part[key] for key in columns.wheel], t),
@@ -58,16 +60,14 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
         command=_commands(robot, columns.command, by, tracks, t),
         steering_command=_commands(robot, columns.steering_command, by, tracks, t),
         gyro=None if gyro is None else gyro * radians_in(by.columns["gyro_z"].unit),
+        fix=fix,
+        fix_age=age,
     )
     if tracked is not None:
         tracked = TimedPoses(tracked.t - t[0], tracked.pose)
-        log = Log(**{**_parts(log), "reference": tracked.at(log.t)})
+        log = replace(log, reference=tracked.at(log.t))
         notes += _reference_notes(log, tracked)
     return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
-
-
-def _parts(log: Log) -> dict[str, Array | None]:
-    return {part: getattr(log, part) for part in ("t", "wheel", "pivot", "command", "steering_command", "gyro")}
 
 
 def _stacked(columns: list[Array], t: Array) -> Array:
@@ -171,6 +171,35 @@ def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t
     return TimedPoses(times[kept], pose[kept])
 
 
+def _fixes(
+    columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t: Array
+) -> tuple[Array | None, Array | None]:
+    """Return fixes (K, 3) at the first row after each, NaN where none came, and their ages (K,), s; None without any.
+
+    Of several between two rows the last one counts.
+    """
+    if columns.fix[0] not in tracks:
+        return None, None
+    of = {key: tracks[key] for key in columns.fix if key in tracks}
+    times = t[:0] if not of else next(iter(of.values())).t
+    for track in of.values():
+        times = np.intersect1d(times, track.t)
+    times = times[(times >= t[0]) & (times <= t[-1])]
+    if not len(times):
+        raise InputError(
+            f"{tracks[columns.fix[0]].where}: no fix between the first and the last row has readings of all of "
+            f"{', '.join(of)}; give the source an 'offset', or take them from one message"
+        )
+    rows, fix, age = np.searchsorted(t, times), np.full((len(t), 3), np.nan), np.full(len(t), np.nan)
+    for k, key in enumerate(columns.fix):
+        if key in of:
+            unit = by.columns[key].unit
+            factor = LENGTHS[unit] if unit in LENGTHS else 1.0 if unit == "quaternion" else radians_in(unit)
+            fix[rows, k] = factor * of[key].value[np.searchsorted(of[key].t, times)]
+    age[rows] = t[rows] - times
+    return fix, age
+
+
 def _heading(track: Track, column: Column) -> Track:
     """Return headings in rad, unwrapped; raises InputError where they are no robot's, as of degrees taken for rad."""
     read = track.scaled(1.0 if column.unit == "quaternion" else radians_in(column.unit))
@@ -215,6 +244,8 @@ def _commands(
 
 def _robot_notes(robot: RobotDescription, columns: LogColumns, log: Log) -> Iterator[str]:
     """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro that it lacks."""
+    if log.fix is not None and robot.fixes is None:
+        yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
     if log.gyro is not None and robot.gyro is None:
         yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
     steps = np.diff(log.t)

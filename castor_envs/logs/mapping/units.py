@@ -5,8 +5,8 @@ wheel_...       counts, rev, deg, rad, m (rolled by a wheel of the robot file's 
 pivot_...       counts, rev, deg, rad
 cmd_...         rad/s, deg/s, rev/s, rpm, counts/s; of wheels m/s
 gyro_z          rad/s, deg/s
-ref_x, ref_y    m, cm, mm
-ref_psi         rad, deg, quaternion
+ref_x, ref_y    m, cm, mm; so are fix_x and fix_y
+ref_psi         rad, deg, quaternion; so is fix_psi
 """
 
 import math

@@ -182,6 +182,32 @@ def test_two_clocks_agree_by_an_offset(tmp_path):
         import_log(source, ROBOT, mapped(WHEELS | reference, main={"time": "t"}, tracker=tracker))
 
 
+def test_fixes_stand_in_the_first_row_after_them_with_their_age(tmp_path):
+    """Of two between the same rows the later one; those beyond the rows are left out."""
+    seen = np.array([-0.5, 0.1, 0.505, 0.515, 1.21, 7.0])
+    table(tmp_path / "markers.csv", clock=seen, east=1000 * seen, north=2 * seen, yaw=np.degrees(3 * seen))
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE)
+    fix = {
+        "fix_x": {"channel": "east", "unit": "mm", "source": "markers"},
+        "fix_y": {"channel": "north", "unit": "m", "source": "markers"},
+    }
+    heading = {"fix_psi": {"channel": "yaw", "unit": "deg", "source": "markers"}}
+    clocks = {"main": {"time": "t"}, "markers": {"file": "markers.csv", "time": "clock"}}
+    log = import_log(source, ROBOT, mapped(WHEELS | fix | heading, **clocks)).log
+    assert log.fix is not None
+    assert log.fix_age is not None
+    rows = np.flatnonzero(np.isfinite(log.fix_age))
+    np.testing.assert_allclose(log.t[rows], [0.1, 0.52, 1.22], atol=1e-9)
+    np.testing.assert_allclose(log.fix_age[rows], [0.0, 0.005, 0.01], atol=1e-9)
+    np.testing.assert_allclose(log.fix[rows], np.outer([0.1, 0.515, 1.21], [1.0, 2.0, 3.0]), atol=1e-9)
+    write_log(tmp_path / "log.csv", log, ROBOT)
+    np.testing.assert_array_equal(read_log(tmp_path / "log.csv", ROBOT).fix, log.fix)
+    positions = import_log(source, ROBOT, mapped(WHEELS | fix, **clocks)).log.fix
+    np.testing.assert_array_equal(positions, np.where([True, True, False], log.fix, np.nan))
+    with pytest.raises(InputError, match=r"no fix between the first and the last row .* 'offset'"):
+        import_log(source, ROBOT, mapped(WHEELS | fix, main=clocks["main"], markers={**clocks["markers"], "offset": 9}))
+
+
 def test_topics_of_one_bag_may_have_two_clocks(tmp_path, bag_writer):
     """Ticks without a header, when they were received; poses by the stamps of a computer that is 3 s ahead."""
     with bag_writer(tmp_path / "run.bag", "ros1") as w:
@@ -269,6 +295,8 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
         ({"ref_psi": {"channel": "yaw", "unit": "quaternion"}}, ["columns.ref_psi.channel", "four"]),
         ({"gyro_z": {"channel": "yaw", "unit": "rad"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
         ({"t": {"unit": "s"}}, ["columns.t", "no column"]),
+        ({"fix_age": {"unit": "s"}}, ["columns.fix_age", "no column"]),
+        ({"fix_x": {"channel": "x", "unit": "m"}}, ["columns.fix_y", "is missing"]),
     ],
 )
 def test_a_wrong_map_is_refused_by_its_place(tmp_path, change, words):
