@@ -28,10 +28,13 @@ SLIP = (
 def path_map(drive: Drive, names: Sequence[str], places: Sequence[Place] = ()) -> FloorMap:
     """Return the true and all estimated paths on the floor; of a train those of its front axle, the rear one faint.
 
+    Of a single pose of a train, its axles, joined from the front to the rear.
     names: of all estimators of the page, by whose order they have their colours. places: where contacts slipped.
     """
     lines, spots = [], []
-    if drive.dense:
+    if len(drive.samples) == 1 and drive.start.ndim > 1:
+        lines.append(Line(drive.truth[:, 0], "true", "true places of the axles, joined"))
+    elif drive.dense:
         assert drive.log.reference is not None
         width = drive.log.reference.shape[1]
         if width > 3:
@@ -40,9 +43,9 @@ def path_map(drive: Drive, names: Sequence[str], places: Sequence[Place] = ()) -
     else:
         known = front(drive.truth)[drive.known, :2].tolist()
         spots += [Spot(x, y, 4.0, "start", "reference pose") for x, y in known]
-    lines += [
-        Line(front(poses), f"estimate s{color_of(names.index(name))}", name) for name, poses in drive.estimates.items()
-    ]
+    for name, poses in drive.estimates.items():
+        path = poses[:, 0] if len(drive.samples) == 1 and poses.ndim > 2 else front(poses)
+        lines.append(Line(path, f"estimate s{color_of(names.index(name))}", name))
     x, y = np.atleast_2d(drive.start)[0, :2].tolist()
     spots.append(Spot(x, y, 6.0, "start", "start"))
     largest = max((place.slip for place in places), default=1.0)
@@ -58,8 +61,8 @@ def path_map(drive: Drive, names: Sequence[str], places: Sequence[Place] = ()) -
 
 
 def error_charts(drive: Drive, names: Sequence[str]) -> list[Chart]:
-    """Return position and heading errors against the distance driven; none without a reference."""
-    if not drive.known.any() or not drive.estimates:
+    """Return position and heading errors against the distance driven; none without a path."""
+    if drive.known.sum() < 2 or not drive.estimates:
         return []
     of = {name: drive.errors(name) for name in drive.estimates}
     ends = "; ".join(f"{name} ends {1e3 * of[name][0][drive.known][-1]:.3g} mm off" for name in of)

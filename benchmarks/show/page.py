@@ -47,7 +47,7 @@ def drawn(drive: Drive, names: list[str]) -> dict[str, Any]:
         "vehicle": drive.vehicle.name,
         "duration": float(drive.log.t[-1] - drive.log.t[0]),
         "way": float(drive.way[-1]),
-        "posed": bool(drive.known.any()),
+        "truth": "true path" if drive.dense else "reference poses" if drive.known.any() else None,
         "floor": drive.floor,
         "map": path_map(drive, names, places),
         "errors": error_charts(drive, names),

@@ -25,8 +25,9 @@ WINDOW = 0.5
 """s: long enough that rounding and the jitter of a tracker average out, and short enough to see one cable."""
 MOST_PLACES = 5
 """That a page names, the worst ones."""
-LEAST = 3.0
-"""Of the usual slip in a window (the median), that a place must have to be named: below, it is noise."""
+LEAST, LEAST_METRES = 3.0, 3e-4
+"""What a place must have to be named: of the usual slip in a window (the median), below which it is noise, and m, which
+the rounding of counts reaches."""
 
 
 class Place(NamedTuple):
@@ -73,7 +74,7 @@ class Slips:
                 float(self.way[k]),
             )
             for k in np.argsort(-size)[:MOST_PLACES].tolist()
-            if size[k] > LEAST * usual
+            if size[k] > max(LEAST * usual, LEAST_METRES)
         ]
 
 
