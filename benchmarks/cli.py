@@ -9,15 +9,27 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from benchmarks.calibrate import calibrate_logs
+from benchmarks.cli_show import compare, page, show
 from benchmarks.import_recording import import_source
 from benchmarks.leaderboard import board as boards
 from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import overviews_markdown, print_overviews
-from benchmarks.leaderboard.page import as_html
 from benchmarks.leaderboard.views import as_csv, as_json, as_markdown, print_leaderboard
+from benchmarks.options import (
+    DEFAULT_RESULTS,
+    LOADING,
+    GroupNames,
+    MeasuredData,
+    OtherRobotName,
+    Results,
+    TaskNames,
+    above_zero,
+    at_least,
+    console,
+    with_rows,
+)
 from benchmarks.papers import select_tables
 from benchmarks.papers.assumptions import Assumptions, with_assumptions
 from benchmarks.papers.comparison import Effort, compute_tables
@@ -31,6 +43,7 @@ from benchmarks.run.check import check_apart
 from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
 from benchmarks.run.task_plugins import with_plugged
+from benchmarks.site.pages import single_page
 from benchmarks.tasks import official_tasks, select_tasks, tasks_by_group, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs import command_line
@@ -46,30 +59,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-TaskNames = Annotated[
-    list[str] | None,
-    typer.Option("--task", help="Only this task: a name, or file.py[:Class] (may be given several times)."),
-]
-GroupNames = Annotated[
-    list[str] | None, typer.Option("--group", help="Only the tasks of this group (may be given several times).")
-]
-Results = Annotated[Path, typer.Option("--results", help="The folder that results are kept in.")]
-MeasuredData = Annotated[
-    Path | None,
-    typer.Option("--measured", envvar="CASTOR_DATA", help="The folder with measured data."),
-]
-OtherRobotName = Annotated[
-    str | None,
-    typer.Option("--robot", help="Another robot for the tasks of squares: a preset's name or a robot file."),
-]
 MOST_NAMED = 5
 """Most failures that are named in the last line of a run, so that it fits in one or two lines."""
 MOST_DETAILED = 3
 """Most tasks whose whole boards are shown after a run; of more the overview is shown."""
 DETAILS = "details: castor-bench leaderboard TASK..., or --group NAME"
-LOADING = 60.0
-"""s: how long a task of a file may take to be loaded, where no option says."""
-DEFAULT_RESULTS = Path("castor-results")
 
 
 def main() -> None:
@@ -111,9 +105,9 @@ def run(
     named, only the tasks that judge estimators are run; if calibration methods are named, only theirs. With --robot the
     tasks of squares are run on that robot instead; their boards are not official and are kept apart.
     """
-    _at_least("--cases", cases, 1)
-    _at_least("--jobs", jobs, 1, 256)
-    _above_zero("--timeout", timeout)
+    at_least("--cases", cases, 1)
+    at_least("--jobs", jobs, 1, 256)
+    above_zero("--timeout", timeout)
     check_results_folder(results)
     user_robot = None if robot is None else OtherRobot.load(robot)
     choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot, group or [])
@@ -129,9 +123,9 @@ def run(
     shown = [task.name for task in choice.tasks] if detailed else []
     again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])
     if detailed:
-        print_leaderboard(board, _console())
+        print_leaderboard(board, console())
     else:
-        print_overviews(board, _console())
+        print_overviews(board, console())
         print(DETAILS)
     print(f"\nresults in {results}; show them again: {again}")
     failures = [*failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
@@ -160,26 +154,26 @@ def leaderboard(
     names = [*(tasks or []), *(task or [])]
     known, names = with_plugged(with_stored_robots(official_tasks(), results), names, LOADING)
     chosen = select_tasks(known, names, group or [])
-    _at_least("--cases", cases, 1)
+    at_least("--cases", cases, 1)
     if as_json_text + as_markdown_text + as_csv_text + as_html_text > 1:
         raise InputError("choose one of --json, --markdown, --csv and --html")
     check_results_folder(results, write=False)
-    _with_rows(results)
+    with_rows(results)
     board, detailed = boards.build(chosen, results, cases), bool(names or group)
     if as_json_text:
         print(json.dumps(as_json(board), indent=2, allow_nan=False))
     elif as_csv_text:
         print(as_csv(board), end="")
     elif as_html_text:
-        print(as_html(board))
+        print(single_page(board), end="")
     elif as_markdown_text:
         print(
             as_markdown(board) if detailed else f"{overviews_markdown(overviews(board.boards))}\n{as_markdown(board)}"
         )
     elif detailed:
-        print_leaderboard(board, _console())
+        print_leaderboard(board, console())
     else:
-        print_overviews(board, _console())
+        print_overviews(board, console())
         print(DETAILS)
 
 
@@ -192,7 +186,7 @@ def check(
     timeout: Annotated[float, typer.Option(help="Seconds that each step may take.")] = 60.0,
 ) -> None:
     """Check an estimator before a benchmark does; exit code 1 if anything is wrong with it."""
-    _above_zero("--timeout", timeout)
+    above_zero("--timeout", timeout)
     findings = check_apart(estimator, None if robot is None else load_vehicle(robot), timeout, _print_now)
     for finding in findings:
         print(f"ok     {finding.name}" if finding.passed else f"WRONG  {finding.name}: {finding.message}")
@@ -208,7 +202,7 @@ def rescore(
 ) -> None:
     """Compute scores again from stored episodes and trajectories, for example for a new metric; no estimator runs."""
     check_results_folder(results, write=not dry_run)
-    _with_rows(results)
+    with_rows(results)
     for chosen in select_tasks(*with_plugged(with_stored_robots(official_tasks(), results), task or [], LOADING)):
         rescored = rescore_task(results, chosen, write=not dry_run)
         if rescored.rows:
@@ -236,10 +230,10 @@ def export(
     """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text."""
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
     (chosen,) = select_tasks(*with_plugged(known, [task], LOADING))
-    _at_least("--cases", cases, 1)
+    at_least("--cases", cases, 1)
     if results is not None:
         check_results_folder(results, write=False)
-        _with_rows(results)
+        with_rows(results)
     export_cases(chosen, chosen.cases(cases), out, export_form(form), results)
     print(f"{out}: {len(chosen.cases(cases))} case(s) of {chosen.name}")
 
@@ -256,12 +250,12 @@ def tables(
     figures: Annotated[Path | None, typer.Option(help="Write pictures (PNG) of Vogt's tests into this folder.")] = None,
 ) -> None:
     """Print the tables of papers beside ours, and where the papers' metrics fail."""
-    _at_least("--sets", sets, 2)
+    at_least("--sets", sets, 2)
     sources = select_tables(table or [])
     pictures = [] if figures is None else draw(figures)
     with TerminalProgress() if sys.stderr.isatty() else nullcontext(SilentProgress()) as progress:
         computed = compute_tables(sources, Effort(sets, progress, assumptions))
-    show_tables(computed, pictures, _console(), as_json_text)
+    show_tables(computed, pictures, console(), as_json_text)
 
 
 @app.command()
@@ -285,7 +279,7 @@ def calibrate(
     correction from squares (Borenstein and Feng) takes UMBmark squares of a differential robot, both ways, with its
     true pose at start and end.
     """
-    calibrate_logs(logs, robot, out, method, side, pivots, scatter, as_json_text, _console())
+    calibrate_logs(logs, robot, out, method, side, pivots, scatter, as_json_text, console())
 
 
 @app.command("import")
@@ -328,27 +322,9 @@ def list_known() -> None:
         print(f"  {name}: {', '.join(builtin_names(load_train(name))) or 'no built-in estimator applies'}")
 
 
-def _with_rows(results: Path) -> None:
-    """Raise InputError for a results folder without rows."""
-    if not (results / "rows").is_dir():
-        raise InputError(f"no results in {results}; run castor-bench run first, or name the folder with --results")
-
-
 def _print_now(line: str) -> None:
     print(line, flush=True)
 
 
-def _above_zero(option: str, value: float) -> None:
-    if not 0 < value <= 1e6:
-        raise InputError(f"{option} must be above 0 and at most 1e6, got {value:g}")
-
-
-def _at_least(option: str, value: int | None, least: int, limit: int = 100_000) -> None:
-    if value is not None and not least <= value <= limit:
-        raise InputError(f"{option} must lie between {least} and {limit}, got {value}")
-
-
-def _console() -> Console:
-    """Return a console; text that goes to a file or a pipe is not cut to 80 columns."""
-    console = Console()
-    return console if console.is_terminal else Console(width=160)
+for command in (show, compare, page):
+    app.command()(command)

@@ -4,8 +4,10 @@ import contextlib
 import json
 import os
 import re
+import shutil
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,26 @@ def write_atomically(path: Path, content: str | bytes) -> None:
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+@contextlib.contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Give a folder to fill that becomes `out` at the end; after an error nothing is left of it.
+
+    Raises InputError where `out`, named by the option --out, exists already or cannot be written.
+    """
+    if out.exists() or out.is_symlink():
+        raise InputError(f"--out {out}: is there already; name a new folder")
+    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        yield partial
+        partial.rename(out)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _locked_temporary(path: Path) -> tuple[int, str]:

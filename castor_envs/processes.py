@@ -19,7 +19,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
@@ -119,6 +119,17 @@ class Agenda(Protocol):
     def next_job(self) -> Job | None:
         """Return the next job, None if there is none at present."""
         ...
+
+
+class InOrder:
+    """Jobs known from the start, one after another."""
+
+    def __init__(self, jobs: Iterable[Job]):
+        self._jobs = iter(jobs)
+
+    def next_job(self) -> Job | None:
+        """Return the next job, None after the last."""
+        return next(self._jobs, None)
 
 
 def run_jobs(agenda: Agenda, processes: int) -> Generator[tuple[Job, Outcome], None, None]:

@@ -86,7 +86,7 @@ def print_overviews(leaderboard: Leaderboard, console: Console) -> None:
             say(console, note)
     if tables:
         say(console, "")
-    for note in (*(MEANING if tables else ("no results",)), *_not_run(leaderboard), *general_notes(leaderboard)):
+    for note in (*(MEANING if tables else ("no results",)), *not_run(leaderboard), *general_notes(leaderboard)):
         say(console, note)
 
 
@@ -141,7 +141,7 @@ def _parts(columns: list[Column], width: int) -> Iterator[list[Column]]:
     yield part
 
 
-def _not_run(leaderboard: Leaderboard) -> list[str]:
+def not_run(leaderboard: Leaderboard) -> list[str]:
     """Return which tasks could not be run, by the reason."""
     reasons: dict[str, list[str]] = {}
     for board in leaderboard.boards:

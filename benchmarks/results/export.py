@@ -1,7 +1,6 @@
 """Episodes as files for people and other programs: logs as CSV, poses as TUM or KITTI text."""
 
 import re
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
@@ -10,6 +9,7 @@ from benchmarks.results.episodes import write_episode
 from benchmarks.results.rows import ResultsStore
 from benchmarks.tasks.task import Case, Episode, Task
 from castor_envs.errors import InputError, did_you_mean
+from castor_envs.files import new_folder
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.trajectory_files import export_kitti, export_tum
 
@@ -34,11 +34,7 @@ def export_cases(task: Task, cases: Sequence[Case], out: Path, form: Form, resul
         raise InputError("--results adds estimated poses; choose --format tum or --format kitti for them")
     if task.missing is not None:
         raise InputError(f"task {task.name}: {task.missing}")
-    if out.exists():
-        raise InputError(f"--out {out}: is there already; name a new folder")
-    partial = out.with_name(f".{out.name}.partial")
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
+    with new_folder(out) as partial:
         for case in cases:
             episode = task.record(case)
             if form == "csv":
@@ -46,10 +42,6 @@ def export_cases(task: Task, cases: Sequence[Case], out: Path, form: Form, resul
             else:
                 estimates = {} if results is None else stored_estimates(results, task, case, episode)
                 write_poses(partial / f"case-{case}", episode, form, estimates)
-        partial.rename(out)
-    except OSError as error:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
 
 
 def stored_estimates(results: Path, task: Task, case: Case, episode: Episode) -> dict[str, tuple[Array, ...]]:

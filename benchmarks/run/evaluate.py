@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,24 @@ class Work:
 def owner_of(entry: Competitor) -> tuple[str, str] | str:
     """Return the owner of an estimator's code: a plug-in shares a worker process with no other code."""
     return "built in" if entry.builtin else (entry.spec, entry.source_hash)
+
+
+def answered(outcome: Outcome, timeout: float, doing: str) -> Any:
+    """Return what an estimator's job returned, or how it failed within a time limit (s).
+
+    Raises what the job raised, if that is no failure of the estimator's; `doing` then says what was going on.
+    """
+    match outcome:
+        case Done(value):
+            return value
+        case TimedOut():
+            return Failure(f"took over {timeout:g} s")
+        case Died(exit_code):
+            return Failure(f"ended its process (exit code {exit_code})")
+        case Exceeded(excess):
+            return Failure(excess)
+        case Raised() as raised:
+            raise raised.again(doing)
 
 
 class Estimating:
@@ -95,17 +114,9 @@ class Estimating:
 
     def _take(self, work: Work, outcome: Outcome) -> None:
         """Store the outcome of a job; a stack that failed as a whole is tried again case by case."""
-        match outcome:
-            case Done(value):
-                answer = value if work.stacked or isinstance(value, Failure) else [value]
-            case TimedOut():
-                answer = Failure(f"took over {self._timeout:g} s")
-            case Died(exit_code):
-                answer = Failure(f"ended its process (exit code {exit_code})")
-            case Exceeded(excess):
-                answer = Failure(excess)
-            case Raised() as raised:
-                raise raised.again(f"task {work.task.name}, estimator {work.entry.name}")
+        answer = answered(outcome, self._timeout, f"task {work.task.name}, estimator {work.entry.name}")
+        if isinstance(outcome, Done) and not (work.stacked or isinstance(answer, Failure)):
+            answer = [answer]
         if isinstance(answer, list):
             for (case, episode), result in zip(work.episodes.items(), answer, strict=True):
                 self._store(work, case, episode, result)

@@ -18,7 +18,7 @@ from benchmarks.run.record import record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task, odometry_of
-from castor_envs.processes import Done, Job, run_jobs
+from castor_envs.processes import Done, InOrder, Job, run_jobs
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import CalibrationEntry
 
@@ -158,7 +158,7 @@ class _Run:
         """Measure what an update costs, for each estimator on the first run it can follow in a task."""
         jobs = [job for a in plan for entry in a.estimators if (job := self._timing(a, entry)) is not None]
         self.progress.start("timing updates", len(jobs))
-        with closing(run_jobs(_InOrder(jobs), self.processes)) as outcomes:
+        with closing(run_jobs(InOrder(jobs), self.processes)) as outcomes:
             for job, outcome in outcomes:
                 if isinstance(outcome, Done) and isinstance(outcome.value, UpdateCost):
                     task, entry = job.subject
@@ -180,13 +180,3 @@ class _Run:
                 # Twice the time limit of an episode: each run is followed twice.
                 return Job(time_updates, arguments, (task, entry), 2 * self.timeout, owner_of(entry))
         return None
-
-
-class _InOrder:
-    """Jobs known from the start, one after another."""
-
-    def __init__(self, jobs: Sequence[Job]):
-        self._jobs = iter(jobs)
-
-    def next_job(self) -> Job | None:
-        return next(self._jobs, None)

@@ -1,6 +1,6 @@
 """The first stage of a run: record every episode that is needed and not there yet, in worker processes."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from benchmarks.progress import RunProgress
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.tasks.task import Case, Task
 from castor_envs.errors import InputError
-from castor_envs.processes import Done, Job, Raised, run_jobs
+from castor_envs.processes import Done, InOrder, Job, Raised, run_jobs
 
 
 def record_missing(
@@ -21,7 +21,7 @@ def record_missing(
     needed = list(needed)
     problems: dict[str, str] = {}
     progress.start("recording episodes", len(needed))
-    jobs = _Jobs(Job(record_episode, (results, task, case), (task, case)) for task, case in needed)
+    jobs = InOrder(Job(record_episode, (results, task, case), (task, case)) for task, case in needed)
     with closing(run_jobs(jobs, processes)) as outcomes:
         for job, outcome in outcomes:
             task, case = job.subject
@@ -46,13 +46,3 @@ def record_episode(results: Path, task: Task, case: Case) -> str | None:
         return str(error)
     EpisodeStore(results).save(task, case, episode)
     return None
-
-
-class _Jobs:
-    """Jobs known from the start."""
-
-    def __init__(self, jobs: Iterator[Job]):
-        self._jobs = jobs
-
-    def next_job(self) -> Job | None:
-        return next(self._jobs, None)

@@ -67,10 +67,8 @@ class Renderer:
         """
         pose = np.asarray(pose, dtype=float)
         shape = self._figure.checked(pose, shape, None if estimate is None else np.asarray(estimate), sliding)
-        drawn_estimate = finite_or_none(estimate)
-        scene, axles = self._scene, np.atleast_2d(pose)
-        front = None if drawn_estimate is None else np.atleast_2d(drawn_estimate)[0]
-        scene.lengthen(axles[0], front, target, rear=axles[-1] if len(axles) > 1 else None)
+        drawn_estimate, scene = finite_or_none(estimate), self._scene
+        self.lengthen(pose, estimate, target)
         if scene.dismissed:
             return None
 
@@ -80,6 +78,12 @@ class Renderer:
             self._figure.draw_ghost(scene.canvas, self.view, drawn_estimate)
             draw_error(scene.canvas, self.view, pose, drawn_estimate)
         return scene.finish(time, sliding is not None)
+
+    def lengthen(self, pose: ArrayLike, estimate: ArrayLike | None = None, target: ArrayLike | None = None) -> None:
+        """Extend the paths as `draw` does, without drawing: for what happens between two pictures."""
+        axles, drawn_estimate = np.atleast_2d(np.asarray(pose, dtype=float)), finite_or_none(estimate)
+        front = None if drawn_estimate is None else np.atleast_2d(drawn_estimate)[0]
+        self._scene.lengthen(axles[0], front, target, rear=axles[-1] if len(axles) > 1 else None)
 
     def close(self) -> None:
         """Close the window, if one is open."""

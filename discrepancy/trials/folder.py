@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, remove_leftovers, write_json
-from castor_envs.processes import Done, Job, Raised, run_jobs
+from castor_envs.processes import Done, InOrder, Job, Raised, run_jobs
 
 Task = tuple[Callable[..., None], tuple[Any, ...]]
 """A function and its arguments."""
@@ -140,7 +140,8 @@ def do_all(tasks: Sequence[Task], jobs: int | None) -> None:
     if not tasks:
         return
     jobs = min(jobs or os.cpu_count() or 1, len(tasks))
-    with closing(run_jobs(_InOrder(tasks), jobs)) as outcomes:
+    listed = InOrder(Job(_in_one_thread, task, task[0].__name__.strip("_")) for task in tasks)
+    with closing(run_jobs(listed, jobs)) as outcomes:
         for job, outcome in outcomes:
             match outcome:
                 case Done():
@@ -149,16 +150,6 @@ def do_all(tasks: Sequence[Task], jobs: int | None) -> None:
                     raise raised.again(f"trial, {job.subject}")
                 case _:
                     raise RuntimeError(f"trial, {job.subject}: {outcome}")
-
-
-class _InOrder:
-    """Tasks known from the start, one after another."""
-
-    def __init__(self, tasks: Sequence[Task]):
-        self._jobs = iter([Job(_in_one_thread, task, task[0].__name__.strip("_")) for task in tasks])
-
-    def next_job(self) -> Job | None:
-        return next(self._jobs, None)
 
 
 def _in_one_thread(work: Callable[..., None], given: tuple[Any, ...]) -> None:

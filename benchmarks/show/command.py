@@ -1,0 +1,145 @@
+"""``castor-bench show``: one case of a task, or one log, followed by estimators now."""
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.results.provenance import provenance
+from benchmarks.run.choose import entries_named
+from benchmarks.run.evaluate import Competitor
+from benchmarks.scoring.registry import score
+from benchmarks.show.drives import Drive, Shown, drive_of, drives_of
+from benchmarks.show.follow import Answer, calibrated, failures, follow, poses
+from benchmarks.tasks.task import Case, Episode, Run, Task, odometry_of
+from castor_envs.errors import InputError
+from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.csv import read_log
+from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.train import TrainDescription
+from estimators.plugins.registry import CALIBRATION, builtin_names, load_calibration, load_estimator
+
+USUAL = ("wheel-odometry", "filter", "cast-0", "dead-reckoning-1")
+USUAL_OF_TRAINS = ("train-odometry", "train-filter", "grpec-xy")
+"""Those of the built-in estimators that are shown where none is named, as far as they serve the vehicle."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """Who follows: specs of estimators and of calibration methods, s that each may take, processes."""
+
+    estimators: Sequence[str] = ()
+    methods: Sequence[str] = ()
+    timeout: float = 60.0
+    processes: int = 1
+
+    def competitors(self, vehicle: Vehicle, of_methods: bool) -> tuple[Competitor, ...]:
+        """Return those who are named, or the usual ones; raises InputError for the wrong kind and unknown names."""
+        if of_methods:
+            if self.estimators:
+                raise InputError("--estimator: this task judges calibration methods; name them with --method")
+            return entries_named(self.methods or tuple(CALIBRATION.built_in), self.timeout, load_calibration)
+        if self.methods:
+            raise InputError("--method: calibration methods are shown in calibration tasks alone; name --task")
+        usual = USUAL_OF_TRAINS if isinstance(vehicle, TrainDescription) else USUAL
+        serving = [name for name in usual if name in builtin_names(vehicle)]
+        return entries_named(self.estimators or serving, self.timeout, load_estimator)
+
+
+def case_of(task: Task, text: str | None) -> Case:
+    """Return the case of a task that a text names, None: the first; raises InputError for one that it does not have."""
+    if task.missing is not None:
+        raise InputError(f"task {task.name}: {task.missing}")
+    official = task.cases()
+    if text is None:
+        return official[0]
+    if isinstance(official[0], int):
+        if not text.isdecimal() or not text.isascii() or int(text) >= 2**63:
+            raise InputError(f"--case {text}: cases of {task.name} are numbers; 0 to {len(official) - 1} are official")
+        return int(text)
+    if text not in official:
+        raise InputError(f"--case {text}: {task.name} has no such case; it has {', '.join(map(str, official))}")
+    return text
+
+
+def show_case(task: Task, case: Case, by: Following) -> Shown:
+    """Record one case of a task, let estimators or methods follow it, and return what is shown of it.
+
+    The scores are those that a run of the benchmark gives.
+    """
+    episode = task.record(case)
+    who = by.competitors(episode.robot, of_methods=odometry_of(task) is not None)
+    followed, failed, scores = _followed(episode, who, by)
+    option = "--method" if odometry_of(task) is not None else "--estimator"
+    named = [word for entry in who for word in (option, entry.spec)]
+    return Shown(
+        title=f"{task.title}, case {case}",
+        subtitle=task.description,
+        drives=followed,
+        failed=failed,
+        scores=scores,
+        commands=[shlex.join(["castor-bench", "show", "--task", task.name, "--case", str(case), *named])],
+        origin={"task": f"{task.name}, version {task.version}", "episode": episode.digest} | _now(),
+    )
+
+
+def show_log(path: Path, robot: str, floor: Path | None, by: Following) -> Shown:
+    """Read a log, let estimators follow it, and return what is shown of it; without a reference there are no scores."""
+    vehicle = load_vehicle(robot)
+    ground = None if floor is None else Floor.load(floor)
+    drive = drive_of(path.name, vehicle, read_log(path, vehicle), ground)
+    who = by.competitors(vehicle, of_methods=False)
+    if not drive.known.any():
+        answers = follow([drive], who, by.timeout, by.processes)
+        followed, failed, scores = [drive.followed(poses(answers, 0))], failures(answers), {}
+    else:
+        run = Run(drive.log, floor=ground)
+        drive = replace(drive, samples=np.union1d(drive.samples, run.samples))
+        followed, failed, scores = _followed(Episode(vehicle, (run,)), who, by, [drive])
+    named = [word for entry in who for word in ("--estimator", entry.spec)]
+    on = [] if floor is None else ["--floor", str(floor)]
+    return Shown(
+        title=path.name,
+        subtitle=f"A log of {vehicle.name}",
+        drives=followed,
+        failed=failed,
+        scores=scores,
+        commands=[shlex.join(["castor-bench", "show", str(path), "--robot", robot, *on, *named])],
+        origin={"robot": vehicle.hash()} | _now(),
+    )
+
+
+def _followed(
+    episode: Episode, who: Sequence[Competitor], by: Following, drives: Sequence[Drive] | None = None
+) -> tuple[list[Drive], dict[str, str], dict[str, dict[str, float]]]:
+    """Return an episode's drives with estimates, why others failed, and the scores."""
+    drives = drives_of(episode) if drives is None else drives
+    answers = follow(drives, who, by.timeout, by.processes, episode)
+    scores = {
+        name: _scores(episode, drives, [poses(answers, k)[name] for k in range(len(drives))], answer)
+        for name, answer in answers.items()
+        if name not in failures(answers)
+    }
+    return [drive.followed(poses(answers, k)) for k, drive in enumerate(drives)], failures(answers), scores
+
+
+def _scores(episode: Episode, drives: Sequence[Drive], estimates: Sequence[Array], answer: Answer) -> dict[str, float]:
+    """Return the scores, by the poses at the samples that a run of the benchmark compares."""
+    compared = []
+    for run, drive, estimate in zip(episode.runs, drives, estimates, strict=True):
+        compared.append(estimate[..., np.searchsorted(drive.samples, run.samples), :])
+    found = score(episode, compared, calibrated(answer))
+    return {name: value for name, value in found.items() if np.isfinite(value)}
+
+
+def _now() -> dict[str, str]:
+    """Return by what the page was made."""
+    origin = provenance()
+    return {
+        "made": origin.created.strftime("%Y-%m-%d %H:%M UTC"),
+        "versions": ", ".join(f"{name} {version}" for name, version in origin.versions.items()),
+        "world": origin.world,
+    }

@@ -1,0 +1,1 @@
+"""The boards and comparisons of a results folder as static pages that fetch nothing."""

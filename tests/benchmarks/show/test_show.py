@@ -1,0 +1,124 @@
+"""`castor-bench show`: the scores are those of a run, the page stands alone, pictures are what was asked for."""
+
+import importlib
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks import cli, cli_show
+from benchmarks.results.rows import ResultsStore
+from benchmarks.run import choose
+from benchmarks.run.plan import Assignment, run
+from benchmarks.show.command import Following, show_case
+from castor_envs import command_line
+from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.logs.csv import write_log
+from castor_envs.vehicles.presets import differential
+from estimators.plugins.registry import load_estimator
+
+
+@pytest.fixture
+def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, jobs_here):
+    """Return a function that runs the command on the fake task, in an empty folder; it returns code, out and err."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for module in (cli, cli_show, choose):
+        monkeypatch.setattr(module, "official_tasks", lambda measured=None: (fake_tasks.Arcs(),))
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as leaving:
+            command_line.run(cli.app, [str(argument) for argument in arguments])
+        read = capsys.readouterr()
+        return leaving.value.code, read.out, read.err
+
+    return call
+
+
+def test_scores_are_those_of_a_run(fake_tasks, plugin, jobs_here, tmp_path):
+    task, spec = fake_tasks.Arcs(), plugin("followers:Follower")
+    run([Assignment(task, (3,), (load_estimator(spec),))], tmp_path)
+    (row,) = ResultsStore(tmp_path).rows(task.name, task.version)
+    shown = show_case(task, 3, Following([spec]))
+    assert shown.scores == {"followers:Follower": pytest.approx(row.scores, rel=1e-12)}
+    assert shown.origin["episode"] == row.episode
+
+
+def test_a_case_becomes_a_page_that_repeats_itself(castor_bench, plugin, tmp_path):
+    spec = plugin("followers:Follower")
+    code, out, err = castor_bench("show", "--task", "arcs", "--case", 2, "--estimator", spec)
+    assert (code, out, err) == (0, "castor-show.html\n", "")
+    page = (tmp_path / "here" / "castor-show.html").read_text(encoding="utf-8")
+    assert f"castor-bench show --task arcs --case 2 --estimator {spec}" in page
+    assert ("run 1, cw" in page, "run 2, ccw" in page) == (True, True)
+    assert not re.search(r"""(?:src|href)=["'](?!#)""", page)  # nothing is fetched, nothing beside it needed
+    assert castor_bench("show", "--task", "arcs", "--estimator", spec)[0] == 0  # a page of this command is replaced
+
+
+def test_a_log_is_shown_on_its_floor_and_with_pictures(castor_bench, fake_tasks, tmp_path):
+    log, here = fake_tasks.Arcs(samples=21).record(0).runs[0].log, tmp_path / "here"
+    robot = differential()
+    write_log(here / "drive.csv", log, robot)
+    patch = Patch(center=(0.5, 0.0), size=(0.3, 0.2), friction=0.05)
+    Floor(patches=(patch,), cables=(Cable(center=(1, 0), direction=1.5, length=0.1, diameter=0.01),)).save("floor.json")
+    arguments = ("--robot", "differential", "--floor", "floor.json", "--png", "end.png", "--gif", "drive.gif")
+    code, out, err = castor_bench("show", "drive.csv", *arguments, "--estimator", "wheel-odometry")
+    assert (code, out, err) == (0, "castor-show.html, end.png, drive.gif\n", "")
+    page = (here / "castor-show.html").read_text(encoding="utf-8")
+    assert "1 patches and 1 cables" in page.replace("\n", " ")
+    assert page.count('class="slippery"') == page.count('class="cable"') == 1
+    with Image.open(here / "end.png") as end, Image.open(here / "drive.gif") as moving:
+        assert (end.format, moving.format) == ("PNG", "GIF")
+        assert moving.n_frames == 21
+        first = np.asarray(moving.convert("RGB"), dtype=int)
+        moving.seek(20)
+        last = np.asarray(moving.convert("RGB"), dtype=int)
+        assert np.abs(last - first).max() > 50  # it moves
+        assert np.abs(last - np.asarray(end, dtype=int)).mean() < 3  # and ends as the picture of the end
+
+
+def test_a_log_without_reference_has_no_scores_and_no_picture(castor_bench, fake_tasks, tmp_path):
+    log = fake_tasks.Arcs().record(0).runs[0].log
+    write_log(tmp_path / "here" / "blind.csv", type(log)(log.t, log.wheel, log.pivot), differential())
+    arguments = ("show", "blind.csv", "--robot", "differential", "--estimator", "wheel-odometry")
+    assert castor_bench(*arguments)[0] == 0
+    page = (tmp_path / "here" / "castor-show.html").read_text(encoding="utf-8")
+    assert "nobody knows how far estimates are off" in page
+    assert "position error" not in page.partition("</style>")[2].partition("<script>")[0]
+    code, _, err = castor_bench(*arguments, "--gif", "blind.gif")
+    assert (code, "there is no reference pose" in err) == (2, True)
+
+
+MISTAKES = {
+    "nothing": ((), "give a log and --robot, or --task"),
+    "both": (("a.csv", "--task", "arcs"), "give a log and --robot, or --task"),
+    "no robot": (("a.csv",), "name the robot that made it with --robot"),
+    "no log": (("a.csv", "--robot", "differential"), "a.csv: cannot be read"),
+    "case of a log": (("a.csv", "--robot", "differential", "--case", "1"), "--case: is of a task"),
+    "no case": (("--task", "arcs", "--case", "one"), "cases of arcs are numbers; 0 to 7 are official"),
+    "floor of a task": (("--task", "arcs", "--floor", "f.json"), "a task has a floor of its own"),
+    "method": (("--task", "arcs", "--method", "pivoting"), "calibration methods are shown in calibration tasks alone"),
+    "ending": (("--task", "arcs", "--png", "a.gif"), "--png a.gif: its name must end in .png"),
+    "run": (("--task", "arcs", "--run", "3"), "--run 3: there are 2 runs"),
+    "other file": (("--task", "arcs", "--out", "mine.html"), "is there already, and no page of this command"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_are_one_clear_line(castor_bench, tmp_path, name):
+    (tmp_path / "here" / "mine.html").write_text("<p>mine</p>")
+    arguments, said = MISTAKES[name]
+    code, _, err = castor_bench("show", *arguments)
+    assert code == 2
+    assert said in err
+    assert err.count("\n") == 1
+    assert (tmp_path / "here" / "mine.html").read_text() == "<p>mine</p>"
+
+
+def test_a_calibration_task_shows_what_methods_return(castor_bench, monkeypatch):
+    task = importlib.import_module("fake_calibrations").CalibrationByArcs()
+    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: (task,))
+    code, out, err = castor_bench("show", "--task", task.name, "--method", "uncalibrated")
+    assert (code, out, err) == (0, "castor-show.html\n", "")

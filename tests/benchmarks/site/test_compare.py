@@ -1,0 +1,96 @@
+"""Comparisons: verdicts and intervals of known differences, the cases that differ most, and what is left out."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_rel
+
+from benchmarks.site.compare import Verdict, compare, rows_by_task, side_of
+from benchmarks.site.compare_views import notes, signed, write_comparison
+from castor_envs.errors import InputError
+
+
+@pytest.fixture
+def against(results):
+    """Return a function that compares two on the fake task."""
+
+    def of(first, second, stored=None):
+        rows = stored or rows_by_task([results.task], results.folder)
+        sides = [side_of(text, rows, results.folder, 60.0) for text in (first, second)]
+        (found,) = compare(*sides, rows, [results.task], results.folder)
+        return found
+
+    return of
+
+
+def test_verdicts_have_a_direction(against):
+    assert against("good", "worse").verdict is Verdict.BETTER
+    assert against("worse", "good").verdict is Verdict.WORSE
+    assert against("good", "equal").verdict is Verdict.ALIKE
+
+
+def test_the_interval_is_that_of_paired_differences(against):
+    """Of differences without skewness it is Student's."""
+    found = against("equal", "good")
+    off = np.array(list(found.by_case.values()))
+    np.testing.assert_allclose(off, 1e-4 * np.array([1, -1, 1, -1, 1, -1, 1, -1]), atol=1e-12)
+    student = ttest_rel(off + 1, np.ones(8)).confidence_interval(0.95)
+    assert (found.difference.low, found.difference.high) == pytest.approx((student.low, student.high), rel=1e-6)
+    assert found.difference.mean == pytest.approx(0.0, abs=1e-12)
+
+
+def test_cases_that_differ_most_come_first(against):
+    found = against("worse", "good")
+    assert found.most == [7, 6, 5]
+    assert [signed(found, found.by_case[case]) for case in found.most] == ["+40.00", "+7.000", "+6.000"]
+    assert [signed(against("good", "worse"), -0.04), signed(found, 0.0)] == ["\N{MINUS SIGN}40.00", "0.000"]
+
+
+def test_versions_of_one_estimator_are_told_apart(against):
+    found = against(f"good@{'b' * 8}", f"good@{'a' * 16}")
+    assert found.labels == (f"good@{'b' * 8}", f"good@{'a' * 8}")
+    assert (found.verdict, found.difference.mean) == (Verdict.WORSE, pytest.approx(0.01))
+    assert against("good", f"good@{'b' * 16}").labels[0] == f"good@{'a' * 8}"  # the newest
+
+
+def test_failed_cases_are_left_out_for_both_and_told(against, stored_results):
+    found = against("failing", "good")
+    assert set(found.by_case) == {1, 2, 4, 5, 6, 7}
+    assert found.means[1] == pytest.approx(np.mean(stored_results.HARD[[1, 2, 4, 5, 6, 7]]))
+    assert "arcs: failing failed 2 of 8 cases, which are left out for both" in notes([found])
+
+
+def test_few_cases_show_nothing(against, results):
+    rows = rows_by_task([results.task], results.folder)
+    few = {name: [row for row in of if row.case < 4] for name, of in rows.items()}
+    found = against("worse", "good", few)
+    assert (found.verdict, found.difference.low) == (Verdict.FEW, None)
+    assert any("fewer than 6 cases cannot show a difference" in note for note in notes([found]))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        ("good", "good", "'good' is compared with itself; for two versions of it give NAME@HASH"),
+        ("goood", "worse", "'goood' has no rows in .*; castor-bench run computes them; did you mean 'good'?"),
+        ("good@cccc", "worse", "good has no rows of source cccc in .*, only of aaaaaaaa, bbbbbbbb"),
+    ],
+)
+def test_mistakes_say_what_to_do(against, first, second, said):
+    with pytest.raises(InputError, match=said.replace("?", r"\?")):
+        against(first, second)
+
+
+def test_pages_lead_to_the_cases_that_differ_most(against, results, tmp_path):
+    found = against("worse", "good")
+    write_comparison([found], results.folder, tmp_path / "out")
+    index = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    links = re.findall(r'href="(cases/[^"]+)"', index)
+    assert links == ["cases/arcs-7.html", "cases/arcs-6.html", "cases/arcs-5.html"]
+    for link in links:
+        page = (tmp_path / "out" / link).read_text(encoding="utf-8")
+        assert "worse against good" in page
+        assert page.count('class="estimate s1"') == page.count('class="estimate s2"') == 2  # both, on both runs
+    with pytest.raises(InputError, match="is there already"):
+        write_comparison([found], results.folder, tmp_path / "out")
