@@ -26,6 +26,7 @@ from benchmarks.results.export import export_cases, export_form
 from benchmarks.results.rescore import rescore_task
 from benchmarks.results.robots import save_robot, with_stored_robots
 from benchmarks.results.rows import check_results_folder
+from benchmarks.robots.command import check_robot, new_robot
 from benchmarks.run.check import check_apart
 from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
@@ -299,6 +300,28 @@ def import_data(
             print(f"{folder}: {session.vehicle.name}, {len(session.runs)} runs")
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+
+
+@app.command("robot")
+def robot_file(
+    file: Annotated[str, typer.Argument(help="A robot's or train's file (.json), or a preset's name.")],
+    new: Annotated[bool, typer.Option("--new", help="Ask for a robot and write it to the file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="With --new: replace a file that is there.")] = False,
+    png: Annotated[Path | None, typer.Option(help="Draw the layout to this file (PNG).")] = None,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a robot's file: layout, what it can do, what is odd; or ask for a new one. Exit code 1 if it is invalid.
+
+    Lines that begin with CHECK name what is allowed and hardly meant, such as millimetres given as metres.
+    """
+    if force and not new:
+        raise InputError("--force is for --new")
+    if new and as_json_text:
+        raise InputError("--new asks questions; check the file with --json afterwards")
+    if new:
+        new_robot(file, png, force)
+    elif not check_robot(file, png, as_json_text):
+        raise typer.Exit(1)
 
 
 @app.command("list")
