@@ -23,6 +23,7 @@ from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.description import CONFIG, Length
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
+from castor_envs.floor import Floor
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import file_name as vehicle_file_name
@@ -31,7 +32,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
 from estimators.plugins.registry import load_estimator
 
-FORMAT = "castor-episode/2"
+FORMAT = "castor-episode/3"
 BELIEFS_FORMAT = "castor-beliefs/1"
 RECORDINGS_FORMAT = "castor-recordings/1"
 _PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "rps", "rps_age")
@@ -49,6 +50,7 @@ class _RunMetadata:
     direction: Literal["cw", "ccw"] | None
     baseline: bool
     sound: tuple[PositiveInt, ...]
+    floor: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -134,6 +136,7 @@ class EpisodeStore:
                     belief=arrays.get(f"{k}.belief"),
                     sound=entry.sound,
                     oracle=arrays.get(f"{k}.oracle"),
+                    floor=None if entry.floor is None else Floor.from_dict(entry.floor, str(path)),
                 )
                 for k, entry in enumerate(metadata.runs)
             )
@@ -157,7 +160,12 @@ class EpisodeStore:
             digest=episode.digest,
             robot=episode.robot.to_dict(),
             runs=tuple(
-                _RunMetadata(direction=run.direction, baseline=run.baseline, sound=tuple(run.sound))
+                _RunMetadata(
+                    direction=run.direction,
+                    baseline=run.baseline,
+                    sound=tuple(run.sound),
+                    floor=None if run.floor is None else run.floor.to_dict(),
+                )
                 for run in episode.runs
             ),
             origin=provenance(),
@@ -182,14 +190,17 @@ def write_episode(folder: Path, episode: Episode) -> None:
 
     The name of a run on the clean floor that only gives the systematic error ends in -baseline. Where runs start from a
     belief instead of the log's first reference, beliefs.json holds the axles' poses, m and rad, by the log's name.
+    The floor of a run, where it is known and not even, is beside it, such as run-01-cw-floor.json.
     Calibration methods get logs such as recording-01.csv; recordings.json says which castor was held, the side of the
     square (m), and the odometry that follows the runs; true-robot.json has the true parameters.
     """
     episode.robot.save(folder / vehicle_file_name(episode.robot))
     beliefs: dict[str, Any] = {}
     for k, run in enumerate(episode.runs, start=1):
-        name = "-".join(filter(None, [f"run-{k:02d}", run.direction, "baseline" if run.baseline else None])) + ".csv"
+        stem = run_name(k, run)
+        name = f"{stem}.csv"
         write_log(folder / name, run.log, episode.robot)
+        write_floor(folder, stem, run)
         if run.belief is not None:
             beliefs[name] = run.belief.tolist()
     if beliefs:
@@ -202,6 +213,17 @@ def write_episode(folder: Path, episode: Episode) -> None:
         write_atomically(folder / "recordings.json", json.dumps(known, indent=2) + "\n")
         if calibration.true_robot is not None:
             calibration.true_robot.save(folder / "true-robot.json")
+
+
+def run_name(number: int, run: Run) -> str:
+    """Return what files of a run are called, its number counted from 1, such as run-02-ccw-baseline."""
+    return "-".join(filter(None, [f"run-{number:02d}", run.direction, "baseline" if run.baseline else None]))
+
+
+def write_floor(folder: Path, name: str, run: Run) -> None:
+    """Write the floor of a run beside its other files, where it is known and not even."""
+    if run.floor is not None and run.floor != Floor():
+        run.floor.save(folder / f"{name}-floor.json")
 
 
 @cache

@@ -111,7 +111,8 @@ class PhysicsUMBmark:
             floors += [Floor()] * self.baseline
             for baseline, floor in enumerate(floors):
                 seed = int(np.random.SeedSequence([int(case), 2, side, baseline]).generate_state(1)[0])
-                runs.append(Run(drive(self.robot, direction, floor, seed), direction, baseline=bool(baseline)))
+                log = drive(self.robot, direction, floor, seed)
+                runs.append(Run(log, direction, baseline=bool(baseline), floor=floor))
         return Episode(described, tuple(runs))
 
 

@@ -9,6 +9,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.floor import Floor
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
@@ -38,6 +39,8 @@ class Run:
 
     oracle: poses at `samples` of an estimator that knows what nobody can know, as a ceiling of what is possible: the
     true vehicle and what disturbs it. None where the task has none.
+
+    floor: what was driven on, for pictures and exports; neither estimators nor scores see it. None where nobody knows.
     """
 
     log: Log
@@ -46,6 +49,7 @@ class Run:
     belief: NDArray[np.float64] | None = None
     sound: tuple[int, ...] = ()
     oracle: NDArray[np.float64] | None = None
+    floor: Floor | None = None
 
     def __post_init__(self):
         if self.log.reference is None or not np.isfinite(self.log.reference[0]).all():

@@ -99,7 +99,7 @@ class DrivenTrain:
         path = random_path(random)
         floor = self.floor(path, random)
         log = drive(train, path, floor, seed=int(random.integers(2**31)))
-        return Episode(described, (Run(log),))
+        return Episode(described, (Run(log, floor=floor),))
 
 
 def drive(train: TrainDescription, path: TrainPath, floor: Floor, seed: int) -> Log:

@@ -7,7 +7,7 @@ starts.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +64,12 @@ JITTER, LOST = 0.1, 0.02
 
 @dataclass(frozen=True)
 class Driven:
-    """The true robot, the drive as it truly was, and as encoders read it."""
+    """The true robot, the drive as it truly was, and as encoders read it, and the floor."""
 
     robot: RobotDescription
     true: Drive
     read: Drive
+    floor: Floor = field(default_factory=Floor)
 
 
 Recipe = Callable[[RobotDescription, np.random.Generator, int], Driven]
@@ -103,7 +104,8 @@ def _soft(robot: RobotDescription, random: np.random.Generator, case: int) -> Dr
     )
     floor = Floor(patches=tuple(carpets), cables=sills)
     true = drive(built, robot, manoeuvres(robot, random, MINUTE), MINUTE, random, floor=floor)
-    return Driven(built, true, soft_floor(built, true, carpets, list(random.uniform(*CARPET_SHRINKS, CARPETS))))
+    read = soft_floor(built, true, carpets, list(random.uniform(*CARPET_SHRINKS, CARPETS)))
+    return Driven(built, true, read, floor)
 
 
 def _bursts(robot: RobotDescription, random: np.random.Generator, case: int) -> Driven:
@@ -280,7 +282,7 @@ class DrivenRobot:
         driven = self.kind.recipe(self.robot, random, int(case))
         log = recorded(driven.robot, driven.read, random)
         robot = dataclasses.replace(self.robot, sample_period=driven.robot.sample_period)
-        run = Run(log)
+        run = Run(log, floor=driven.floor)
         ceiling = followed(driven.robot, recorded(driven.robot, driven.true, random), run.start, run.samples)
         return Episode(robot, (dataclasses.replace(run, oracle=ceiling),))
 
