@@ -44,6 +44,8 @@ def accepted(data):
 @pytest.fixture(scope="module")
 def script():
     spec = importlib.util.spec_from_file_location("make_schemas", ROOT / "scripts" / "make_schemas.py")
+    assert spec is not None
+    assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made

@@ -5,7 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.envs.sensed import SensedRobot
 from castor_envs.errors import InputError
@@ -81,7 +81,7 @@ class HandDrivenEnv(gym.Env[Observation, Array]):
         """The true castor angles (n,), rad."""
         return self._sensed.shape
 
-    def sliding(self) -> Array:
+    def sliding(self) -> NDArray[np.bool_]:
         """Return which wheels (w,) slide."""
         return self._sensed.sliding()
 

@@ -49,10 +49,11 @@ class DriveWindow:
 
     def run(self, longest: float, events: Events | None = None, real_time: bool = True) -> None:
         """Drive until the window is closed or `longest` (s of the drive) have passed."""
-        events, clock = events or self._pygame.event.get, self._pygame.time.Clock()
+        take: Events = self._pygame.event.get if events is None else events
+        clock = self._pygame.time.Clock()
         try:
             self._draw()
-            while self._time < longest and self._took(events()):
+            while self._time < longest and self._took(take()):
                 for _ in range(self._steps):
                     self._step()
                 self._draw()

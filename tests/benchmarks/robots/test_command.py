@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from benchmarks import cli
 from castor_envs import command_line
-from castor_envs.vehicles.load import load_vehicle
+from castor_envs.vehicles.load import load_robot, load_vehicle
 from castor_envs.vehicles.presets import preset
 
 ANSWERS = {
@@ -133,7 +133,8 @@ def test_answers_make_a_valid_robot(answer, tmp_path, name):
 
 def test_answers_in_millimetres_and_degrees_are_in_the_file(answer):
     answer(ANSWERS["two split castors"], "new.json", "--new")
-    robot = load_vehicle("new.json")
+    robot = load_robot("new.json")
+    assert robot.gyro is not None
     first, second = robot.castors
     assert (first.pivot, first.offset, first.pivot_counts_per_rev) == ((0.24, 0.0), 0.072, 5143)
     assert first.pivot_zero == pytest.approx(-0.0261799388)

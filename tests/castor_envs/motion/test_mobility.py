@@ -43,6 +43,7 @@ def test_no_motion_of_one_axle_slips_and_all_turn_about_its_line(x, y, angle):
     left = np.array([-np.sin(angle), np.cos(angle)])
     for v_x, v_y, omega in mobility.motions:
         assert np.array([v_x - omega * y, v_y + omega * x]) @ left == pytest.approx(0, abs=1e-9)
+    assert mobility.center is not None
     point, along = mobility.center
     assert abs(along @ left) == pytest.approx(1, abs=1e-6)  # the line of the axle
     away = point - (x, y)
@@ -51,6 +52,7 @@ def test_no_motion_of_one_axle_slips_and_all_turn_about_its_line(x, y, angle):
 
 def test_two_axles_that_cross_turn_about_one_point_only():
     mobility = Mobility.of(on_axles((0.5, 0.0, 0.0), (0.0, 0.2, np.pi / 2)))
+    assert mobility.center is not None
     point, along = mobility.center
     assert mobility.freedom == 1
     np.testing.assert_allclose(point, (0.5, 0.2), atol=1e-9)

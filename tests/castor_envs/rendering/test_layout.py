@@ -8,7 +8,7 @@ from matplotlib.patches import Polygon
 
 from castor_envs.rendering.drawing import palette
 from castor_envs.rendering.layout import layout_figure
-from castor_envs.vehicles.presets import any_preset, preset
+from castor_envs.vehicles.presets import any_preset, cfmmr, preset
 
 
 def tyres(figure, color):
@@ -60,7 +60,7 @@ def test_idle_wheels_are_grey_and_the_line_of_turning_is_drawn():
 
 
 def test_axles_of_a_train_stand_a_frame_apart():
-    train = any_preset("cfmmr-2")
+    train = cfmmr(2)
     longer = dataclasses.replace(train, frames=(dataclasses.replace(train.frames[0], length=0.5),))
     figure = layout_figure(longer)
     expected = [(0, 160), (0, -160), (-500, 160), (-500, -160)]

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from castor_envs.vehicles.plausibility import remarks
-from castor_envs.vehicles.presets import any_preset, preset, preset_names, train_names
+from castor_envs.vehicles.presets import any_preset, cfmmr, preset, preset_names, train_names
 
 
 def with_castor(robot, index=1, **changes):
@@ -76,7 +76,7 @@ def test_a_robot_without_encoders():
 
 
 def test_modules_of_a_train_that_are_alike_are_remarked_on_once():
-    train = any_preset("cfmmr-3")
+    train = cfmmr(3)
     wheels = tuple(dataclasses.replace(wheel, radius=75.0) for wheel in train.modules[0].wheels)
     odd = with_castor(train.modules[0], 0, wheels=wheels)
     found = remarks(dataclasses.replace(train, modules=(odd, odd, train.modules[2])))
