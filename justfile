@@ -33,6 +33,7 @@ bench *options:
 docs:
     {{python}} scripts/make_architecture.py
     {{python}} scripts/make_effects_table.py
+    {{python}} scripts/make_schemas.py
 
 # docs/results.json and the tables of estimators, from a run of the whole benchmark.
 results folder="castor-results":

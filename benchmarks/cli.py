@@ -12,6 +12,7 @@ import typer
 
 from benchmarks.calibrate import calibrate_logs
 from benchmarks.cli_show import compare, page, show
+from benchmarks.drive.command import drive
 from benchmarks.import_recording import import_source
 from benchmarks.leaderboard import board as boards
 from benchmarks.leaderboard.overview import overviews
@@ -39,6 +40,7 @@ from benchmarks.results.export import export_cases, export_form
 from benchmarks.results.rescore import rescore_task
 from benchmarks.results.robots import save_robot, with_stored_robots
 from benchmarks.results.rows import check_results_folder
+from benchmarks.robots.command import check_robot, new_robot
 from benchmarks.run.check import check_apart
 from benchmarks.run.choose import choose, declining_everything, failed_rows, tasks_with
 from benchmarks.run.plan import run as run_plan
@@ -227,7 +229,11 @@ def export(
     measured: MeasuredData = None,
     robot: OtherRobotName = None,
 ) -> None:
-    """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text."""
+    """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text.
+
+    The floor that was driven on, where it is known and not even, is beside each run as a floor file; with TUM or KITTI
+    text also as a map (YAML and PNG) that evo_traj --ros_map_yaml draws.
+    """
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
     (chosen,) = select_tasks(*with_plugged(known, [task], LOADING))
     at_least("--cases", cases, 1)
@@ -300,6 +306,49 @@ def import_data(
     measurements, such as OptiOdom's in a folder optiodom, become a folder of a robot file and logs for each session.
     """
     import_source(source, robot, channel_map, out)
+
+
+@app.command("drive")
+def drive_by_hand(
+    robot: Annotated[str, typer.Option(help="The robot: a preset's name or a robot file.")] = "asoc-prototype",
+    floor: Annotated[str | None, typer.Option(help="A floor file; default: an even floor.")] = None,
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator", help="A name, module:Class or file.py[:Class] (several times); default: wheel-odometry."
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Write the drive to this new log (.csv), with the robot's file beside it.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of everything random.", min=0)] = None,
+    duration: Annotated[float, typer.Option(help="End by itself after so many seconds.")] = 3600.0,
+) -> None:
+    """Drive a robot by keyboard in a window, and watch where it is and where estimators believe it is."""
+    above_zero("--duration", duration)
+    drive(robot, floor, estimator or [], record, seed, duration)
+
+
+@app.command("robot")
+def robot_file(
+    file: Annotated[str, typer.Argument(help="A robot's or train's file (.json), or a preset's name.")],
+    new: Annotated[bool, typer.Option("--new", help="Ask for a robot and write it to the file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="With --new: replace a file that is there.")] = False,
+    png: Annotated[Path | None, typer.Option(help="Draw the layout to this file (PNG).")] = None,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a robot's file: layout, what it can do, what is odd; or ask for a new one. Exit code 1 if it is invalid.
+
+    Lines that begin with CHECK name what is allowed and hardly meant, such as millimetres given as metres.
+    """
+    if force and not new:
+        raise InputError("--force is for --new")
+    if new and as_json_text:
+        raise InputError("--new asks questions; check the file with --json afterwards")
+    if new:
+        new_robot(file, png, force)
+    elif not check_robot(file, png, as_json_text):
+        raise typer.Exit(1)
 
 
 @app.command("list")

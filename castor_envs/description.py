@@ -1,12 +1,17 @@
 """Descriptions (robots, floors) as JSON: validated, with a format name, and with errors that name the offending key."""
 
 import hashlib
+import inspect
 import json
 import os
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
 from castor_envs.errors import InputError, shortened
 from castor_envs.files import read_json, write_json
@@ -67,6 +72,9 @@ _IN_OUR_WORDS = {
 }
 """Messages about keys, where Pydantic's own speak of arguments and fields."""
 
+MOST_NAMED = 3
+"""Most problems of a file that an error names."""
+
 T = TypeVar("T")
 
 
@@ -84,11 +92,11 @@ def from_data(adapter: TypeAdapter[T], data: Any, name: str, source: str) -> T:
         raise InputError(f"{source}: expected an object with 'format': {name!r}, got {type(data).__name__}")
     if data.get("format") != name:
         raise InputError(f"{source}: 'format' must be {name!r}, got {data.get('format')!r}")
-    body = {key: value for key, value in data.items() if key != "format"}
+    body = {key: value for key, value in data.items() if key not in ("format", "$schema")}
     try:
         return adapter.validate_json(json.dumps(body), strict=True)
     except ValidationError as error:
-        raise InputError(f"{source}: {explain(error)}") from None
+        raise InputError(f"{source}: {explain(error)}") from error
 
 
 def fingerprint(data: dict[str, Any]) -> str:
@@ -127,8 +135,18 @@ def with_possible_effects(described: D, source: str) -> D:
 
 def explain(error: ValidationError) -> str:
     """Say in one line what the first few problems are and where."""
-    problems = []
-    for item in error.errors()[:3]:
+    problems = problems_of(error)
+    unnamed = len(problems) - MOST_NAMED
+    return "; ".join(problems[:MOST_NAMED]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+
+
+def problems_of(error: ValidationError) -> list[str]:
+    """Return a line for every problem: where it is and what it is."""
+    problems, found = [], error.errors()
+    for item in found:
+        inside = any(other["loc"][: len(item["loc"])] == item["loc"] for other in found if other is not item)
+        if item["type"] == "too_short" and inside:
+            continue  # wrong items are not counted, and are named themselves
         place = ".".join(str(part) for part in item["loc"])
         message = _IN_OUR_WORDS.get(item["type"], item["msg"].removeprefix("Value error, "))
         limits = item.get("ctx", {})
@@ -137,8 +155,53 @@ def explain(error: ValidationError) -> str:
         elif item["type"] == "too_long":
             message = f"needs at most {limits['max_length']} of them, has {limits['actual_length']}"
         given = item["input"]
-        hidden = isinstance(given, dict | list | tuple) or item["type"] in _IN_OUR_WORDS
+        hidden = not isinstance(given, str | int | float | None) or item["type"] in _IN_OUR_WORDS
         shown = "" if hidden else f", got {shortened(repr(given), 80)}"
         problems.append(f"{place}: {message}{shown}" if place else f"{message}{shown}")
-    unnamed = error.error_count() - len(problems)
-    return "; ".join(problems) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    return problems
+
+
+def schema_of(adapter: TypeAdapter[Any], name: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of files of the format `name`: what each key is, its bounds and default.
+
+    It judges each number by itself; what several of them must be together, only reading the file tells.
+    """
+    schema = adapter.json_schema(schema_generator=_Described)
+    known = {"$schema": {"type": "string", "description": "where this schema is, for editors; not used"}}
+    properties = {"format": {"const": name, "description": "of this file"}, **known, **schema.pop("properties")}
+    required = ["format", *schema.pop("required", ())]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": name,
+        "description": schema.pop("description"),
+        "type": schema.pop("type"),
+        "properties": properties,
+        "required": required,
+        **{key: value for key, value in schema.items() if key != "title"},
+    }
+
+
+class _Described(GenerateJsonSchema):
+    """Adds to each key what the docstring of its class says of it."""
+
+    def dataclass_schema(self, schema: core_schema.DataclassSchema) -> JsonSchemaValue:
+        found = super().dataclass_schema(schema)
+        summary, meanings = documented(schema["cls"], found["properties"])
+        found["description"] = summary
+        for name, part in found["properties"].items():
+            if name in meanings:
+                part["description"] = meanings[name]
+        return found
+
+
+def documented(kind: type, names: Iterable[str]) -> tuple[str, dict[str, str]]:
+    """Return the first paragraph of a class's docstring, and what it says of some names, as in ``a, b: lengths, m.``"""
+    summary, _, rest = (inspect.getdoc(kind) or "").partition("\n\n")
+    name = "|".join(sorted(map(re.escape, names), key=len, reverse=True))
+    entries = re.split(rf"(?:^|(?<=[.:;)]\s))((?:{name})(?:,\s+(?:{name}))*):\s+", rest, flags=re.M)
+    meanings = {
+        named: " ".join(text.partition("\n\n")[0].split()).removesuffix(".")
+        for given, text in zip(entries[1::2], entries[2::2], strict=True)
+        for named in re.split(r",\s+", given)
+    }
+    return " ".join(summary.split()), meanings

@@ -23,7 +23,10 @@ Gravity = Annotated[float, Field(ge=1e-3, le=1e2)]
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Patch:
-    """A rectangle with its own friction: centre and size (m, along and across), turned by `angle` (rad)."""
+    """A rectangle with its own friction.
+
+    center: m. size: along and across, m. friction: Coulomb coefficient. angle: by which it is turned, rad.
+    """
 
     center: tuple[Place, Place]
     size: tuple[Extent, Extent]
@@ -33,7 +36,10 @@ class Patch:
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Cable:
-    """A round cable on the floor: centre and length (m), direction (rad, of its axis), diameter (m)."""
+    """A round cable on the floor.
+
+    center: m. direction: of its axis, rad. length: m. diameter: m.
+    """
 
     center: tuple[Place, Place]
     direction: Angle
@@ -45,8 +51,9 @@ class Cable:
 class Floor:
     """The floor in N.
 
-    patches: where they overlap, the last one counts. slope: rise over run along x and y, dimensionless. climbing:
-    whether a wheel on a cable pays the climbing force (False: it only rolls the longer way). gravity: m/s2.
+    patches: where they overlap, the last one counts. cables: to roll over. slope: rise over run along x and y,
+    dimensionless. climbing: whether a wheel on a cable pays the climbing force (False: it only rolls the longer way).
+    gravity: m/s2.
     """
 
     patches: tuple[Patch, ...] = ()

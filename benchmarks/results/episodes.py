@@ -197,11 +197,10 @@ def write_episode(folder: Path, episode: Episode) -> None:
     episode.robot.save(folder / vehicle_file_name(episode.robot))
     beliefs: dict[str, Any] = {}
     for k, run in enumerate(episode.runs, start=1):
-        stem = "-".join(filter(None, [f"run-{k:02d}", run.direction, "baseline" if run.baseline else None]))
+        stem = run_name(k, run)
         name = f"{stem}.csv"
         write_log(folder / name, run.log, episode.robot)
-        if run.floor is not None and run.floor != Floor():
-            run.floor.save(folder / f"{stem}-floor.json")
+        write_floor(folder, stem, run)
         if run.belief is not None:
             beliefs[name] = run.belief.tolist()
     if beliefs:
@@ -214,6 +213,17 @@ def write_episode(folder: Path, episode: Episode) -> None:
         write_atomically(folder / "recordings.json", json.dumps(known, indent=2) + "\n")
         if calibration.true_robot is not None:
             calibration.true_robot.save(folder / "true-robot.json")
+
+
+def run_name(number: int, run: Run) -> str:
+    """Return what files of a run are called, its number counted from 1, such as run-02-ccw-baseline."""
+    return "-".join(filter(None, [f"run-{number:02d}", run.direction, "baseline" if run.baseline else None]))
+
+
+def write_floor(folder: Path, name: str, run: Run) -> None:
+    """Write the floor of a run beside its other files, where it is known and not even."""
+    if run.floor is not None and run.floor != Floor():
+        run.floor.save(folder / f"{name}-floor.json")
 
 
 @cache

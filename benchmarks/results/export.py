@@ -5,11 +5,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
-from benchmarks.results.episodes import write_episode
+from benchmarks.results.episodes import run_name, write_episode, write_floor
+from benchmarks.results.floor_map import write_floor_map
 from benchmarks.results.rows import ResultsStore
 from benchmarks.tasks.task import Case, Episode, Task
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.files import new_folder
+from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.trajectory_files import export_kitti, export_tum
 
@@ -56,12 +58,18 @@ def stored_estimates(results: Path, task: Task, case: Case, episode: Episode) ->
 def write_poses(folder: Path, episode: Episode, form: Form, estimates: Mapping[str, Sequence[Array]]) -> None:
     """Write the scored poses of every run, the true and the estimated ones: run-01-cw.tum, run-01-cw-cast-0-....tum.
 
+    The floor, where it is known and not even, is beside them as a floor file and as a map that `evo_traj
+    --ros_map_yaml` draws: run-01-cw-floor.json, .yaml and .png.
+
     A train has a file for each axle, such as run-01-axle-2.tum. These are the poses at `Run.samples`, so that `evo_ape`
     on TUM text, without alignment, finds the ATE of the board.
     """
     folder.mkdir(parents=True)
     for k, run in enumerate(episode.runs):
-        name = "-".join(filter(None, [f"run-{k + 1:02d}", run.direction, "baseline" if run.baseline else None]))
+        name = run_name(k + 1, run)
+        write_floor(folder, name, run)
+        if run.floor is not None and run.floor != Floor():
+            write_floor_map(folder / f"{name}-floor.yaml", run.floor, run.truth.reshape(-1, 3))
         made = {"": run.truth, **{f"-{_safe(author)}": poses[k] for author, poses in estimates.items()}}
         for author, poses in made.items():
             axles = {"": poses} if run.axles is None else {f"-axle-{i}": axle for i, axle in enumerate(poses, start=1)}

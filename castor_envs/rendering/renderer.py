@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.floor import Floor
 from castor_envs.rendering.caption import draw_error
+from castor_envs.rendering.drawing.view import View
 from castor_envs.rendering.figure import RobotFigure
 from castor_envs.rendering.scene import Mode, Scene, finite_or_none
 from castor_envs.rendering.train_figure import TrainFigure
@@ -37,7 +38,15 @@ class Renderer:
         self.vehicle, self.floor, self.mode, self.fps = vehicle, floor, mode, fps
         self._figure = TrainFigure(vehicle) if isinstance(vehicle, TrainDescription) else RobotFigure(vehicle)
         self._scene = Scene(vehicle.name, floor, self._figure.friction, mode, fps, size, arena)
-        self.view = self._scene.view
+
+    @property
+    def view(self) -> View:
+        """Where the places of N are in the picture."""
+        return self._scene.view
+
+    def look_at(self, arena: tuple[float, float, float, float]) -> None:
+        """Show at least another part of N, as `arena`, from the next picture on, with the paths so far."""
+        self._scene.look_at(arena)
 
     def reset(self) -> None:
         """Forget all paths, for a new episode."""

@@ -48,19 +48,23 @@ class Scene:
     ) -> None:
         if mode not in ("human", "rgb_array"):
             raise InputError(f"render mode must be 'human' or 'rgb_array', got {mode!r}")
-        self._floor, self._mode = floor, mode
-        self.view = View(size, arena)
-        self.canvas = Canvas(size, OUTSIDE)
+        self._name, self._floor, self._friction, self._mode, self._size = name, floor, friction, mode, size
         self._window = Window(f"castor-envs: {name}", size, fps)
-        draw_floor(self.canvas, self.view, floor, friction)
-        self.canvas.text(name, (16 * self.view.unit, 24 * self.view.unit), 15 * self.view.unit, FADED)
-        self.canvas.keep()
+        self.look_at(arena)
         self.reset()
 
     @property
     def dismissed(self) -> bool:
         """Whether the user closed the window: nothing more is to be drawn."""
         return self._window.dismissed
+
+    def look_at(self, arena: tuple[float, float, float, float]) -> None:
+        """Show another part of N, with the paths so far."""
+        self.view = View(self._size, arena)
+        self.canvas = Canvas(self._size, OUTSIDE)
+        draw_floor(self.canvas, self.view, self._floor, self._friction)
+        self.canvas.text(self._name, (16 * self.view.unit, 24 * self.view.unit), 15 * self.view.unit, FADED)
+        self.canvas.keep()
 
     def reset(self) -> None:
         """Forget all paths, for a new episode."""

@@ -11,7 +11,8 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, Self, TypeVar, Union, get_args
 
-from pydantic import Field, GetCoreSchemaHandler, TypeAdapter, ValidationInfo
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationInfo
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from castor_envs.errors import InputError, did_you_mean
@@ -194,6 +195,14 @@ class EffectOf:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Validate by `read`."""
         return core_schema.with_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Describe the effects that are defined now; an effect in a file needs its name."""
+        found = handler(_any_of(tuple(known_effects(self.scope).values())).core_schema)
+        for kind in found["oneOf"]:
+            of_kind = handler.resolve_ref_schema(kind)
+            of_kind["required"] = ["name", *of_kind.get("required", ())]
+        return {"oneOf": found["oneOf"]}
 
     def read(self, given: Any, info: ValidationInfo) -> Effect:
         """Return the effect given as such, or as plain data; raises ValueError for what is none of this scope."""

@@ -56,8 +56,8 @@ class Wheel:
 
     lateral: distance to the left of the castor's centre line, m. radius: m. inertia: about the axle, kg m2.
     counts_per_rev: encoder counts a turn of the wheel; None is an idle wheel without motor or encoder.
-    grip: "omni" lets the wheel slip freely along its rollers; their axes stand `roller_angle` (rad) from the
-    rolling direction (0: ordinary omni wheel, pi/4: Mecanum).
+    grip: "standard", or "omni", which lets the wheel slip freely along its rollers. roller_angle: of an omni wheel's
+    roller axes from the rolling direction, rad (0 of ordinary omni wheels, pi/4 of Mecanum wheels).
     """
 
     radius: Length
@@ -83,11 +83,12 @@ class Wheel:
 class Castor:
     """A castor: a fork on a vertical pivot, carrying wheels on one axle.
 
-    pivot: position in B, m. steering: "free", "driven" (a motor turns it) or "fixed" (at `angle`, rad). offset: how
-    far the axle trails the pivot, m. mass, inertia: of fork and wheels, about their centre of mass, which is taken to
-    lie on the axle behind the pivot, kg and kg m2. pivot_counts_per_rev: of the absolute pivot encoder, not
-    necessarily a whole number, None where there is none; a castor that turns needs one to be driven in an environment.
-    pivot_zero: the model's beta in measured angle = theta + beta (Doebbler eq. 2), rad.
+    pivot: position in B, m. wheels: on one axle, from left to right. steering: "free", "driven" (a motor turns it) or
+    "fixed". angle: of a fixed castor, from x to its rolling direction, rad. offset: how far the axle trails the pivot,
+    m. mass: of fork and wheels, kg; its centre is taken to lie on the axle behind the pivot. inertia: about this
+    centre, kg m2. pivot_counts_per_rev: of the absolute pivot encoder, not necessarily a whole number, None where there
+    is none; a castor that turns needs one to be driven in an environment. pivot_zero: the model's beta in measured
+    angle = theta + beta (Doebbler eq. 2), rad.
     """
 
     pivot: Vector
@@ -121,9 +122,10 @@ class Castor:
 class Contact:
     """How wheels and floor touch: a brush tyre with relaxation length.
 
-    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long, slip_stiffness_lat:
-    force a unit of slip, divided by the wheel's load. relaxation_length: rolled distance in which the force builds
-    up, m. damping: of the bristles, as a time (damping coefficient / bristle stiffness), s.
+    friction: Coulomb coefficient where the floor does not say otherwise. slip_stiffness_long, slip_stiffness_lat: force
+    a unit of slip, along and across the rolling direction, divided by the wheel's load. relaxation_length: rolled
+    distance in which the force builds up, m. damping: of the bristles, as a time (damping coefficient / bristle
+    stiffness), s.
     """
 
     friction: Friction = 0.8
@@ -135,7 +137,9 @@ class Contact:
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Gyro:
-    """A yaw-rate gyro: white noise (rad/s, one standard deviation a sample) and constant bias (rad/s).
+    """A yaw-rate gyro.
+
+    noise: white, one standard deviation a sample, rad/s. bias: constant, rad/s.
 
     The bounds of both are far above those of any gyro; a reading stays within the 100 rad/s of observation spaces.
     """
@@ -160,11 +164,13 @@ class Fixes:
 class RobotDescription:
     """A robot on castors: frozen, validated, and the same to physics, estimators, calibration and diagnosis.
 
-    sample_period: of control and encoders, s. mass, inertia, center_of_mass: of the chassis without its castors, kg, kg
-    m2 about its centre of mass, m in B. max_wheel_speed, max_wheel_torque: rad/s and N m, of each driven wheel.
-    max_steering_speed, max_steering_torque: of each driven castor. tolerances: how exact these dimensions are, None
-    where nobody says. fixes: how exact external fixes of the pose are, None where there are none. effects: what the
-    real robot does beyond this description; `as_built` folds them in.
+    name: what people read. castors: in the order of their numbers, from 1. sample_period: of control and encoders, s.
+    mass: of the chassis without its castors, kg. inertia: of the same about its centre of mass, kg m2. center_of_mass:
+    of the same in B, m. max_wheel_speed: of each driven wheel, rad/s. max_wheel_torque: of the same, N m.
+    max_steering_speed: of each driven castor, rad/s. max_steering_torque: of the same, N m. contact: how wheels and
+    floor touch. gyro: None where there is none. tolerances: how exact these dimensions are, None where nobody says.
+    fixes: how exact external fixes of the pose are, None where there are none. effects: what the real robot does beyond
+    this description; `as_built` folds them in.
     """
 
     name: Annotated[str, Field(min_length=1)]

@@ -14,8 +14,10 @@ Relative = Annotated[float, Field(ge=0, le=0.3)]
 class Tolerances:
     """Standard deviations of true dimensions about those described, as a data sheet or a calibration states them.
 
-    radius, lateral and offset: relative. pivot: of each coordinate of a castor's pivot, m. pivot_zero: of the zero of
-    pivot encoders and of the angle of fixed castors, rad. Errors of different wheels and castors are independent.
+    radius, lateral, offset: relative. pivot: of each coordinate of a castor's pivot, m. pivot_zero: of the zero of
+    pivot encoders and of the angle of fixed castors, rad.
+
+    Errors of different wheels and castors are independent.
     """
 
     radius: Relative = 0.0

@@ -34,12 +34,13 @@ class Frame:
     length: m. bending_stiffness: E I, N m2. linear_density: kg/m. damping: moment a rate of curvature (Kelvin-Voigt),
     N m2 s. links: rigid links that stand for the beam in physics. gauges: where curvature is measured, m from the rear
     axle, increasing; None puts four evenly. gauge_noise: white noise of every reading, 1/m, one standard deviation.
-    gauge_offset: standard deviation of each gauge's constant offset, drawn anew for every episode, 1/m.
+    gauge_offset: standard deviation of each gauge's constant offset, drawn anew for every episode, 1/m. gauge_gains:
+    the factor of every gauge (empty: all 1); set by effects. gauge_drift: growth of all readings, 1/m a second; set by
+    effects. dead_gauges: numbers (from 1) of gauges that read 0; set by effects. foreshortening_left_out: share of the
+    bent frame's shortening that the computed x lacks; set by effects. rps_stops: time after which the sensor repeats
+    its last reading, s; set by effects.
 
-    Set by effects, and left at their defaults in descriptions: gauge_gains, the factor of every gauge (empty: all 1);
-    gauge_drift, growth of all readings, 1/m a second; dead_gauges, numbers (from 1) of gauges that read 0;
-    foreshortening_left_out, share of the bent frame's shortening that the computed x lacks; rps_stops, time after which
-    the sensor repeats its last reading, s.
+    What effects set is left at its default in descriptions.
     """
 
     length: Annotated[float, Field(ge=1e-3, le=1e3)]
@@ -79,8 +80,9 @@ class Frame:
 class TrainDescription:
     """A train of N = 2 to 10 axle modules, front first, and its N - 1 frames: frozen and validated.
 
-    modules: robots with a single fixed castor at the origin, heading forward, with two driven standard wheels; each may
-    have effects. effects: what the real train does beyond this description; `as_built` folds all in.
+    name: what people read. modules: robots with a single fixed castor at the origin, heading forward, with two driven
+    standard wheels; each may have effects. frames: from the front, one fewer than modules. effects: what the real train
+    does beyond this description; `as_built` folds all in.
     """
 
     name: Annotated[str, Field(min_length=1)]

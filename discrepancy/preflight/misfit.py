@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.mobility import rows_in_use
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.stretches import WINDOW, Stretches, stretches_of
-from discrepancy.validation.parity import WINDOWS, rows_in_use
+from discrepancy.validation.parity import WINDOWS
 
 KEPT = 0.9
 """The part of the windows that is used."""

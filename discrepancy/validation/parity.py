@@ -15,7 +15,6 @@ one step too long and the next too short. So an error of half a percent of a rad
 samples, is nine times the rounding in sums over a second (`Parity.rolling_drift`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.mobility import Rows, rows_in_use
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -34,16 +34,6 @@ WINDOW, WINDOWS = 1.0, 5
 BLIND = (
     "this robot's encoders cannot contradict each other (no redundancy): nothing is observable without reference poses"
 )
-
-
-class Rows(NamedTuple):
-    """The constraints in use, first the rolling of wheels (w,), then the side slip of castors (c,), by their indices
-    (from 0). place, castor (w + c,): the row in `constraint_matrix`, and whose it is."""
-
-    wheels: NDArray[np.intp]
-    castors: NDArray[np.intp]
-    place: NDArray[np.intp]
-    castor: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,26 +77,6 @@ def parity_residual(robot: RobotDescription, log: Log) -> Parity:
         drift = _drift(steps, second, window)
         explained = _explained(steps, rows, window, geometry.n_castors)
     return Parity(rows, steps.redundancy, steps.residual, steps.moving, rounding, window, drift, explained)
-
-
-def rows_in_use(geometry: Geometry, without_wheels: Sequence[int] = (), without_castors: Sequence[int] = ()) -> Rows:
-    """Return the constraints that encoders determine, but for encoders of these wheels and pivots of these castors.
-
-    A castor's rows are used where its angle is known: it is fixed or has a pivot encoder. The side slip of a
-    castor's wheels is one row, as they stand on one axle, and is left out where all of them are omni wheels.
-    """
-    pointed = geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev)
-    pointed[list(without_castors)] = False
-    known = pointed[geometry.wheel_castor]
-    wheels = np.setdiff1d(np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev)), without_wheels)
-    standard = np.flatnonzero(known & geometry.standard)
-    castors, first = np.unique(geometry.wheel_castor[standard], return_index=True)
-    return Rows(
-        wheels=wheels,
-        castors=castors,
-        place=np.concatenate([wheels, len(geometry.radius) + standard[first]]),
-        castor=np.concatenate([geometry.wheel_castor[wheels], castors]),
-    )
 
 
 class _Steps(NamedTuple):

@@ -7,6 +7,7 @@ import numpy as np
 
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import Mobility
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
@@ -59,10 +60,7 @@ def _about_castors(robot: RobotDescription) -> list[Trajectory]:
 
 def moves_sideways(robot: RobotDescription) -> bool:
     """Return whether no wheel keeps a robot from moving sideways: none without rollers is fixed to its body."""
-    return not any(
-        castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
-        for castor in robot.castors
-    )
+    return Mobility.of(robot).omnidirectional
 
 
 def _random_path(robot: RobotDescription) -> list[Trajectory]:

@@ -1,4 +1,7 @@
-"""Pages in a real browser: Chromium without a window; skipped where there is none (Debian: chromium, chromium-driver)."""
+"""Pages in a real browser: Chromium without a window.
+
+Skipped where there is none (Debian: chromium, chromium-driver).
+"""
 
 import shutil
 

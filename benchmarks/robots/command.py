@@ -1,0 +1,76 @@
+"""``castor-bench robot``: checks a robot's or a train's file, or asks for one; says and draws what it describes."""
+
+import io
+import json
+from pathlib import Path
+
+from benchmarks.robots import summary
+from benchmarks.robots.questions import asked
+from castor_envs.errors import InputError
+from castor_envs.files import write_atomically
+from castor_envs.rendering.layout import layout_figure
+from castor_envs.vehicles.load import Vehicle, load_vehicle
+from castor_envs.vehicles.plausibility import remarks
+
+
+def check_robot(file: str, png: Path | None, as_json: bool) -> bool:
+    """Print what is wrong with a robot's or a train's file (or a preset), and what it says; return whether it is valid.
+
+    png: where its layout is drawn, replacing what is there. Raises InputError for a file that cannot be read, or a
+    picture that cannot be written.
+    """
+    if file.endswith(".json") and not Path(file).exists():
+        raise InputError(f"{file}: there is no such file; --new asks for a robot and writes it")
+    try:
+        vehicle = load_vehicle(file)
+    except InputError as error:
+        if not Path(file).exists():
+            raise
+        problems = summary.findings_of(error)
+        if as_json:
+            print(json.dumps({"format": summary.FORMAT, "valid": False, "problems": problems}, indent=2))
+        else:
+            print("\n".join(f"WRONG  {problem}" for problem in problems))
+        return False
+    if as_json:
+        print(json.dumps(summary.as_data(vehicle), indent=2, allow_nan=False))
+    else:
+        print("\n".join([*summary.as_lines(vehicle), *_remarked(vehicle)]))
+    if png is not None:
+        draw(vehicle, png)
+        if not as_json:
+            print(f"drawn: {png}")
+    return True
+
+
+def new_robot(file: str, png: Path | None, force: bool) -> None:
+    """Ask for a robot and write it to `file`; raises InputError, before any question, where a file is there already."""
+    path = Path(file)
+    if path.suffix != ".json":
+        raise InputError(f"{file}: robot files end in .json; name one")
+    if path.exists() and not force:
+        raise InputError(f"{file}: is there already; name a new file, or give --force to replace it")
+    robot = asked()
+    try:
+        robot.save(path)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written to ({error.strerror or error})") from None
+    print(f"written: {file}; what was not asked for has its default (docs/formats.md)\n")
+    check_robot(file, png, as_json=False)
+
+
+def draw(vehicle: Vehicle, png: Path) -> None:
+    """Draw a layout to a PNG file."""
+    if png.suffix.lower() != ".png":
+        raise InputError(f"--png {png}: pictures end in .png; name one")
+    picture = io.BytesIO()
+    layout_figure(vehicle).savefig(picture, format="png", dpi=110)
+    try:
+        write_atomically(png, picture.getvalue())
+    except OSError as error:
+        raise InputError(f"--png {png}: cannot be written to ({error.strerror or error})") from None
+
+
+def _remarked(vehicle: Vehicle) -> list[str]:
+    found = remarks(vehicle)
+    return [f"CHECK  {where}: {what}" for where, what in found] or ["ok     nothing odd in it"]

@@ -1,0 +1,127 @@
+"""What a robot's wheels allow and show: the motions that it can make, and the constraints that its encoders determine.
+
+Sources: degree of mobility and instantaneous centre of rotation after Campion, Bastin and D'Andrea-Novel, "Structural
+Properties and Classification of Kinematic and Dynamic Models of Wheeled Mobile Robots", IEEE Transactions on Robotics
+and Automation 12(1), 1996; the constraints are those of `castor_envs.motion.kinematics`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.vehicles.robot import RobotDescription
+
+RANK = 1e-9
+"""Singular values below this are 0. Rows are numbers near 1 and lengths in m, to a micrometre."""
+SIDEWAYS_COST = 1e-3
+"""Weight of sideways motion where `Mobility.nearest` has to give something up: of all, it is given up first."""
+
+
+class Rows(NamedTuple):
+    """The constraints in use, first the rolling of wheels (w,), then the side slip of castors (c,), by their indices
+    (from 0). place, castor (w + c,): the row in `constraint_matrix`, and whose it is."""
+
+    wheels: NDArray[np.intp]
+    castors: NDArray[np.intp]
+    place: NDArray[np.intp]
+    castor: NDArray[np.intp]
+
+
+def rows_in_use(geometry: Geometry, without_wheels: Sequence[int] = (), without_castors: Sequence[int] = ()) -> Rows:
+    """Return the constraints that encoders determine, but for encoders of these wheels and pivots of these castors.
+
+    A castor's rows are used where its angle is known: it is fixed or has a pivot encoder. The side slip of a
+    castor's wheels is one row, as they stand on one axle, and is left out where all of them are omni wheels.
+    """
+    pointed = geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev)
+    pointed[list(without_castors)] = False
+    known = pointed[geometry.wheel_castor]
+    wheels = np.setdiff1d(np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev)), without_wheels)
+    standard = np.flatnonzero(known & geometry.standard)
+    castors, first = np.unique(geometry.wheel_castor[standard], return_index=True)
+    return Rows(
+        wheels=wheels,
+        castors=castors,
+        place=np.concatenate([wheels, len(geometry.radius) + standard[first]]),
+        castor=np.concatenate([geometry.wheel_castor[wheels], castors]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Mobility:
+    """What one robot's wheels allow and show.
+
+    motions (k, 3): an orthonormal basis of the twists (v_x, v_y, omega in B) in which no fixed wheel slips sideways.
+    steered: indices of the castors that have to be turned first, since they do not trail. measured: how many
+    constraints its encoders determine at a moment, and determined: how many of the three parts of a motion these fix.
+    """
+
+    motions: Array
+    steered: tuple[int, ...]
+    measured: int
+    determined: int
+
+    @classmethod
+    def of(cls, robot: RobotDescription) -> "Mobility":
+        """Return the mobility of a robot whose castors stand at no special angle."""
+        geometry = Geometry.of(robot)
+        angle = np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))
+        all_rows, _ = constraint_matrix(geometry, angle)
+        held = geometry.fixed[geometry.wheel_castor] & geometry.standard
+        _, size, motions = np.linalg.svd(all_rows[len(held) :][held])
+        rows = rows_in_use(geometry)
+        return cls(
+            motions=motions[int(np.sum(size > RANK)) :],
+            steered=tuple(np.flatnonzero(geometry.driven & ~geometry.trailing).tolist()),
+            measured=len(rows.place),
+            determined=int(np.linalg.matrix_rank(all_rows[rows.place], tol=RANK)) if len(rows.place) else 0,
+        )
+
+    @property
+    def freedom(self) -> int:
+        """How many of forward, sideways and turning are independent: 3 of omnidirectional robots, 2 of most others."""
+        return len(self.motions)
+
+    @property
+    def redundancy(self) -> int:
+        """How many constraints the encoders determine beyond those that the motion needs: what errors show in."""
+        return self.measured - self.determined
+
+    @property
+    def omnidirectional(self) -> bool:
+        """Whether it can move in any direction and turn at the same time."""
+        return self.freedom == 3
+
+    @cached_property
+    def center(self) -> tuple[Array, Array | None] | None:
+        """Where the instantaneous centre of rotation may be: a point (2,) in B, m, and the direction (2,) of the line
+        through it, None where there is no other point; None where it may be anywhere or nowhere."""
+        turning = [motion for motion in self.motions if abs(motion[2]) > RANK]
+        if self.freedom in (0, 3) or not turning:
+            return None
+        # The centre of a twist is where its velocity is 0: (-v_y, v_x) / omega.
+        fastest = max(turning, key=lambda motion: abs(motion[2]))
+        point = np.array([-fastest[1], fastest[0]]) / fastest[2]
+        if self.freedom == 1:
+            return point + 0.0, None
+        others = [motion - fastest * motion[2] / fastest[2] for motion in self.motions]  # do not turn
+        shift = max(others, key=lambda motion: float(np.hypot(*motion[:2])))[:2]
+        along = np.array([-shift[1], shift[0]]) / np.hypot(*shift)
+        return point - (point @ along) * along + 0.0, along + 0.0  # no -0
+
+    def nearest(self, twist: ArrayLike) -> Array:
+        """Return the twist (3,) that the robot can make nearest to a desired one (3,).
+
+        Forward motion and turning are kept where they can be; sideways motion follows from them on robots whose fixed
+        axle does not pass through the origin.
+        """
+        weight = np.array([1.0, SIDEWAYS_COST, 1.0])
+        desired = np.asarray(twist, dtype=float)
+        share, *_ = np.linalg.lstsq((self.motions * weight).T, desired * weight, rcond=None)
+        return share @ self.motions
