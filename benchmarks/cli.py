@@ -54,12 +54,7 @@ from castor_envs.vehicles.load import load_robot, load_train, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.plugins.registry import CALIBRATION, ESTIMATOR, builtin_names
 
-app = typer.Typer(
-    help="Benchmark of odometry and localisation for robots on castors and trains.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
+app = command_line.new_app()
 
 MOST_NAMED = 5
 """Most failures that are named in the last line of a run, so that it fits in one or two lines."""
@@ -147,7 +142,7 @@ def leaderboard(
     group: GroupNames = None,
     cases: Annotated[int | None, typer.Option(help="Only the first so many cases of each task.")] = None,
     results: Results = DEFAULT_RESULTS,
-    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-leaderboard/2).")] = False,
     as_markdown_text: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
     as_csv_text: Annotated[bool, typer.Option("--csv", help="Print CSV: a row for each task and estimator.")] = False,
     as_html_text: Annotated[bool, typer.Option("--html", help="Print a static HTML page.")] = False,
@@ -252,7 +247,7 @@ def tables(
         list[str] | None, typer.Option("--table", help="Only this table, such as vogt-1 (may be given several times).")
     ] = None,
     sets: Annotated[int, typer.Option(help="Parameter sets of simulated tables; fewer are quicker.")] = Effort.sets,
-    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-tables/1).")] = False,
     figures: Annotated[Path | None, typer.Option(help="Write pictures (PNG) of Vogt's tests into this folder.")] = None,
 ) -> None:
     """Print the tables of papers beside ours, and where the papers' metrics fail."""
@@ -276,7 +271,7 @@ def calibrate(
     side: Annotated[float | None, typer.Option(help="Of the UMBmark squares that were driven, m.")] = None,
     pivots: Annotated[bool, typer.Option("--pivots", help="Find the places of free castors' pivots too.")] = False,
     scatter: Annotated[Path | None, typer.Option(help="Draw the squares' end points, before and after (PNG).")] = None,
-    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-calibration/1).")] = False,
 ) -> None:
     """Calibrate a robot from its logs, and say which parameters they do not determine.
 
@@ -335,7 +330,7 @@ def robot_file(
     new: Annotated[bool, typer.Option("--new", help="Ask for a robot and write it to the file.")] = False,
     force: Annotated[bool, typer.Option("--force", help="With --new: replace a file that is there.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw the layout to this file (PNG).")] = None,
-    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-robot-check/1).")] = False,
 ) -> None:
     """Check a robot's file: layout, what it can do, what is odd; or ask for a new one. Exit code 1 if it is invalid.
 

@@ -6,7 +6,6 @@ user's mistake; 130 after Ctrl-C. ``--traceback``, anywhere on the command line,
 
 import contextlib
 import errno
-import importlib.metadata
 import os
 import signal
 import sys
@@ -17,7 +16,9 @@ from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
+from castor_envs import __version__
 from castor_envs.errors import InputError, message_of
 
 TRACEBACK = "--traceback"
@@ -32,7 +33,7 @@ _endings: list[Callable[[], None]] = []
 
 def _show_version(value: bool) -> None:
     if value:
-        print(f"castor-envs {importlib.metadata.version('castor-envs')}")
+        print(f"castor-envs {__version__}")
         raise typer.Exit
 
 
@@ -42,6 +43,17 @@ Version = Annotated[
 ]
 #: The option --traceback of every script; `run` takes it from anywhere on the command line.
 Traceback = Annotated[bool, typer.Option(TRACEBACK, help="Show the whole traceback of an error; goes anywhere.")]
+
+
+def new_app(cls: type[TyperGroup] | None = None) -> typer.Typer:
+    """Return the app of a console script: all of them show help in one style. cls: how its commands are chosen."""
+    return typer.Typer(
+        cls=cls,
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode="markdown",
+        pretty_exceptions_enable=False,
+    )
 
 
 @contextmanager

@@ -62,13 +62,7 @@ class _SeveralEach(TyperCommand):
         return super().parse_args(ctx, spelled)
 
 
-app = typer.Typer(
-    cls=_FindUnlessTold,
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
+app = command_line.new_app(_FindUnlessTold)
 Logs = Annotated[
     list[Path], typer.Argument(help="Logs of the robot: CSV files, one for each run, or folders: all *.csv in them.")
 ]
@@ -87,7 +81,7 @@ def options(version: command_line.Version = False, traceback: command_line.Trace
 def inspect(
     logs: Logs,
     robot: Robot = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-inspect/1) instead of tables.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-inspect/1).")] = False,
 ) -> None:
     """Read and check logs, and show their sampling, their channels and whether their encoders agree.
 
@@ -186,7 +180,7 @@ def trial(
         Path | None,
         typer.Option(help="Keep logs, labels and outcomes in this folder; a trial that is there continues."),
     ] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes at a time; default: one per core.", min=1)] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes; default: one for each core.", min=1)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (castor-trial/3).")] = False,
 ) -> None:
     """Hide effects in simulated logs, diagnose the logs in separate processes, and score the diagnoses."""

@@ -4,9 +4,12 @@ import json
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+
+import castor_envs
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -71,6 +74,17 @@ def test_robots_floors_logs_and_videos(tmp_path):
     diagnose = BENCH.with_name("castor-diagnose")
     seen = call(diagnose, "inspect", "logs/episode-0000.csv", "--robot", "logs/robot.json", folder=tmp_path)
     assert seen.returncode == 0, seen.stderr
+
+
+def test_citations_agree():
+    (entry,) = re.findall(r"```bibtex\n(.*?)```", README, flags=re.S)
+    cited = dict(re.findall(r"^  (\w+) += \{+(.*?)\}+,?$", entry, flags=re.M))
+    file = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    stated = dict(re.findall(r"^(?:  - )?(\w+): (.+)$", file.partition("references:")[0], flags=re.M))
+    assert cited["version"] == stated["version"] == castor_envs.__version__ == version("castor-envs")
+    assert (cited["title"], cited["author"]) == (stated["title"], stated["name"])
+    assert f"{cited['note']}." == stated["abstract"]
+    assert cited["license"] == stated["license"]
 
 
 @pytest.mark.parametrize("document", ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])

@@ -1,6 +1,7 @@
 """Console scripts: one line and an exit code for every error, and Ctrl-C ends all of it at any moment."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,7 +10,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.main import get_command
 
+import benchmarks.cli
+import discrepancy.cli
 from castor_envs import command_line
 from castor_envs.errors import InputError
 
@@ -109,6 +113,22 @@ def test_output_that_has_no_room_is_one_line(command):
         done = subprocess.run([SCRIPTS / command, "--help"], stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
     assert done.stderr == "error: No space left on device; make room\n"
+
+
+@pytest.mark.parametrize("app", [benchmarks.cli.app, discrepancy.cli.app], ids=COMMANDS)
+def test_help_is_alike(app):
+    """One style for both, every command and option explained, and options of one name in the same words."""
+    group = get_command(app)
+    assert getattr(group, "rich_markup_mode") == "markdown"  # noqa: B009 - as below
+    for name, command in getattr(group, "commands").items():  # noqa: B009 - a group, which the type does not show
+        assert command.help, name
+        for option in command.params:
+            assert option.help, (name, option.name)
+            assert option.help.endswith((".", ")")), (name, option.help)
+            if "--json" in option.opts:
+                assert re.fullmatch(r"Print JSON \(castor-[a-z-]+/\d+\)\.", option.help), (name, option.help)
+            if "--jobs" in option.opts:
+                assert option.help == "Worker processes; default: one for each core.", name
 
 
 def processes_with(mark):
