@@ -67,6 +67,18 @@ def test_the_table_of_trials_is_that_of_the_stored_ones():
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
 
 
+def test_the_table_of_drives_is_that_of_the_stored_scores():
+    script = script_called("make_drive_tables")
+    page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
+    assert script.with_table(page, figures) == page, "run python scripts/make_drive_tables.py"
+    task = next(task for task in official_tasks() if task.name == "bursts-prototype")
+    episode = task.record(0)
+    stored = next(of["scores"]["wheel-odometry"] for of in figures["tasks"] if of["task"] == task.name)
+    estimates = estimate_singly("wheel-odometry", load_estimator("wheel-odometry").source_hash, observed_runs(episode))
+    assert not isinstance(estimates, Failure)
+    assert score(episode, [estimates[0].poses])["ate"] == pytest.approx(stored[0], rel=1e-5)
+
+
 def test_the_table_of_the_filter_is_that_of_the_stored_means():
     script = script_called("study_filter")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))

@@ -1,0 +1,84 @@
+"""Write docs/drives.json from a results folder, and the table of drives in docs/benchmark.md from that.
+
+    castor-bench run --group manoeuvres ... --cases 12 --results drives
+    python scripts/make_drive_tables.py drives
+
+Drives take hours in full, so that a table may be of fewer cases than the official ones; it says how many.
+"""
+
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.results.rows import ResultsStore
+from benchmarks.tasks.driving.task import KINDS, ROBOTS, DrivenRobot
+from castor_envs.files import write_atomically
+
+FORMAT = "castor-drives/1"
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE, FIGURES = DOCS / "benchmark.md", DOCS / "drives.json"
+START, END = "<!-- table drives: made by scripts/make_drive_tables.py -->\n", "<!-- end of table -->\n"
+SHOWN = ("wheel-odometry", "filter")
+ORACLE = {"ate": "ate_of_oracle"}
+"""The oracle's score beside the metric that ranks; of drift there is none."""
+
+Figures = dict[str, Any]
+
+
+def figures_of(results: Path) -> Figures:
+    """Return scores by task, estimator and case, in SI; raises ValueError where estimators have different cases."""
+    store, tasks = ResultsStore(results), []
+    for task in (DrivenRobot(kind, label) for kind in KINDS for label in ROBOTS):
+        scores: dict[str, dict[Any, dict[str, float]]] = defaultdict(dict)
+        for row in store.rows(task.name, task.version):
+            if row.estimator in SHOWN and row.failure is None:
+                scores[row.estimator][row.case] = row.scores
+        if not scores:
+            continue
+        cases = sorted(set.union(*map(set, scores.values())))
+        if set(scores) != set(SHOWN) or any(set(of) != set(cases) for of in scores.values()):
+            raise ValueError(f"{results}: {task.name} lacks cases of {' or '.join(SHOWN)}; run castor-bench run")
+        by_case = {name: [scores[name][case][task.metric] for case in cases] for name in SHOWN}
+        if task.metric in ORACLE:
+            by_case["oracle"] = [scores[SHOWN[0]][case][ORACLE[task.metric]] for case in cases]
+        rounded = {name: [float(f"{value:.6g}") for value in values] for name, values in by_case.items()}
+        tasks.append({"task": task.name, "metric": task.metric, "scores": rounded})
+    return {"format": FORMAT, "tasks": tasks}
+
+
+def table(figures: Figures) -> str:
+    """Return a table with a row for each kind of drive: medians over the cases, mm, and of long runs mm/m."""
+    by_name = {task["task"]: task["scores"] for task in figures["tasks"]}
+    rows = []
+    for kind in KINDS:
+        cells = [_cell(by_name.get(f"{kind.name}-{label}")) for label in ROBOTS]
+        if any(cells):
+            unit = "mm/m" if kind.metric == "drift" else "mm"
+            rows.append([f"{kind.name}, {unit}", *cells])
+    heading = ["", *ROBOTS]
+    rule = ["---", *["--:"] * len(ROBOTS)]
+    return "".join(f"| {' | '.join(row)} |\n" for row in (heading, rule, *rows))
+
+
+def _cell(scores: dict[str, list[float]] | None) -> str:
+    if scores is None:
+        return ""
+    return " / ".join(f"{1e3 * float(np.median(values)):.3g}" for values in scores.values())
+
+
+def with_table(page: str, figures: Figures) -> str:
+    """Return the page with the table between its marks."""
+    before, rest = page.split(START)
+    return before + START + "\n" + table(figures) + "\n" + END + rest.split(END, 1)[1]
+
+
+if __name__ == "__main__":
+    found = figures_of(Path(sys.argv[1] if len(sys.argv) > 1 else "castor-results"))
+    write_atomically(
+        FIGURES, json.dumps(found, indent=None, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n"
+    )
+    write_atomically(PAGE, with_table(PAGE.read_text(), found))
