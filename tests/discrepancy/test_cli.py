@@ -143,7 +143,8 @@ def test_no_arguments_show_the_help_and_nothing_else(capsys, monkeypatch):
     assert (code, err) == (2, "")
     assert out.count("Usage: ") == 1
     assert "inspect" in out
-    assert out.split() == diagnose(capsys, monkeypatch, "--help")[1].split()
+    _, help_text, _ = diagnose(capsys, monkeypatch, "--help")
+    assert out.split() == str(help_text).split()
 
 
 def test_version(capsys, monkeypatch):

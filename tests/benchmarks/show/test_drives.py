@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.show.drives import drive_of, drives_of
 from benchmarks.show.follow import failures, follow, poses
-from benchmarks.show.slip import slips_of
+from benchmarks.show.slip import Slips, slips_of
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
@@ -18,6 +18,13 @@ from estimators.plugins.registry import load_estimator
 
 SPEED, RATE = 0.5, 0.4
 """m/s and rad/s of the fake task's arcs."""
+
+
+def found_slips(drive) -> Slips:
+    """Return the slips of a drive that is long enough for them."""
+    slips = slips_of(drive)
+    assert slips is not None
+    return slips
 
 
 @pytest.fixture
@@ -67,7 +74,7 @@ def test_without_a_dense_reference_the_wheels_tell_the_way_and_nothing_the_slip(
         drive = drive_of("log", arcs.robot, without_reference(log, blank))
         assert not drive.dense
         np.testing.assert_allclose(drive.way, SPEED * log.t[drive.samples], rtol=1e-9)
-        assert slips_of(drive).slip is None
+        assert found_slips(drive).slip is None
 
 
 def asoc_square(change=None):
@@ -83,8 +90,9 @@ def asoc_square(change=None):
 
 
 def test_perfect_rolling_neither_slips_nor_disagrees():
-    slips = slips_of(asoc_square())
+    slips = found_slips(asoc_square())
     assert slips.parts == ("castor 1", "castor 2", "castor 3")
+    assert slips.slip is not None
     assert slips.slip.max() < 2e-4  # pivots are read to a count, and counts are integrated over 50 ms
     assert slips.disagreement.max() < 2e-4
     assert not slips.worst()
@@ -98,14 +106,14 @@ def test_slip_is_as_large_as_it_was_and_named_where_it_was():
         return far / (2 * np.pi * geometry.radius) * geometry.counts_per_rev
 
     drive = asoc_square(spin)
-    slips = slips_of(drive)
+    slips = found_slips(drive)
     first, *others = slips.worst()
     assert (first.part, others) == ("castor 2", [])
     assert first.slip == pytest.approx(0.01 * np.sqrt(2), rel=0.02)
     assert first.t == pytest.approx(3.25, abs=0.02)
-    k = int(np.argmin(np.abs(drive.log.t - 3.25)))
-    x, y, psi = drive.log.reference[k]
-    px, py = drive.vehicle.castors[1].pivot
+    k = int(np.argmin(np.abs(drive.log.t[drive.samples] - 3.25)))
+    x, y, psi = drive.truth[k]
+    px, py = preset("asoc-prototype").castors[1].pivot
     there = (x + np.cos(psi) * px - np.sin(psi) * py, y + np.sin(psi) * px + np.cos(psi) * py)
     assert (first.x, first.y) == pytest.approx(there, abs=1e-3)
     k, part = np.unravel_index(np.argmax(slips.disagreement), slips.disagreement.shape)
@@ -118,7 +126,7 @@ def test_an_axle_of_a_train_that_slips_is_named(fake_trains):
     log, wheel = episode.runs[0].log, episode.robot.modules[1].wheels[0]
     far = 0.005 * np.clip((log.t - 2.0) / 0.5, 0, 1) / (2 * np.pi * wheel.radius) * wheel.counts_per_rev
     counts = log.wheel + far[:, None] * [0, 0, 1, 1, 0, 0]
-    slips = slips_of(drive_of("log", episode.robot, dataclasses.replace(log, wheel=counts)))
+    slips = found_slips(drive_of("log", episode.robot, dataclasses.replace(log, wheel=counts)))
     assert slips.parts == ("axle 1", "axle 2", "axle 3")
     (place,) = slips.worst()
     assert (place.part, place.slip) == ("axle 2", pytest.approx(0.005 * np.sqrt(2), rel=1e-3))

@@ -71,7 +71,7 @@ def test_a_log_is_shown_on_its_floor_and_with_pictures(castor_bench, fake_tasks,
     assert page.count('class="slippery"') == page.count('class="cable"') == 1
     with Image.open(here / "end.png") as end, Image.open(here / "drive.gif") as moving:
         assert (end.format, moving.format) == ("PNG", "GIF")
-        assert moving.n_frames == 21
+        assert getattr(moving, "n_frames", 1) == 21
         first = np.asarray(moving.convert("RGB"), dtype=int)
         moving.seek(20)
         last = np.asarray(moving.convert("RGB"), dtype=int)

@@ -17,8 +17,8 @@ def against(results):
 
     def of(first, second, stored=None):
         rows = stored or rows_by_task([results.task], results.folder)
-        sides = [side_of(text, rows, results.folder, 60.0) for text in (first, second)]
-        (found,) = compare(*sides, rows, [results.task], results.folder)
+        a, b = (side_of(text, rows, results.folder, 60.0) for text in (first, second))
+        (found,) = compare(a, b, rows, [results.task], results.folder)
         return found
 
     return of
@@ -63,7 +63,7 @@ def test_failed_cases_are_left_out_for_both_and_told(against, stored_results):
 
 def test_few_cases_show_nothing(against, results):
     rows = rows_by_task([results.task], results.folder)
-    few = {name: [row for row in of if row.case < 4] for name, of in rows.items()}
+    few = {name: [row for row in of if row.case in range(4)] for name, of in rows.items()}
     found = against("worse", "good", few)
     assert (found.verdict, found.difference.low) == (Verdict.FEW, None)
     assert any("fewer than 6 cases cannot show a difference" in note for note in notes([found]))
