@@ -11,6 +11,7 @@ from benchmarks.results.rescore import rescore, rescore_task
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
 from castor_envs.errors import InputError
+from castor_envs.floor import Cable, Floor
 from estimators.plugins.registry import load_estimator
 
 
@@ -97,6 +98,26 @@ def test_a_train_is_exported_axle_by_axle(tmp_path, fake_trains):
     assert names == [f"run-01-axle-{k}.tum" for k in range(1, run_.axles + 1)]
     text = np.loadtxt(tmp_path / "out" / "case-0" / "run-01-axle-2.tum", ndmin=2)
     np.testing.assert_allclose(text[:, 1:3], run_.truth[1, :, :2])
+
+
+def test_floors_are_stored_and_exported_but_change_no_digest(tmp_path, fake_tasks):
+    floor = Floor(cables=(Cable(center=(1.0, 0.5), direction=0.3, length=0.1, diameter=0.01),), slope=(0.01, 0.0))
+
+    @dataclasses.dataclass(frozen=True)
+    class OnCable(fake_tasks.Arcs):
+        def record(self, case):
+            plain = super().record(case)
+            first, second = plain.runs
+            return dataclasses.replace(plain, runs=(dataclasses.replace(first, floor=floor), second))
+
+    task = OnCable()
+    EpisodeStore(tmp_path).save(task, 0, task.record(0))
+    kept = EpisodeStore(tmp_path).load(task.name, task.version, 0)
+    assert [run_.floor for run_ in kept.runs] == [floor, None]
+    assert kept.digest == fake_tasks.Arcs().record(0).digest
+    export_cases(task, (0,), tmp_path / "out", "csv")
+    assert [path.name for path in (tmp_path / "out" / "case-0").glob("*floor*")] == ["run-01-cw-floor.json"]
+    assert Floor.load(tmp_path / "out" / "case-0" / "run-01-cw-floor.json") == floor
 
 
 def test_mistakes_of_export_are_named(followed, tmp_path):
