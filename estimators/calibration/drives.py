@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry, moves_sideways
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
@@ -55,14 +55,6 @@ def _squares(_: RobotDescription) -> list[Trajectory]:
 
 def _about_castors(robot: RobotDescription) -> list[Trajectory]:
     return [pivoting(castor.pivot, way) for castor in robot.castors for way in ("cw", "ccw")]
-
-
-def moves_sideways(robot: RobotDescription) -> bool:
-    """Return whether no wheel keeps a robot from moving sideways: none without rollers is fixed to its body."""
-    return not any(
-        castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
-        for castor in robot.castors
-    )
 
 
 def _random_path(robot: RobotDescription) -> list[Trajectory]:
