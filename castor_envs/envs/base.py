@@ -60,7 +60,6 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
             raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
-        self._show_course()
 
     def reference(self, t: ArrayLike, pose: Array) -> Array:
         """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N): for recorders."""
@@ -80,7 +79,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         self._sample = 0
         if course is not self._course:
             self._course = course
-            self._show_course()
+            self.close()
         if self._renderer is not None:
             self._renderer.reset()
         return self._sensed.observation
@@ -109,27 +108,25 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
+            self._renderer = None
 
     def _show(self) -> None:
         """In human mode, draw the newest state."""
         if self.render_mode == "human":
             self._draw()
 
-    def _show_course(self) -> None:
-        """Make the renderer, if there is to be one, of as much floor as the course needs."""
-        if self.render_mode is None:
-            return
-        self.close()
+    def _started_renderer(self) -> Renderer:
+        """Return a renderer of as much floor as the course needs: made when it is needed, for most episodes of learning
+        are never drawn."""
         self._line = self._course.line()
         low, high = self._line[:, :2].min(axis=0) - self._margin, self._line[:, :2].max(axis=0) + self._margin
         arena = (low[0], high[0], low[1], high[1])
         fps = self.metadata["render_fps"]
         mode: Any = self.render_mode
-        self._renderer = Renderer(self.vehicle, self._sensed.floor, mode, fps, arena=arena)
+        return Renderer(self.vehicle, self._sensed.floor, mode, fps, arena=arena)
 
     def _draw(self) -> Any:
-        if self._renderer is None:
-            return None
+        self._renderer = self._renderer or self._started_renderer()
         return self._renderer.draw(
             self._sensed.pose,
             self._sensed.shape,

@@ -3,7 +3,7 @@
 import pkgutil
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, cast, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -146,17 +146,18 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
 def _estimator_class(given: EstimatorClass | str | None) -> EstimatorClass | None:
     """Return what makes estimators: a class, or one given by its name; raises InputError for anything else."""
-    make: Any = given
-    if isinstance(given, str):
-        try:
-            make = pkgutil.resolve_name(given)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"there is no estimator {given!r}; give 'module:Class' ({one_line(error)})") from error
-    if make is None:
+    if given is None:
         return None
-    made: Any = make() if callable(make) else make
-    if not (callable(make) and hasattr(made, "reset") and hasattr(made, "update")):
+    found: Any = _named(given) if isinstance(given, str) else given
+    if not callable(found) or not all(hasattr(found(), method) for method in ("reset", "update")):
         raise InputError(
             f"estimator must be a class with `reset` and `update`, or its name 'module:Class', not {given!r}"
         )
-    return make
+    return cast(EstimatorClass, found)
+
+
+def _named(name: str) -> Any:
+    try:
+        return pkgutil.resolve_name(name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"there is no estimator {name!r}; give 'module:Class' ({one_line(error)})") from error
