@@ -11,7 +11,7 @@ from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.presets import preset
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("physics", "effects", "diagnose")
+PAGES = ("physics", "effects", "diagnose", "policies")
 
 
 def page(name):

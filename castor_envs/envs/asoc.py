@@ -28,13 +28,16 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
     floors have patches, cables and slope.
 
     ## Action Space
-    `Box(-1, 1, (driven wheels + driven castors,))`, float32, wheels first, in the order of the robot file.
+    `Box(-1, 1)`, float32; motors are driven wheels first, then driven castors, in the order of the robot file.
 
-    | `control`    | What an action is                                                                             |
-    |--------------|-----------------------------------------------------------------------------------------------|
-    | `"speed"`    | a fraction of `max_wheel_speed` and `max_steering_speed`; a servo holds it                    |
-    | `"voltage"`  | wheels: a fraction of the full voltage, torque max_wheel_torque (u - speed / max_wheel_speed) |
-    | `"residual"` | a correction of the scripted driver's speeds, by up to a tenth of the greatest ones           |
+    | `control`    | Shape     | What an action is                                                                  |
+    |--------------|-----------|------------------------------------------------------------------------------------|
+    | `"speed"`    | (motors,) | fractions of `max_wheel_speed` and `max_steering_speed`; a servo holds them        |
+    | `"voltage"`  | (motors,) | of wheels, fractions of the full voltage; of castors, speeds as above              |
+    | `"residual"` | (3,)      | what is added to the scripted driver's velocity                                    |
+
+    At a voltage u the torque is max_wheel_torque (u - speed / max_wheel_speed). A residual adds up to 0.25 m/s ahead
+    and to the left, and 0.5 rad/s of turning; robots that cannot move sideways have no second number, so (2,).
 
     ## Observation Space
     `Dict` of 1-D boxes, float64.

@@ -70,6 +70,11 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         """What the sensors say now, whatever the agent is shown: for recorders."""
         return self._sensed.observation
 
+    @property
+    def longest_episode(self) -> float:
+        """How long this episode is unless it ends early, s; where the agent drives, the largest return of it."""
+        return self._samples * self.vehicle.sample_period
+
     def _start(self, seed: int | None) -> Observation:
         """Seed, and put the vehicle at rest at the start of the course."""
         super().reset(seed=seed)

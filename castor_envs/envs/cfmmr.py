@@ -21,13 +21,13 @@ class CFMMREnv(TrackingEnv[SensedTrain], TrainEnv):
     slope.
 
     ## Action Space
-    `Box(-1, 1, (2 * axles,))`, float32, axle by axle from the front, left wheel first.
+    `Box(-1, 1, (2 * axles,))`, float32, axle by axle from the front.
 
-    | `control`    | What an action is                                                                      |
-    |--------------|----------------------------------------------------------------------------------------|
-    | `"speed"`    | a fraction of `max_wheel_speed`; a servo holds it                                      |
-    | `"voltage"`  | a fraction of the full voltage: torque max_wheel_torque (u - speed / max_wheel_speed)  |
-    | `"residual"` | a correction of the scripted driver's speeds, by up to a tenth of the greatest ones    |
+    | `control`    | What an action is                                                                               |
+    |--------------|-------------------------------------------------------------------------------------------------|
+    | `"speed"`    | of each axle the left and the right wheel's fraction of `max_wheel_speed`; a servo holds it     |
+    | `"voltage"`  | the same of the full voltage: torque max_wheel_torque (u - speed / max_wheel_speed)             |
+    | `"residual"` | what is added to each axle's velocity by the scripted driver: up to 0.25 m/s ahead, 0.5 rad/s  |
 
     ## Observation Space
     `Dict` of 1-D boxes, float64.

@@ -23,7 +23,6 @@ from castor_envs.sensors.observation import Observation
 
 AHEAD = (0.0, 0.25, 0.5, 1.0)  # s from now at which the reference is shown
 FAR, FAST = 1e3, 1e2  # m, and m/s or rad/s: what is shown of the reference is cut off there
-RESIDUAL = 0.1  # of a motor's greatest speed, by which agents correct the scripted driver with control="residual"
 
 Control = Literal["speed", "voltage", "residual"]
 
@@ -56,7 +55,8 @@ class TrackingEnv(VehicleEnv[Sensed]):
             raise InputError(f"unknown control {control!r}{did_you_mean(str(control), get_args(Control))}")
         self.follower, self._control = follower, control
         self._estimator_class = _estimator_class(estimator)
-        self.action_space = spaces.Box(-1.0, 1.0, follower.fastest.shape, dtype=np.float32)
+        size = (follower.corrections if control == "residual" else follower.fastest).shape
+        self.action_space = spaces.Box(-1.0, 1.0, size, dtype=np.float32)
         bodies = self._course.target(0.0).size // 3
         far = np.tile([FAR, FAR, np.pi], bodies)
         most = {"reference": np.tile(far, len(AHEAD)), "reference_twist": np.full(3 * bodies, FAST), "goal": far}
@@ -82,7 +82,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Command the motors for one sample period."""
-        fraction = np.clip(finite(action, self.action_space.shape, "action (a number per motor)"), -1.0, 1.0)
+        fraction = np.clip(finite(action, self.action_space.shape, "action"), -1.0, 1.0)
         commands = self._commands(self._motors(fraction))
         self._advance(commands, "voltage" if self._control == "voltage" else "servo")
         self._sample += 1
@@ -92,10 +92,10 @@ class TrackingEnv(VehicleEnv[Sensed]):
         return observation, reward, lost, over, info
 
     def _motors(self, fraction: Array) -> Array:
-        """Return what an action (m,) tells the motors: speeds, or voltages of wheels as a fraction of the full one."""
+        """Return what an action tells the motors (m,): speeds, or voltages of wheels as a fraction of the full one."""
         fastest, wheels = self.follower.fastest, self.follower.wheels
         if self._control == "residual":
-            return np.clip(self.follower.motors(self._unscaled) + RESIDUAL * fraction * fastest, -fastest, fastest)
+            return self.follower.corrected(self._unscaled, fraction)
         if self._control == "voltage":
             return np.concatenate([fraction[:wheels], fraction[wheels:] * fastest[wheels:]])
         return fraction * fastest

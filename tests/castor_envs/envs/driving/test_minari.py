@@ -1,6 +1,7 @@
 """Episodes go into Minari datasets and come back as they were driven, with the environment they were driven in."""
 
 import importlib.util
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -34,7 +35,7 @@ def test_a_dataset_holds_what_was_driven_and_its_environment(name, scaled, tmp_p
             rewards.append(reward)
             over = terminated or truncated
         driven.append((seen, actions, rewards))
-    told = {
+    told: dict[str, Any] = {
         "algorithm_name": "random",
         "author": "A",
         "author_email": "a@b.c",

@@ -1,7 +1,7 @@
 """The environments whose agent drives: reward, what agents see, and the scripted drivers."""
 
 # pyright: reportPossiblyUnboundVariable=false, reportAttributeAccessIssue=false, reportArgumentType=false
-# pyright: reportOptionalSubscript=false, reportCallIssue=false
+# pyright: reportOptionalSubscript=false, reportCallIssue=false, reportOptionalMemberAccess=false
 
 import functools
 import math
@@ -264,12 +264,33 @@ def test_a_residual_of_zero_is_the_scripted_driver_and_others_correct_it(name):
     np.testing.assert_allclose(  # actions are float32
         drive(residual, still)[0], driven(name, "slippery", scripted)[0], atol=1e-4
     )
-    _, at_rest = residual.reset(seed=2)
-    _, _, _, _, told = residual.step(np.ones(residual.action_space.shape))
-    _, _ = residual.reset(seed=2)
-    _, _, _, _, scripted_told = residual.step(np.zeros(residual.action_space.shape))
-    assert np.all(at_rest["command"] == 0)
-    np.testing.assert_allclose(told["command"] - scripted_told["command"], 0.1 * residual.follower.fastest)
+
+
+@pytest.mark.parametrize("robot", ["asoc-prototype", "differential"])
+def test_a_correction_changes_the_velocity_of_the_body(robot):
+    """On an even floor a standing robot that corrects nothing's velocity by an action goes at a fraction of `MOST`."""
+    rest = Trajectory("rest", (Run((Leg((1.0, 0.0, 0.0), 1e-3),), 1e-4, 1.0),))
+    env = made("castor/ASOC-v1", robot=robot, trajectory=rest, control="residual")
+    env.reset(seed=0)
+    size = env.action_space.shape[0]
+    action = np.array([0.4, 0.2, 0.5])[[0, 1, 2] if size == 3 else [0, 2]]
+    for _ in range(6):
+        env.step(action)
+    went = env._sensed.world.twist
+    expected = np.array([0.1, 0.05 if size == 3 else 0.0, 0.25])
+    seen = env._unscaled["reference"][:3]  # what the scripted driver adds to get back
+    back = seen if size == 3 else 0.0 * seen
+    np.testing.assert_allclose(went[2], expected[2] + back[2], atol=0.02)
+    assert np.hypot(*went[:2]) == pytest.approx(np.hypot(*(expected[:2] + back[:2])), abs=0.03)
+
+
+def test_a_correction_moves_one_axle_of_a_train():
+    env = made("castor/CFMMR-v1", control="residual")
+    told = []
+    for action in (np.zeros(6), np.eye(6)[2]):  # the second axle, 0.25 m/s faster
+        env.reset(seed=0)
+        told.append(env.step(action)[4]["command"])
+    np.testing.assert_allclose(told[1] - told[0], [0, 0, 0.25 / 0.075, 0.25 / 0.075, 0, 0], atol=1e-12)
 
 
 def test_an_estimator_tells_the_agent_where_it_is_and_the_reward_is_of_the_truth():

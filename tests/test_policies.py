@@ -1,0 +1,76 @@
+"""docs/policies.md is true: its code runs, its figures are the stored ones, and what it says of them holds."""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "policies.md").read_text(encoding="utf-8")
+FIGURES = json.loads((ROOT / "docs" / "policies.json").read_text(encoding="utf-8"))
+
+
+def block(words):
+    """Return the Python block of the page that holds these words."""
+    (found,) = [code for code in re.findall(r"```python\n(.*?)```", PAGE, flags=re.S) if words in code]
+    return found
+
+
+def script():
+    spec = importlib.util.spec_from_file_location("train_policies", ROOT / "scripts" / "train_policies.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_scripted_driver_drives(capsys):
+    exec(block("driver = env.unwrapped.follower"), {})
+    earned, largest = re.findall(r"return (\S+) of at most (\S+);", capsys.readouterr().out)[0]
+    assert 0.8 * float(largest) < float(earned) < float(largest)
+
+
+def test_an_estimator_believes_otherwise(capsys):
+    exec(block("estimator="), {})
+    believed, true = map(int, re.findall(r"(\d+) mm", capsys.readouterr().out))
+    assert believed < true
+
+
+def test_a_policy_trains(tmp_path, monkeypatch):
+    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
+    monkeypatch.chdir(tmp_path)
+    exec(block("PPO(").replace("400_000", "512").replace("n_steps=1024", "n_steps=64"), {})
+    assert (tmp_path / "policy.zip").stat().st_size > 1000
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning:minari", "ignore::ResourceWarning")
+def test_a_data_set_is_recorded(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("minari", reason="Minari is not installed (extra 'minari')")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    exec(block("DataCollector"), {})
+    assert re.fullmatch(r"3 episodes, \d{4} steps; castor/ASOC-v1\n", capsys.readouterr().out)
+
+
+def test_table_and_picture_are_of_the_stored_figures():
+    made = script()
+    assert FIGURES["format"] == made.FORMAT
+    assert made.with_table(PAGE, FIGURES) == PAGE, "run python scripts/train_policies.py --draw"
+    assert list(FIGURES["trained"]) == list(made.PLANS)
+    for name, run in FIGURES["trained"].items():
+        plan = made.PLANS[name]
+        assert (run["environment"], run["control"]) == (plan.environment, plan.control)
+        assert plan.steps <= run["curve"][-1]["steps"] < plan.steps + made.PPO["n_steps"] * made.ENVIRONMENTS
+    assert FIGURES["ppo"] == {**made.PPO, "environments": made.ENVIRONMENTS, "seed": made.SEED}
+
+
+def test_stored_scores_of_scripted_drivers_are_those_of_today():
+    made = script()
+    import gymnasium as gym
+
+    for environment, drivers in FIGURES["baselines"].items():
+        env = gym.make(environment, floor=made.FLOOR)
+        found = made.scores(env, made.scripted, made.JUDGED[:1])
+        assert found[0] == pytest.approx(drivers["scripted driver"][0], abs=1e-4)
