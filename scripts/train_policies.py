@@ -42,31 +42,35 @@ PPO: dict[str, Any] = {
     "learning_rate": 1e-3,
     "gamma": 0.98,
     "gae_lambda": 0.95,
-    "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.5},
 }
-"""Settings of Stable-Baselines3's PPO; beside its defaults: less noise at first, larger steps, sight of 2.5 s."""
+"""Settings of Stable-Baselines3's PPO; of its defaults, larger steps and a sight of 2.5 s."""
+NETWORK = [64, 64]
 ENVIRONMENTS = 4
 """Environments that a policy is trained in, side by side."""
 
 ROLLOUTS = 5
 """Rollouts of all environments from one point of a curve to the next."""
 
+SOON, NEAR = 0.5, 0.015
+"""s: how far the scripted driver that looks ahead does so. m: what is nearer then has no direction to drive to."""
+
 Policy = Callable[[Any, Any], Any]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is trained: environment, what actions are (`control`), and for how many steps."""
+    """What is trained: environment, what actions are (`control`), for how many steps; log_std: of actions, at first."""
 
     environment: str
     control: str
     steps: int
+    log_std: float
 
 
 PLANS = {
-    "robot, corrections": Plan("castor/ASOC-v1", "residual", 600_000),
-    "robot, from nothing": Plan("castor/ASOC-v1", "speed", 600_000),
-    "train, corrections": Plan("castor/CFMMR-v1", "residual", 300_000),
+    "robot, corrections": Plan("castor/ASOC-v1", "residual", 600_000, -1.5),
+    "robot, from nothing": Plan("castor/ASOC-v1", "speed", 600_000, -1.0),
+    "train, corrections": Plan("castor/CFMMR-v1", "residual", 300_000, -2.0),
 }
 
 
@@ -81,10 +85,20 @@ def without_feedback(env: Any, observation: Any) -> Any:
 
 
 def ahead(env: Any, observation: Any) -> Any:
-    """Drive so as to be in half a second where the reference will be then, at one velocity."""
-    later = observation["reference"].reshape(len(AHEAD), -1)[AHEAD.index(0.5)]
-    error = np.zeros_like(observation["reference"])
-    return env.follower.action({**observation, "reference": error, "reference_twist": later / 0.5})
+    """Drive so as to be in half a second where the reference will be then: straight, or if need be on an arc.
+
+    A robot that moves in any direction needs one velocity; an axle the arc that begins ahead and leads there (pure
+    pursuit), at a speed that covers its chord.
+    """
+    x, y, turn = observation["reference"].reshape(len(AHEAD), -1, 3)[AHEAD.index(SOON)].T
+    if "rps" in observation:
+        chord = np.maximum(np.hypot(x, y), 1e-3)
+        speed = np.where(chord > NEAR, np.sign(x) * chord / SOON, 0.0)
+        twist = np.stack([speed, np.zeros_like(speed), speed * 2 * y / chord**2], axis=-1)
+    else:
+        twist = np.stack([x, y, turn], axis=-1) / SOON
+    aimed = {"reference": np.zeros_like(observation["reference"]), "reference_twist": twist.ravel()}
+    return env.follower.action(observation | aimed)
 
 
 def standing(env: Any, observation: Any) -> Any:
@@ -95,7 +109,7 @@ def standing(env: Any, observation: Any) -> Any:
 BASELINES: dict[str, Policy] = {
     "scripted driver": scripted,
     "scripted, without feedback": without_feedback,
-    "scripted, half a second ahead": ahead,
+    "scripted, looking ahead": ahead,
     "standing still": standing,
 }
 
@@ -150,7 +164,8 @@ def trained(plan: Plan, save: Path | None) -> dict[str, Any]:
 
     began = time.process_time()
     env = make_vec_env(plan.environment, n_envs=ENVIRONMENTS, seed=SEED, env_kwargs=arguments)
-    model = Learner("MlpPolicy", env, seed=SEED, device="cpu", **PPO)
+    network = {"net_arch": NETWORK, "log_std_init": plan.log_std}
+    model = Learner("MlpPolicy", env, seed=SEED, device="cpu", policy_kwargs=network, **PPO)
     model.learn(plan.steps, callback=Watch())
     taken = time.process_time() - began
     if save is not None:
@@ -184,7 +199,7 @@ def with_table(page: str, figures: dict[str, Any]) -> str:
         for name, found, run in rows:
             gain = interval(np.array(found) - scripted_scores)
             over = "" if name == "scripted driver" else f"{gain.mean:+.3f} ({gain.low:+.3f} to {gain.high:+.3f})"
-            took = ["", ""] if run is None else [f"{run['curve'][-1]['steps']:,}", f"{run['cpu_s'] / 60:.1f}"]
+            took = ["", ""] if run is None else [f"{run['steps']:,}", f"{run['cpu_s'] / 60:.1f}"]
             lines.append([f"`{environment}`", name, f"{np.mean(found):.3f}", over, *took])
     table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     before, rest = page.split(START)
@@ -221,19 +236,19 @@ def main() -> None:
     parser.add_argument("--save", type=Path, metavar="FOLDER", help="keep the trained policies here")
     given = parser.parse_args()
     names = [] if given.draw else given.only or list(PLANS)
-    anew = not FIGURES.exists() or not (given.draw or given.only)
-    kept = {"trained": {}} if anew else json.loads(FIGURES.read_text(encoding="utf-8"))
-    for name in names:
-        kept["trained"][name] = trained(PLANS[name], given.save and given.save / name)
-    if not given.draw:
+    found = {name: trained(PLANS[name], given.save and given.save / name) for name in names}
+    if given.draw:
+        kept = json.loads(FIGURES.read_text(encoding="utf-8"))
+    else:
+        before = json.loads(FIGURES.read_text(encoding="utf-8"))["trained"] if given.only and FIGURES.exists() else {}
         environments = sorted({plan.environment for plan in PLANS.values()})
         kept = {
             "format": FORMAT,
             "floor": FLOOR,
             "judged_seeds": [JUDGED.start, JUDGED.stop],
-            "ppo": PPO | {"environments": ENVIRONMENTS, "seed": SEED},
+            "ppo": PPO | {"net_arch": NETWORK, "environments": ENVIRONMENTS, "seed": SEED},
             "baselines": {environment: baselines(environment) for environment in environments},
-            "trained": {name: kept["trained"][name] for name in PLANS if name in kept["trained"]},
+            "trained": {name: (before | found)[name] for name in PLANS if name in before | found},
         }
         write_atomically(FIGURES, json.dumps(kept, indent=1) + "\n")
     draw(kept)

@@ -314,7 +314,7 @@ def test_many_environments_at_once_are_the_single_ones_and_their_spec_is_data(na
 
 
 def test_what_is_seen_live_is_what_the_log_of_it_gives():
-    """But the commands, which `info` has: those of the period that led to the observation."""
+    """But the commands, which `info` has: those of the period that led to the observation; and where to go."""
     for name, parts in (("castor/ASOC-v1", {"pivot"}), ("castor/CFMMR-v1", {"rps", "rps_age"})):
         env = RecordLog(gym.make(name))
         action = np.full_like(env.action_space.sample(), 0.3)
@@ -324,7 +324,8 @@ def test_what_is_seen_live_is_what_the_log_of_it_gives():
         logged = list(env.log().observations())
         assert len(logged) == len(seen)
         for live, again, said in zip(seen, logged, told, strict=True):
-            assert live.keys() == again.keys() - {"command"} == {"wheel", "time"} | parts
+            sensed = live.keys() - {"reference", "reference_twist", "goal"}
+            assert sensed == again.keys() - {"command"} == {"wheel", "time"} | parts
             np.testing.assert_array_equal(again["command"], said["command"])
-            for key in live:
+            for key in sensed:
                 np.testing.assert_array_equal(live[key], again[key])
