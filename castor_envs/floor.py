@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from castor_envs import description
 from castor_envs.description import CONFIG, Angle, Extent, FrictionOrNone, Place
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, did_you_mean
 
 FORMAT = "castor-floor/1"
 
@@ -121,6 +121,8 @@ FLOORS = {"slippery": Floor(patches=(Patch(center=(0.0, 0.0), size=(100.0, 100.0
 def load_floor(floor: Floor | str | None) -> Floor:
     """Return a floor given as a `Floor`, a name or the path of a file, or None for an even floor; raises InputError."""
     if isinstance(floor, str):
+        if floor not in FLOORS and not floor.endswith(".json") and not os.path.exists(floor):
+            raise InputError(f"there is no floor or file {floor!r}{did_you_mean(floor, FLOORS)}")
         return FLOORS[floor] if floor in FLOORS else Floor.load(floor)
     floor = Floor() if floor is None else floor
     if not isinstance(floor, Floor):

@@ -190,6 +190,7 @@ def test_a_gyro_reads_the_turning_rate():
         ("castor/UMBmark-v0", {"robot": "differential", "corners": "fixed"}, "slip sideways"),
         ("castor/UMBmark-v0", {"direction": "left"}, "direction"),
         ("castor/UMBmark-v0", {"floor": "nowhere.json"}, "nowhere.json"),
+        ("castor/UMBmark-v0", {"floor": "slipery"}, "did you mean 'slippery'"),
         ("castor/ASOC-v1", {"trajectory": "figure-nine"}, "did you mean 'figure-eight'"),
         ("castor/ASOC-v1", {"control": "torque"}, "control"),
         ("castor/ASOC-v1", {"trajectory": None}, "trajectory"),
