@@ -6,7 +6,11 @@ import json
 import re
 from pathlib import Path
 
+import gymnasium as gym
+import numpy as np
 import pytest
+
+from benchmarks.leaderboard.ranking import interval
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "policies.md").read_text(encoding="utf-8")
@@ -70,9 +74,27 @@ def test_table_and_picture_are_of_the_stored_figures():
 
 def test_stored_scores_of_scripted_drivers_are_those_of_today():
     made = script()
-    import gymnasium as gym
-
     for environment, drivers in FIGURES["baselines"].items():
         env = gym.make(environment, floor=made.FLOOR)
-        found = made.scores(env, made.scripted, made.JUDGED[:1])
-        assert found[0] == pytest.approx(drivers["scripted driver"][0], abs=1e-4)
+        for name, policy in made.BASELINES.items():
+            assert made.scores(env, policy, made.JUDGED[:1])[0] == pytest.approx(drivers[name][0], abs=1e-4), name
+
+
+def test_what_the_page_says_of_training():
+    trained, of = FIGURES["trained"], FIGURES["baselines"]
+    robot, alone = trained["robot, corrections"], trained["robot, from nothing"]
+    scripted, ahead = (np.array(of["castor/ASOC-v1"][name]) for name in ("scripted driver", "scripted, looking ahead"))
+    assert np.all(np.array(robot["scores"]) > scripted)  # on every course
+    assert np.mean(robot["scores"]) < np.mean(ahead)
+    assert np.mean(alone["scores"]) < np.mean(scripted)
+    assert all(run["cpu_s"] < 600 for run in trained.values())
+    for run in trained.values():  # nobody learns to end early
+        lengths = [point["episode_s"] for point in run["curve"]]
+        assert np.mean(lengths[-5:]) > 0.98 * np.mean(lengths[:5])
+    lengths = [point["episode_s"] for point in alone["curve"]]
+    assert lengths[0] == pytest.approx(3, abs=0.5)
+    assert np.mean(lengths[-5:]) == pytest.approx(8, abs=0.5)
+    assert np.mean([point["score"] for point in robot["curve"][10:]]) > 0.99 * robot["curve"][-1]["score"]
+    train, looking = (np.array(of["castor/CFMMR-v1"][name]) for name in ("scripted driver", "scripted, looking ahead"))
+    assert interval(np.array(trained["train, corrections"]["scores"]) - train).low > 0
+    assert np.sum(looking < 0.5) == 1
