@@ -47,7 +47,12 @@ def test_an_estimator_believes_otherwise(capsys):
 def test_a_policy_trains(tmp_path, monkeypatch):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
     monkeypatch.chdir(tmp_path)
-    exec(block("PPO(").replace("400_000", "512").replace("n_steps=1024", "n_steps=64"), {})
+    made = script()
+    code, plan = block("PPO("), made.PLANS["robot, corrections"]
+    assert f"learn({plan.steps:_})" in code
+    for setting in (*made.PPO.items(), ("log_std_init", plan.log_std), ("net_arch", made.NETWORK)):
+        assert "{}={}".format(*setting) in code or setting in (("n_epochs", 10), ("gae_lambda", 0.95)), setting
+    exec(re.sub(r"learn\(.*\)", "learn(512)", code).replace("n_steps=1024", "n_steps=64"), {})
     assert (tmp_path / "policy.zip").stat().st_size > 1000
 
 
