@@ -268,7 +268,7 @@ def test_a_residual_of_zero_is_the_scripted_driver_and_others_correct_it(name):
 
 @pytest.mark.parametrize("robot", ["asoc-prototype", "differential"])
 def test_a_correction_changes_the_velocity_of_the_body(robot):
-    """On an even floor a standing robot that corrects nothing's velocity by an action goes at a fraction of `MOST`."""
+    """Where the scripted driver would stand, a robot goes at fractions of 0.25 m/s and 0.5 rad/s."""
     rest = Trajectory("rest", (Run((Leg((1.0, 0.0, 0.0), 1e-3),), 1e-4, 1.0),))
     env = made("castor/ASOC-v1", robot=robot, trajectory=rest, control="residual")
     env.reset(seed=0)
