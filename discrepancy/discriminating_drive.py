@@ -14,6 +14,7 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
+from castor_envs.motion.kinematics import moves_sideways
 from castor_envs.motion.trajectories import Trajectory, chained, wander
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.answers import Answer, Place
@@ -21,7 +22,7 @@ from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS, direction_of, order_of, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder, Statistics
-from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of, moves_sideways
+from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of
 
 SEEDS = (1, 2, 3)
 """Of random paths beside that of `DRIVES`: where one was driven, and it is not enough, another one may be."""

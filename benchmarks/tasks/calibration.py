@@ -101,7 +101,7 @@ class TurnsCalibration:
 
 @dataclass(frozen=True)
 class PhysicsCalibration:
-    """The same robots and turns in physics: `castor/ASOC-v0` with a castor held and all other wheels at a voltage.
+    """The same robots and turns in physics: `castor/ASOC-v1` with a castor held and all other wheels at a voltage.
 
     Recordings as in `TurnsCalibration`, but the castors start as trailing in the turn, nobody controls the angle, and
     the wheels slip: at 0.2 of the full voltage, over 18 s, the base turns about once. The recordings have no reference
@@ -200,10 +200,10 @@ class SquaresCalibration:
 
 
 def driven_turn(robot: RobotDescription, held: int, direction: Direction, seed: int) -> Log:
-    """Return the log, without reference, of a turn in `castor/ASOC-v0`: castor `held` blocked, 0.2 of the voltage."""
+    """Return the log, without reference, of a turn in `castor/ASOC-v1`: castor `held` blocked, 0.2 of the voltage."""
     trajectory = pivoting(robot.castors[held - 1].pivot, direction, angle=2.6 * np.pi, speed=0.5, acceleration=0.3)
     env = RecordLog(
-        gym.make("castor_envs:castor/ASOC-v0", robot=robot, trajectory=trajectory, control="voltage", held=held)
+        gym.make("castor_envs:castor/ASOC-v1", robot=robot, trajectory=trajectory, control="voltage", held=held)
     )
     env.reset(seed=seed)
     action, finished = np.full(len(robot.driven_wheels), 0.2, dtype=np.float32), False

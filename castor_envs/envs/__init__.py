@@ -1,6 +1,6 @@
 """The Gymnasium environments, one in each module, found automatically.
 
-An environment is a class with an ``ID``, as in ``ID = "castor/ASOC-v0"``, in a module of this folder. The IDs are read
+An environment is a class with an ``ID``, as in ``ID = "castor/ASOC-v1"``, in a module of this folder. The IDs are read
 from the source: this module stays light, and an environment's own module is imported when it is made.
 """
 
@@ -44,7 +44,7 @@ def make_many(entry_point: str, num_envs: int, **arguments: Any) -> SyncVectorEn
 
 
 def __getattr__(name: str) -> Any:
-    """Return the maker of many environments of an ID: that of entry points like ``castor_envs.envs:castor/ASOC-v0``."""
+    """Return the maker of many environments of an ID: that of entry points like ``castor_envs.envs:castor/ASOC-v1``."""
     if name in ENVIRONMENTS:
         return partial(make_many, ENVIRONMENTS[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -25,23 +25,23 @@ from castor_envs.vehicles.train import TrainDescription
 Sensed = TypeVar("Sensed", SensedRobot, SensedTrain)
 
 VIEW_MARGIN = 0.6  # m of floor shown around the course and the robot on it
-CONTROLS = ("speed", "voltage")
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
     """What a vehicle is to follow from the origin.
 
-    duration: s. target: the pose (3,) of a robot, or the poses (N, 3) of a train's axles, at a time, s. line: all of
-    it, (k, 3), to be drawn.
+    duration: s. target: the pose (..., 3) of a robot, or the poses (..., N, 3) of a train's axles, at times (...), s.
+    twist: the twists in their frames then, of the same shape. line: all of it, (k, 3), to be drawn.
     """
 
     duration: float
-    target: Callable[[float], Array]
+    target: Callable[[ArrayLike], Array]
+    twist: Callable[[ArrayLike], Array]
     line: Callable[[], Array]
 
 
-class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
+class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
     """A sensed vehicle, a course, and pictures. Environments say what the agent does, and under which ID.
 
     vehicle: as estimators may know it. _course: what is followed. _sample: how many sample periods of it have passed.
@@ -54,17 +54,26 @@ class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
         """Take a vehicle and a course. longest: duration of any episode's course, s. margin: m shown around it."""
         self._sensed, self._course, self._margin = sensed, course, margin
         self.vehicle: Vehicle = sensed.described
-        self.observation_space = sensed.observation_space(longest)
+        self._longest, self.observation_space = longest, sensed.observation_space(longest)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.vehicle.sample_period))}
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
-        self._show_course()
 
     def reference(self, t: ArrayLike, pose: Array) -> Array:
         """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N): for recorders."""
         return self._sensed.reference(t, pose)
+
+    @property
+    def readings(self) -> Observation:
+        """What the sensors say now, whatever the agent is shown: for recorders."""
+        return self._sensed.observation
+
+    @property
+    def longest_episode(self) -> float:
+        """How long this episode is unless it ends early, s; where the agent drives, the largest return of it."""
+        return self._samples * self.vehicle.sample_period
 
     def _start(self, seed: int | None) -> Observation:
         """Seed, and put the vehicle at rest at the start of the course."""
@@ -75,7 +84,7 @@ class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
         self._sample = 0
         if course is not self._course:
             self._course = course
-            self._show_course()
+            self.close()
         if self._renderer is not None:
             self._renderer.reset()
         return self._sensed.observation
@@ -104,27 +113,25 @@ class VehicleEnv(gym.Env[Observation, NDArray[Any]], Generic[Sensed]):
         """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
+            self._renderer = None
 
     def _show(self) -> None:
         """In human mode, draw the newest state."""
         if self.render_mode == "human":
             self._draw()
 
-    def _show_course(self) -> None:
-        """Make the renderer, if there is to be one, of as much floor as the course needs."""
-        if self.render_mode is None:
-            return
-        self.close()
+    def _started_renderer(self) -> Renderer:
+        """Return a renderer of as much floor as the course needs: made when it is needed, for most episodes of learning
+        are never drawn."""
         self._line = self._course.line()
         low, high = self._line[:, :2].min(axis=0) - self._margin, self._line[:, :2].max(axis=0) + self._margin
         arena = (low[0], high[0], low[1], high[1])
         fps = self.metadata["render_fps"]
         mode: Any = self.render_mode
-        self._renderer = Renderer(self.vehicle, self._sensed.floor, mode, fps, arena=arena)
+        return Renderer(self.vehicle, self._sensed.floor, mode, fps, arena=arena)
 
     def _draw(self) -> Any:
-        if self._renderer is None:
-            return None
+        self._renderer = self._renderer or self._started_renderer()
         return self._renderer.draw(
             self._sensed.pose,
             self._sensed.shape,
@@ -145,20 +152,25 @@ class RobotEnv(VehicleEnv[SensedRobot]):
         floor: Floor | str | None,
         render_mode: str | None,
         held: int | None = None,
+        longest: float | None = None,
     ) -> None:
+        """Take a robot and a trajectory. longest: duration of any episode's trajectory, s, if they change."""
         floor = load_floor(floor)
         if not isinstance(trajectory, Trajectory):
             raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
         sensed = SensedRobot(load_robot(robot), floor, held)
         self.robot, self.trajectory = sensed.described, trajectory
         check_drivable(self.robot, trajectory)
-        course = Course(
+        margin = VIEW_MARGIN + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
+        super().__init__(sensed, self._course_along(trajectory), longest or trajectory.duration, render_mode, margin)
+
+    def _course_along(self, trajectory: Trajectory) -> Course:
+        return Course(
             trajectory.duration,
             lambda time: trajectory.at(time)[0],
+            lambda time: trajectory.at(time)[1],
             lambda: trajectory.at(np.linspace(0.0, trajectory.duration, 400))[0],
         )
-        margin = VIEW_MARGIN + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
-        super().__init__(sensed, course, course.duration, render_mode, margin)
 
     def _put_at_start(self) -> None:
         first = self.trajectory.runs[0].legs[0].motion
@@ -189,14 +201,19 @@ class TrainEnv(VehicleEnv[SensedTrain]):
         super().__init__(sensed, self._course_along(self.path), longest, render_mode, VIEW_MARGIN)
 
     def _course_along(self, path: TrainPath) -> Course:
-        def target(time: float) -> Array:
-            covered, _ = path.run.progress(np.array(time))
-            return path.at(covered - self._behind)[0]
+        def target(time: ArrayLike) -> Array:
+            covered, _ = path.run.progress(np.asarray(time, dtype=float))
+            return path.at(covered[..., None] - self._behind)[0]
+
+        def twist(time: ArrayLike) -> Array:
+            covered, speed = path.run.progress(np.asarray(time, dtype=float))
+            turn = path.at(covered[..., None] - self._behind)[1]
+            return speed[..., None, None] * np.stack([np.ones_like(turn), np.zeros_like(turn), turn], axis=-1)
 
         def line() -> Array:
             return path.at(np.linspace(-self._behind[-1], path.run.length, 400))[0]
 
-        return Course(path.duration, target, line)
+        return Course(path.duration, target, twist, line)
 
     def _next_course(self) -> Course:
         if self._given_path != "random":
@@ -206,12 +223,6 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
     def _put_at_start(self) -> None:
         self._sensed.reset(self.np_random)
-
-
-def check_control(control: str) -> None:
-    """Raise InputError unless motors can be commanded in this way."""
-    if control not in CONTROLS:
-        raise InputError(f"control must be 'speed' or 'voltage', got {control!r}")
 
 
 def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:

@@ -20,7 +20,8 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     the last sample.
 
     env: an environment that offers its `vehicle`, as those of castor_envs do, and maybe `reference(t, pose)`, what a
-    tracker reports of true poses; wrapped or not. folder: where each finished episode
+    tracker reports of true poses, and `readings`, what its sensors say where the agent sees something else (scaled);
+    wrapped or not. folder: where each finished episode
     goes as ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None
     keeps the newest episode in memory only (`log`).
     """
@@ -31,6 +32,7 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
         if not hasattr(bare, "vehicle"):
             raise TypeError(f"RecordLog needs an environment with a `vehicle`; {type(bare).__name__} has none")
         self._vehicle = bare.vehicle
+        self._readings = lambda observation: getattr(bare, "readings", observation)
         self._reference = getattr(bare, "reference", lambda t, pose: pose)
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
@@ -43,16 +45,17 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Start a new record."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._rows = [self._row(observation, info)]
+        self._rows = [self._row(self._readings(observation), info)]
         return observation, info
 
     def step(self, action: Any) -> tuple[dict[str, Array], Any, bool, bool, dict[str, Any]]:
         """Step and record; write the log when the episode ends."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         # The last action of an estimation task comes after the last sample: it brings no new one.
-        if observation["time"][0] > self._rows[-1]["t"]:
+        readings = self._readings(observation)
+        if readings["time"][0] > self._rows[-1]["t"]:
             self._rows[-1] |= _commands(info)
-            self._rows.append(self._row(observation, info))
+            self._rows.append(self._row(readings, info))
         if (terminated or truncated) and self._folder is not None:
             write_log(self._folder / f"episode-{self._episodes:04d}.csv", self.log(), self._vehicle)
             self._episodes += 1

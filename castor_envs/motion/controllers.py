@@ -71,12 +71,23 @@ class KinematicController:
         return np.where(turning, nearest / self._period, 0.0)
 
 
+def posture_correction(speed: ArrayLike, error: Array) -> tuple[Array, Array]:
+    """Return by how much to go faster (...), m/s, and turn faster (...), rad/s, at speed (...) with error (..., 3).
+
+    The posture tracking law of Kanayama et al. (1990). error: the target as seen from the axle, x, y (m), psi (rad). At
+    rest there is nothing to correct: an axle that stands cannot go sideways.
+    """
+    speed = np.asarray(speed, dtype=float)
+    ahead = ALONG * error[..., 0] * (speed > 0)
+    return ahead, speed * (ACROSS * error[..., 1] + TURN * np.sin(error[..., 2]))
+
+
 class TrainDriver:
     """Commands wheel rates that take a train along a path. It knows time and the relative posture sensors alone.
 
     The front axle is driven by the path (open loop in the pose, as `KinematicController`). Every other axle is driven
-    by the path as well, and corrects its place behind the axle ahead by the sensor between them: the posture tracking
-    law of Kanayama et al. (1990), whose target is where the axle should stand as seen from where it is. The train
+    by the path as well, and corrects its place behind the axle ahead by the sensor between them
+    (`posture_correction`): the target is where the axle should stand as seen from where it is. The train
     starts on its path, so a sensor's first reading gives its zero: an offset of 4 degrees, taken for a posture, would
     drive the axles against each other. A reading that is missing or older than a sample period is not followed.
     """
@@ -104,9 +115,9 @@ class TrainDriver:
         self._zero[first] = (measured - expected)[first]
         seen = np.where(sound[:, None], measured - self._zero, expected)
         error = np.where(sound[:, None], se2.compose(seen, se2.inverse(expected)), 0.0)
-        speed = v[1:].copy()
-        v[1:] += ALONG * error[:, 0] * (speed > 0)
-        turning[1:] += speed * (ACROSS * error[:, 1] + TURN * np.sin(error[:, 2]))
+        ahead, turn = posture_correction(v[1:], error)
+        v[1:] += ahead
+        turning[1:] += turn
         return np.stack([v, np.zeros_like(v), turning], axis=-1)
 
     def commands(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:

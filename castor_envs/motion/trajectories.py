@@ -247,6 +247,10 @@ def figure_eight(*, radius: float = 0.5, speed: float = 0.25, acceleration: floa
     return Trajectory("figure eight", (Run(circles, speed, acceleration),))
 
 
+RANDOM, LONGEST_RANDOM = 20.0, 35.0
+"""s: random trajectories of environments take at least and at most so long; the last run, a turn, takes up to 11 s."""
+
+
 def wander(
     random: np.random.Generator,
     *,

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from castor_envs.floor import Floor, Patch
+from castor_envs.geometry.se2 import rotate
 from castor_envs.rendering.drawing.canvas import Canvas
 from castor_envs.rendering.drawing.palette import ARENA, AXES, CABLE, FADED, GRID, INK, ROUGH, SLIPPERY, WHITE
 from castor_envs.rendering.drawing.view import View
@@ -44,12 +45,19 @@ def _draw_patch(canvas: Canvas, view: View, patch: Patch, friction: float) -> No
     canvas.layer([(view.pixel(placed(corners, frame)), color, round(30 + 40 * difference))])
     if not slippery:
         return
-    ends = half_length + half_width
-    for shift in np.arange(-ends, ends, 14 * view.unit / view.scale):
-        low, high = max(-half_length, shift - half_width), min(half_length, shift + half_width)
-        if low < high:
+    ends, gap = half_length + half_width, 14 * view.unit / view.scale
+    # Of a patch that reaches far beyond the picture, only what is seen is hatched.
+    edges = view.place([(0, 0), (view.size[0], 0), view.size, (0, view.size[1])])
+    along, across = rotate(edges - np.array(patch.center), -patch.angle).T
+    first, last = np.min(along) - gap, np.max(along) + gap
+    bars = []
+    for shift in np.arange(-ends, ends, gap):
+        low, high = max(-half_length, shift - half_width, first), min(half_length, shift + half_width, last)
+        if low < high and np.min(along - across) - gap < shift < np.max(along - across) + gap:
             a, b = view.pixel(placed(np.array([(low, low - shift), (high, high - shift)]), frame))
-            canvas.layer([(bar(a, b, 1.5 * view.unit), color, 80)])
+            bars.append((bar(a, b, 1.5 * view.unit), color, 80))
+    if bars:
+        canvas.layer(bars)
 
 
 def _draw_grid(canvas: Canvas, view: View) -> None:

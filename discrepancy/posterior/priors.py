@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry, moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
@@ -19,7 +19,7 @@ from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
 from discrepancy.posterior.single_effects import Hypothesis
-from estimators.calibration.drives import log_of, moves_sideways
+from estimators.calibration.drives import log_of
 from estimators.calibration.maximum_likelihood import mount_prior
 
 PARTS = np.arange(7) / 4

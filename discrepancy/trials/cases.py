@@ -32,6 +32,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
+from castor_envs.motion.kinematics import moves_sideways
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
@@ -39,7 +40,6 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.hidden import Hidden, Outsiders
 from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.separation import FITTED_ANYWAY
-from estimators.calibration.drives import moves_sideways
 
 Stratum = Literal["clean", "one", "two", "three", "outside", "poor", "wiring"]
 Course = Literal["wander", "to and fro", "circles"]

@@ -6,8 +6,7 @@ from typing import Literal
 import numpy as np
 
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
-from castor_envs.motion.mobility import Mobility
+from castor_envs.motion.kinematics import Geometry, moves_sideways
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
@@ -56,11 +55,6 @@ def _squares(_: RobotDescription) -> list[Trajectory]:
 
 def _about_castors(robot: RobotDescription) -> list[Trajectory]:
     return [pivoting(castor.pivot, way) for castor in robot.castors for way in ("cw", "ccw")]
-
-
-def moves_sideways(robot: RobotDescription) -> bool:
-    """Return whether no wheel keeps a robot from moving sideways: none without rollers is fixed to its body."""
-    return Mobility.of(robot).omnidirectional
 
 
 def _random_path(robot: RobotDescription) -> list[Trajectory]:

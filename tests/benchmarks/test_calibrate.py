@@ -41,7 +41,7 @@ def logs(tmp_path_factory):
         for way in ("cw", "ccw"):
             trajectory = pivoting(robot.castors[held - 1].pivot, way, angle=2.6 * np.pi, speed=0.5, acceleration=0.3)
             made = gym.make(
-                "castor_envs:castor/ASOC-v0", robot=robot, trajectory=trajectory, control="voltage", held=held
+                "castor_envs:castor/ASOC-v1", robot=robot, trajectory=trajectory, control="voltage", held=held
             )
             env = RecordLog(made, folder / f"{held}-{way}")
             env.reset(seed=held)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.motion.kinematics import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.posterior.finder import diagnose
 from discrepancy.trials.pymunk_generator import drive
-from estimators.calibration.drives import moves_sideways
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.maximum_likelihood import calibrate
 

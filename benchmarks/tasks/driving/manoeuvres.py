@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from castor_envs.motion.kinematics import moves_sideways
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, chained, figure_eight, wander
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.drives import moves_sideways
 
 SPEED, ACCELERATION = 0.4, 0.5
 """m/s and m/s2, of the body's origin: about half of what the slowest preset's wheels reach."""

@@ -87,8 +87,8 @@ def larger(effect):
 
 
 def drive(robot, samples=40, seed=3):
-    """Drive open loop in castor/ASOC-v0; return its SensedRobot, observations, true angles and sensed angles."""
-    env = gym.make("castor_envs:castor/ASOC-v0", robot=robot)
+    """Drive open loop in castor/ASOC-v1; return its SensedRobot, observations, true angles and sensed angles."""
+    env = gym.make("castor_envs:castor/ASOC-v1", robot=robot, trajectory="figure-eight")
     observation, info = env.reset(seed=seed)
     sensed = env.unwrapped._sensed
     random = np.random.default_rng(7)
@@ -570,7 +570,9 @@ def test_late_encoders_are_an_early_reference():
 def test_a_recorded_reference_carries_the_clock_and_the_rest_of_the_log_does_not():
     logs = []
     for effects in ((), (ClockSkew(value=0.05), ClockOffset(value=-0.03))):
-        env = RecordLog(gym.make("castor_envs:castor/ASOC-v0", robot=ROBOT.with_effects(*effects)))
+        env = RecordLog(
+            gym.make("castor_envs:castor/ASOC-v1", robot=ROBOT.with_effects(*effects), trajectory="figure-eight")
+        )
         env.reset(seed=4)
         for _ in range(40):
             env.step(np.array([0.2, 0.25] * 3, dtype=np.float32))

@@ -42,7 +42,7 @@ def test_a_robot_follows_a_drive_from_a_file(tmp_path, robot, trajectory):
     path = tmp_path / "drive.csv"
     write_drive(path, trajectory, preset(robot).sample_period)
     rows = np.loadtxt(path, delimiter=",", skiprows=1)
-    env = gym.make("castor/ASOC-v0", robot=robot, trajectory=str(path))
+    env = gym.make("castor/ASOC-v1", robot=robot, trajectory=str(path))
     known, controller = env.unwrapped.robot, KinematicController(env.unwrapped.robot)  # type: ignore[attr-defined]
     env.reset(seed=1)
     pose, over, info = [], False, {}

@@ -10,7 +10,7 @@ from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import SlipStiffness
 from castor_envs.effects.dimensions import Track, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, TickLoss
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry, moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of, stacked
@@ -18,7 +18,7 @@ from discrepancy.measurement import fit_states
 from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise, as_recorded
-from estimators.calibration.drives import log_of, moves_sideways
+from estimators.calibration.drives import log_of
 from estimators.calibration.maximum_likelihood import LEAST
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import LEAST_NOISE

@@ -78,7 +78,7 @@ def test_the_folder_holds_page_data_and_the_robot_with_the_reported_gap(log, tmp
     assert (data["robot_hash"], data["logs"], data["robot_file"]) == (ROBOT.hash(), [str(log)], str(out / "robot.json"))
     written = RobotDescription.load(out / "robot.json")
     assert written.to_dict()["effects"] == data["effects"]
-    env = gym.make("castor_envs:castor/ASOC-v0", robot=str(out / "robot.json"))
+    env = gym.make("castor_envs:castor/ASOC-v1", robot=str(out / "robot.json"))
     env.reset(seed=0)
     env.step(np.full(2, 0.2, dtype=np.float32))
     env.close()

@@ -13,7 +13,7 @@ from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.kinematics import Geometry, constraint_matrix, moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.hypotheses.candidates import Candidate
@@ -31,7 +31,6 @@ from discrepancy.trials.strength.separation import (
 )
 from discrepancy.trials.strength.whitening import NoiseModel
 from discrepancy.validation.parity import parity_residual
-from estimators.calibration.drives import moves_sideways
 
 ASOC = preset("asoc-prototype")
 SPEED = 0.2

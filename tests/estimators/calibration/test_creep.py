@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry, moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration import maximum_likelihood
-from estimators.calibration.drives import moves_sideways
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.likelihood_method import MaximumLikelihoodMethod
 from estimators.calibration.maximum_likelihood import calibrate

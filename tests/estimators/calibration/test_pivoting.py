@@ -188,7 +188,7 @@ def driven(robot, held, direction, voltage):
     """A log of the base in physics, castor `held` blocked, all other wheels at one voltage."""
     trajectory = pivoting(robot.castors[held - 1].pivot, direction, angle=2.6 * np.pi, speed=0.5, acceleration=0.3)
     env = RecordLog(
-        gym.make("castor_envs:castor/ASOC-v0", robot=robot, trajectory=trajectory, control="voltage", held=held)
+        gym.make("castor_envs:castor/ASOC-v1", robot=robot, trajectory=trajectory, control="voltage", held=held)
     )
     env.reset(seed=held)
     done = False
@@ -215,4 +215,4 @@ def test_driven_in_physics_at_a_low_voltage_and_refused_at_a_high_one():
 
 def test_a_castor_without_motors_cannot_be_held():
     with pytest.raises(InputError, match="no castor 2 with driven wheels to hold"):
-        gym.make("castor_envs:castor/ASOC-v0", robot="tricycle", held=2)
+        gym.make("castor_envs:castor/ASOC-v1", robot="tricycle", held=2)

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry, moves_sideways
 from castor_envs.vehicles.presets import differential, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, HolmbergKhatib, TidyBot, WheelOdometry
-from estimators.calibration.drives import moves_sideways
 from estimators.robots.castor_odometry import CastorOdometry
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")

@@ -1,0 +1,107 @@
+"""docs/policies.md is true: its code runs, its figures are the stored ones, and what it says of them holds."""
+
+import dataclasses
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from benchmarks.leaderboard.ranking import interval
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "policies.md").read_text(encoding="utf-8")
+FIGURES = json.loads((ROOT / "docs" / "policies.json").read_text(encoding="utf-8"))
+
+
+def block(words):
+    """Return the Python block of the page that holds these words."""
+    (found,) = [code for code in re.findall(r"```python\n(.*?)```", PAGE, flags=re.S) if words in code]
+    return found
+
+
+def script():
+    spec = importlib.util.spec_from_file_location("train_policies", ROOT / "scripts" / "train_policies.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_scripted_driver_drives(capsys):
+    exec(block("driver = env.unwrapped.follower"), {})
+    earned, largest = re.findall(r"return (\S+) of at most (\S+);", capsys.readouterr().out)[0]
+    assert 0.8 * float(largest) < float(earned) < float(largest)
+
+
+def test_an_estimator_believes_otherwise(capsys):
+    exec(block("estimator="), {})
+    believed, true = map(int, re.findall(r"(\d+) mm", capsys.readouterr().out))
+    assert believed < true
+
+
+def test_a_policy_trains(tmp_path, monkeypatch):
+    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
+    monkeypatch.chdir(tmp_path)
+    made = script()
+    code, plan = block("PPO("), made.PLANS["robot, corrections"]
+    assert f"learn({plan.steps:_})" in code
+    for setting in (*made.PPO.items(), ("log_std_init", plan.log_std), ("net_arch", made.NETWORK)):
+        assert "{}={}".format(*setting) in code or setting in (("n_epochs", 10), ("gae_lambda", 0.95)), setting
+    exec(re.sub(r"learn\(.*\)", "learn(512)", code).replace("n_steps=1024", "n_steps=64"), {})
+    assert (tmp_path / "policy.zip").stat().st_size > 1000
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning:minari", "ignore::ResourceWarning")
+def test_a_data_set_is_recorded(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("minari", reason="Minari is not installed (extra 'minari')")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    exec(block("DataCollector"), {})
+    assert re.fullmatch(r"3 episodes, \d{4} steps; castor/ASOC-v1\n", capsys.readouterr().out)
+
+
+def test_table_and_picture_are_of_the_stored_figures():
+    made = script()
+    assert FIGURES["format"] == made.FORMAT
+    assert made.with_table(PAGE, FIGURES) == PAGE, "run python scripts/train_policies.py --draw"
+    assert list(FIGURES["trained"]) == list(made.PLANS)
+    for name, run in FIGURES["trained"].items():
+        assert {key: run[key] for key in dataclasses.asdict(made.PLANS[name])} == dataclasses.asdict(made.PLANS[name])
+        assert len(run["scores"]) == len(made.JUDGED)
+    told = {"net_arch": made.NETWORK, "environments": made.ENVIRONMENTS, "seed": made.SEED}
+    assert FIGURES["ppo"] == made.PPO | told
+    assert FIGURES["judged_seeds"] == [made.JUDGED.start, made.JUDGED.stop]
+
+
+def test_stored_scores_of_scripted_drivers_are_those_of_today():
+    made = script()
+    for environment, drivers in FIGURES["baselines"].items():
+        env = gym.make(environment, floor=made.FLOOR)
+        for name, policy in made.BASELINES.items():
+            assert made.scores(env, policy, made.JUDGED[:1])[0] == pytest.approx(drivers[name][0], abs=1e-4), name
+
+
+def test_what_the_page_says_of_training():
+    trained, of = FIGURES["trained"], FIGURES["baselines"]
+    robot, alone = trained["robot, corrections"], trained["robot, from nothing"]
+    scripted, ahead = (np.array(of["castor/ASOC-v1"][name]) for name in ("scripted driver", "scripted, looking ahead"))
+    assert np.all(np.array(robot["scores"]) > scripted)  # on every course
+    assert np.mean(robot["scores"]) < np.mean(ahead)
+    assert np.mean(alone["scores"]) < np.mean(scripted)
+    assert all(run["cpu_s"] < 600 for run in trained.values())
+    for run in trained.values():  # nobody learns to end early
+        lengths = [point["episode_s"] for point in run["curve"]]
+        assert np.mean(lengths[-5:]) > 0.98 * np.mean(lengths[:5])
+    lengths = [point["episode_s"] for point in alone["curve"]]
+    assert lengths[0] == pytest.approx(3, abs=0.5)
+    assert np.mean(lengths[-5:]) == pytest.approx(8, abs=0.5)
+    assert np.mean([point["score"] for point in robot["curve"][10:]]) > 0.99 * robot["curve"][-1]["score"]
+    train, looking = (np.array(of["castor/CFMMR-v1"][name]) for name in ("scripted driver", "scripted, looking ahead"))
+    gain = interval(np.array(trained["train, corrections"]["scores"]) - train)
+    assert gain.low is not None
+    assert gain.low > 0
+    assert np.sum(looking < 0.5) == 1
