@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 FIGURES = json.loads((DOCS / "results.json").read_text(encoding="utf-8"))
 BOARDS = {board["task"]: board for board in FIGURES["tasks"]}
-PAGES = ("README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in DOCS.glob("*.md")))
+PAGES = ("README.md", "CONTRIBUTING.md", *(str(path.relative_to(ROOT)) for path in DOCS.rglob("*.md")))
 FEW_DIGITS = 1e-7
 """Relative: the stored numbers have ten digits, and limits of intervals lose some of them."""
 

@@ -13,12 +13,13 @@ import castor_envs
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+TUTORIALS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "tutorials").glob("*.md")}
 BENCH = Path(sys.executable).with_name("castor-bench")
 
 
-def block(start):
-    """Return the Python block of the README that holds a line."""
-    (found,) = [code for code in re.findall(r"```python\n(.*?)```", README, flags=re.S) if start in code]
+def block(start, text=README):
+    """Return the Python block of a text that holds a line."""
+    (found,) = [code for code in re.findall(r"```python\n(.*?)```", text, flags=re.S) if start in code]
     return found
 
 
@@ -32,6 +33,12 @@ def test_the_two_lines_are_there_and_the_check_uses_one():
     assert "grep -E '^python3 -m venv .*pytest' README.md" in (ROOT / ".ci" / "run").read_text()
 
 
+def test_the_readme_is_short_and_the_tutorial_has_the_same_ten_lines():
+    assert len(README.splitlines()) <= 120
+    start = "from estimators.robots.cast import CAST"
+    assert block(start) == block(start, TUTORIALS["first_environment"])
+
+
 def test_the_ten_lines_run(tmp_path):
     code = block("from estimators.robots.cast import CAST")
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
@@ -42,7 +49,7 @@ def test_the_ten_lines_run(tmp_path):
 
 @pytest.mark.slow
 def test_the_plug_in_is_checked_and_judged(tmp_path):
-    (tmp_path / "mean_castor.py").write_text(block("class MeanCastor"))
+    (tmp_path / "mean_castor.py").write_text(block("class MeanCastor", TUTORIALS["own_estimator"]))
     checked = call(BENCH, "check", "mean_castor.py", folder=tmp_path)
     assert checked.returncode == 0, checked.stdout + checked.stderr
     task = ("--task", "umbmark-kinematic-calibrated", "--cases", "1")
@@ -56,10 +63,12 @@ def test_the_plug_in_is_checked_and_judged(tmp_path):
 
 
 def test_the_train_blocks_run(tmp_path):
-    done = call(sys.executable, "-c", block("castor/Configuration-v0"), folder=tmp_path)
+    done = call(sys.executable, "-c", block("castor/Configuration-v0", TUTORIALS["trains"]), folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert 0 < float(done.stdout.split(" mm")[0]) < 200
-    done = call(sys.executable, "-c", block("from estimators.trains.grpec import"), folder=tmp_path)
+    done = call(
+        sys.executable, "-c", block("from estimators.trains.grpec import", TUTORIALS["trains"]), folder=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("axle 3, CON1 0.622, CON2 0.022;")  # as Table 1 prints
 
@@ -67,7 +76,9 @@ def test_the_train_blocks_run(tmp_path):
 @pytest.mark.slow
 def test_robots_floors_logs_and_videos(tmp_path):
     pytest.importorskip("moviepy")
-    short = block("RecordLog").replace("render_mode=", "side=0.05, corners='fixed', render_mode=")
+    short = block("RecordLog", TUTORIALS["first_environment"]).replace(
+        "render_mode=", "side=0.05, corners='fixed', render_mode="
+    )
     done = call(sys.executable, "-c", short, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert list((tmp_path / "videos").glob("*.mp4"))
@@ -87,11 +98,13 @@ def test_citations_agree():
     assert cited["license"] == stated["license"]
 
 
-@pytest.mark.parametrize("document", ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+@pytest.mark.parametrize(
+    "document", ["README.md", *(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))]
+)
 def test_links_lead_to_files_and_headings_have_text(document):
     path = ROOT / document
     text = path.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)", text):
+    for target in re.findall(r"\]\(([^)#]+)", re.sub(r"```.*?```", "", text, flags=re.S)):
         assert target.startswith("https://") or (path.parent / target).exists(), target
     sections = re.split(r"^#+ .*$", text, flags=re.M)[1:]
     assert all(section.strip() for section in sections[1:])

@@ -1,0 +1,74 @@
+"""Make the moving pictures of README and docs: ``python scripts/make_animations.py`` writes docs/pictures/*.gif.
+
+Each is an episode of an environment. In those whose agent is an estimator, the estimate is CAST's or the train
+filter's; in the others the commands are constant. The base's floor has cables and a slippery patch.
+"""
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image
+
+import castor_envs  # noqa: F401 - registers the environments
+from castor_envs.floor import Cable, Floor, Patch
+from estimators.plugins.registry import load_estimator
+
+FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
+FLOOR = Floor(
+    patches=(Patch(center=(1.5, 0.3), size=(0.6, 0.6), friction=0.025),),
+    cables=tuple(
+        Cable(center=(0.5 + 0.12 * i, 0.266), direction=np.pi / 2, length=0.08, diameter=0.01) for i in range(4)
+    ),
+)
+PICTURES = {
+    "umbmark": ("castor/UMBmark-v0", {"floor": FLOOR}, "cast-0"),
+    "configuration": ("castor/Configuration-v0", {"train": "cfmmr-3", "path": "s-bend"}, "train-filter"),
+    "asoc": ("castor/ASOC-v1", {"floor": FLOOR}, None),
+    "cfmmr": ("castor/CFMMR-v1", {"train": "cfmmr-2"}, None),
+}
+"""Name of the file: the environment, its arguments, and the estimator where the agent is one."""
+FRAMES, WIDTH, COLORS = 60, 400, 64
+QUANTIZE = Image.Quantize.MAXCOVERAGE  # keeps the few strong colours of thin lines
+
+
+def frames(identity, arguments, estimator):
+    """Return the pictures of an episode, one a step."""
+    env = gym.make(identity, render_mode="rgb_array", **arguments)
+    observation, info = env.reset(seed=0)
+    vehicle = getattr(env.unwrapped, "robot", None) or getattr(env.unwrapped, "train")  # noqa: B009
+    judged = load_estimator(estimator).factory() if estimator else None
+    if judged is not None:
+        judged.reset(vehicle, info["pose"])
+    found, done = [env.render()], False
+    while not done:
+        action = np.full(env.action_space.shape, 0.25) if judged is None else np.ravel(judged.update(observation))
+        observation, _, terminated, truncated, _ = env.step(action)
+        done = terminated or truncated
+        if len(found) % 10 == 0 or done or judged is None:
+            found.append(env.render())
+        else:
+            found.append(found[-1])
+    env.close()
+    return found
+
+
+def save(name, pictures):
+    """Write at most FRAMES of the pictures as a GIF."""
+    chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, min(FRAMES, len(pictures))).astype(int)]
+    size = (WIDTH, WIDTH * chosen[0].shape[0] // chosen[0].shape[1])
+    small = [
+        Image.fromarray(picture).resize(size).quantize(COLORS, QUANTIZE, dither=Image.Dither.NONE) for picture in chosen
+    ]
+    small[0].save(FOLDER / f"{name}.gif", save_all=True, append_images=small[1:], duration=100, loop=0, optimize=True)
+
+
+def main():
+    """Draw and save all."""
+    FOLDER.mkdir(exist_ok=True)
+    for name, episode in PICTURES.items():
+        save(name, frames(*episode))
+
+
+if __name__ == "__main__":
+    main()
