@@ -190,11 +190,11 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
     def _course_along(self, path: TrainPath) -> Course:
         def target(time: float) -> Array:
-            covered, _ = path.run.progress(np.array(time))
+            covered, _ = path.progress(np.array(time))
             return path.at(covered - self._behind)[0]
 
         def line() -> Array:
-            return path.at(np.linspace(-self._behind[-1], path.run.length, 400))[0]
+            return path.at(np.linspace(-self._behind[-1], path.length, 400))[0]
 
         return Course(path.duration, target, line)
 
