@@ -82,8 +82,8 @@ def _driven(train: TrainDescription, random: np.random.Generator) -> tuple[Array
     path = TrainPath("to the test", ((0.4, 0.0), (0.8, curvature), (0.8, -curvature), (1.0, 0.0)))
     behind = axles_behind([frame.length for frame in train.frames])
     times = np.arange(0.0, path.duration + train.sample_period, train.sample_period)
-    poses, _ = path.at(path.run.progress(times)[0][:, None] - behind)
-    end, _ = path.at(np.array(path.run.length))
+    poses, _ = path.at(path.progress(times)[0][:, None] - behind)
+    end, _ = path.at(np.array(path.length))
     truth = compose(compose(np.array(ALIGNED[0]), inverse(end)), poses)
     step = relative_pose(truth[:-1], truth[1:])
     turn = step[..., 2]

@@ -202,16 +202,16 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
     def _course_along(self, path: TrainPath) -> Course:
         def target(time: ArrayLike) -> Array:
-            covered, _ = path.run.progress(np.asarray(time, dtype=float))
+            covered, _ = path.progress(np.asarray(time, dtype=float))
             return path.at(covered[..., None] - self._behind)[0]
 
         def twist(time: ArrayLike) -> Array:
-            covered, speed = path.run.progress(np.asarray(time, dtype=float))
+            covered, speed = path.progress(np.asarray(time, dtype=float))
             turn = path.at(covered[..., None] - self._behind)[1]
             return speed[..., None, None] * np.stack([np.ones_like(turn), np.zeros_like(turn), turn], axis=-1)
 
         def line() -> Array:
-            return path.at(np.linspace(-self._behind[-1], path.run.length, 400))[0]
+            return path.at(np.linspace(-self._behind[-1], path.length, 400))[0]
 
         return Course(path.duration, target, twist, line)
 

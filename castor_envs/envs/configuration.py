@@ -76,7 +76,7 @@ class ConfigurationEnv(TrainEnv):
         render_mode: str | None = None,
     ) -> None:
         super().__init__(train, path, floor, render_mode)
-        reach = MARGIN + self._behind[-1] + (LONGEST_RANDOM if path == "random" else self.path.run.length)
+        reach = MARGIN + self._behind[-1] + (LONGEST_RANDOM if path == "random" else self.path.length)
         limits = np.tile([reach, reach, 8 * np.pi], self.train.n_axles)
         self.action_space = spaces.Box(-limits, limits, dtype=np.float64)
 

@@ -103,8 +103,8 @@ class TrainDriver:
 
         rps (F, 3) or (3F,): relative poses as measured now; age (F,): s.
         """
-        period, run, path = self._train.sample_period, self._path.run, self._path
-        covered, _ = run.progress(np.array([time, time + period]))
+        period, path = self._train.sample_period, self._path
+        covered, _ = path.progress(np.array([time, time + period]))
         place, after = (path.at(length - self._behind)[0] for length in covered)
         v = np.full(len(place), (covered[1] - covered[0]) / period)
         turning = (after[:, 2] - place[:, 2]) / period

@@ -22,16 +22,18 @@ LONGEST_RANDOM = 6.0  # m: no random path is longer
 
 @dataclass(frozen=True)
 class TrainPath:
-    """A path of legs of constant curvature, driven in one go from rest to rest.
+    """A path of legs of constant curvature, driven from rest to rest.
 
     legs: (length, curvature) each, m and 1/m, from the origin along x. speed, acceleration: of every axle along the
-    path, m/s and m/s2. Behind its start and beyond its end the path is straight.
+    path, m/s and m/s2. stops: lengths along the path, m, at which the train comes to rest and drives on at once. Behind
+    its start and beyond its end the path is straight.
     """
 
     name: str
     legs: tuple[tuple[float, float], ...]
     speed: float = SPEED
     acceleration: float = ACCELERATION
+    stops: tuple[float, ...] = ()
 
     def __post_init__(self):
         if not _pairs_of_numbers(self.legs):
@@ -51,16 +53,37 @@ class TrainPath:
             value = getattr(self, name)
             if not (isinstance(value, int | float | np.number) and 0 < value < np.inf):
                 raise InputError(f"path {self.name!r}: {name} must be a finite number above 0")
+        if not (np.diff([0.0, *self.stops, self.length]) > 0).all():
+            raise InputError(
+                f"path {self.name!r}: stops must increase and lie between 0 and its length of {self.length:g} m, got "
+                f"{shortened(repr(self.stops), 60)}"
+            )
 
     @cached_property
-    def run(self) -> Run:
-        """The motion of the front axle in time."""
-        return Run(tuple(Leg((1.0, 0.0, k), length) for length, k in self.legs), self.speed, self.acceleration)
+    def length(self) -> float:
+        """Length of all legs, m."""
+        return sum(length for length, _ in self.legs)
 
-    @property
+    @cached_property
+    def _runs(self) -> tuple[Run, ...]:
+        """How far and how fast the front axle drives from stop to stop."""
+        between = np.diff([0.0, *self.stops, self.length]).tolist()
+        return tuple(Run((Leg((1.0, 0.0, 0.0), length),), self.speed, self.acceleration) for length in between)
+
+    @cached_property
     def duration(self) -> float:
         """Time taken, s."""
-        return self.run.duration
+        return sum(run.duration for run in self._runs)
+
+    def progress(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Return the length covered by the front axle, m, and its speed, m/s, at times t (...), s, since the start."""
+        t = np.asarray(t, dtype=float)
+        covered, speed = np.zeros_like(t), np.zeros_like(t)
+        began = 0.0
+        for run in self._runs:
+            way, fast = run.progress(t - began)
+            covered, speed, began = covered + way, speed + fast, began + run.duration
+        return covered, speed
 
     @cached_property
     def _starts(self) -> tuple[Array, Array, Array]:
@@ -105,10 +128,10 @@ def s_bend(radius: float = 0.8, angle: float = np.pi / 2) -> TrainPath:
     return TrainPath("S bend", legs)
 
 
-def random_path(random: np.random.Generator, sharpest: float = 1.2) -> TrainPath:
-    """Return random arcs of 0.4 to 1 m, with curvatures up to `sharpest` (1/m), 5 to 6 m together."""
+def random_path(random: np.random.Generator, sharpest: float = 1.2, longest: float = LONGEST_RANDOM) -> TrainPath:
+    """Return random arcs of 0.4 to 1 m, curvatures up to `sharpest` (1/m), together `longest` m or up to 1 m less."""
     legs: list[tuple[float, float]] = []
-    while sum(leg[0] for leg in legs) < LONGEST_RANDOM - 1.0:
+    while sum(leg[0] for leg in legs) < longest - 1.0:
         legs.append((float(random.uniform(0.4, 1.0)), float(random.uniform(-sharpest, sharpest))))
     return TrainPath("random arcs", tuple(legs))
 

@@ -1,5 +1,14 @@
-"""Drives of robots in physics: which way, what disturbs encoders, and the ceiling of what odometry can make of it."""
+"""Drives of robots and trains in physics: which way, what disturbs sensors, and the ceiling of what is possible."""
 
-from benchmarks.tasks.driving.task import tasks
+from pathlib import Path
+
+from benchmarks.tasks.driving import task, trains
+from benchmarks.tasks.task import Task
+
+
+def tasks(measured: Path | None) -> tuple[Task, ...]:
+    """Return all drives; they need no measured data."""
+    return (*task.tasks(measured), *trains.tasks(measured))
+
 
 __all__ = ["tasks"]

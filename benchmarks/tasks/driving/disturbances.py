@@ -4,9 +4,11 @@ Each takes true angles of a drive and returns those that encoders read, before t
 the drive: the other wheels are taken to hold the base.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.tasks.driving.drive import Drive, disturbed
 from castor_envs.floor import Patch
@@ -33,22 +35,28 @@ FAULT_LATENCY = (0.1, 0.4)
 
 
 def slip_bursts(robot: RobotDescription, true: Drive, random: np.random.Generator) -> Drive:
-    """Return a drive in which wheels slip in bursts, and one of them on one leg of the way; drawn anew.
+    """Return a drive in which wheels slip in bursts, and one of them on one leg of the way; drawn anew."""
+    return disturbed(true, slipping(true.t, true.wheel, robot.driven_wheels, random))
 
-    A wheel that slips by a part s of its turning reads 1 + s or 1 - s times as far as it moves.
+
+def slipping(t: Array, wheel: Array, wheels: Sequence[int], random: np.random.Generator) -> Array:
+    """Return the angles (K, w), rad, that encoders read at times t (K,), s, where `wheels` slip now and then.
+
+    wheel (K, w): by which wheels truly rolled. A wheel that slips by a part s of its turning reads 1 + s or 1 - s times
+    as far as it moves.
     """
-    rolled = np.diff(true.wheel, axis=0, prepend=true.wheel[:1])
+    rolled = np.diff(wheel, axis=0, prepend=wheel[:1])
     more = np.zeros_like(rolled)
-    wheels, end = robot.driven_wheels, float(true.t[-1])
+    end = float(t[-1])
 
     def slips(lasts: float, slip: float) -> None:
         began = random.uniform(0.0, end - lasts)
-        more[(true.t > began) & (true.t <= began + lasts), random.choice(wheels)] += slip * random.choice((-1.0, 1.0))
+        more[(t > began) & (t <= began + lasts), random.choice(wheels)] += slip * random.choice((-1.0, 1.0))
 
     for _ in range(random.poisson(BURSTS * end / 60.0)):
         slips(random.uniform(*BURST_LASTS), float(np.exp(random.uniform(*np.log(BURST_SLIP)))))
     slips(LEG_LASTS, LEG_SLIP)
-    return disturbed(true, np.cumsum(rolled * (1.0 + more), axis=0) + true.wheel[0])
+    return np.cumsum(rolled * (1.0 + more), axis=0) + wheel[0]
 
 
 def soft_floor(robot: RobotDescription, true: Drive, carpets: list[Patch], shrinking: list[float]) -> Drive:
@@ -83,23 +91,35 @@ def faults_of(robot: RobotDescription) -> tuple[Fault, ...]:
 
 
 def faulty(robot: RobotDescription, true: Drive, fault: Fault, random: np.random.Generator) -> Drive:
-    """Return a drive in which one encoder fails after a fifth to half of the way, and stays so.
-
-    Dead and frozen ones read on what they read last, noisy ones are off by `FAULT_NOISE`, late ones by
-    `FAULT_LATENCY`.
-    """
+    """Return a drive in which one encoder fails, as `failing` says, and stays so."""
     wheel, castor = true.wheel.copy(), true.castor.copy()
-    failed = true.t > random.uniform(0.2, 0.5) * true.t[-1]
+    failed = fails_when(true.t, random)
     of_wheel = fault.endswith("wheel")
     number = int(random.choice(robot.driven_wheels if of_wheel else robot.pivot_encoders))
     counts = robot.wheels[number].counts_per_rev if of_wheel else robot.castors[number].pivot_counts_per_rev
     angle = (wheel if of_wheel else castor)[:, number]
-    match fault.split()[0]:
+    angle[:] = failing(fault.split()[0], true.t, angle, failed, counts, random)
+    return disturbed(true, wheel, castor)
+
+
+def fails_when(t: Array, random: np.random.Generator) -> NDArray[np.bool_]:
+    """Return at which times (K,) a sensor has failed: from a fifth to half of the way on."""
+    return t > random.uniform(0.2, 0.5) * t[-1]
+
+
+def failing(
+    how: str, t: Array, angle: Array, failed: NDArray[np.bool_], counts: float | None, random: np.random.Generator
+) -> Array:
+    """Return what an encoder of `counts` a turn reads (K,), rad, of angles (K,) at times t (K,), s.
+
+    When it has failed (K,), a dead or frozen one reads on what it read last, a noisy one is off by `FAULT_NOISE`, a
+    late one by `FAULT_LATENCY`.
+    """
+    match how:
         case "dead" | "frozen":
             read = np.full_like(angle, angle[~failed][-1])
         case "noisy":
             read = angle + FAULT_NOISE * 2 * np.pi / (counts or 1.0) * random.standard_normal(len(angle))
         case _:
-            read = np.interp(true.t - random.uniform(*FAULT_LATENCY), true.t, angle)
-    angle[failed] = read[failed]
-    return disturbed(true, wheel, castor)
+            read = np.interp(t - random.uniform(*FAULT_LATENCY), t, angle)
+    return np.where(failed, read, angle)

@@ -20,6 +20,7 @@ from benchmarks.tasks.driving.manoeuvres import laps, manoeuvres
 from benchmarks.tasks.driving.oracle import followed
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.robot import Fixes, Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
@@ -132,11 +133,15 @@ def _gyro(robot: RobotDescription, random: np.random.Generator, case: int) -> Dr
 def _sampled(robot: RobotDescription, random: np.random.Generator, case: int) -> Driven:
     period = RATES[case % len(RATES)]
     plain = _plain(dataclasses.replace(robot, sample_period=period), random, case)
-    t = plain.true.t
+    read = plain.true.at(sampled_times(plain.true.t, period, random))
+    return Driven(plain.robot, read, read)
+
+
+def sampled_times(t: Array, period: float, random: np.random.Generator) -> Array:
+    """Return the times, s, at which samples are really taken that are due at t (K,): some are lost, others jitter."""
     kept = np.sort(random.permutation(len(t) - 1)[: round((1 - LOST) * (len(t) - 1))] + 1)
     early = np.clip(random.normal(0.0, JITTER, len(kept)), -0.4, 0.4) * period
-    read = plain.true.at(np.concatenate([[0.0], np.minimum(t[kept] + early, t[-1])]))
-    return Driven(plain.robot, read, read)
+    return np.concatenate([[0.0], np.minimum(t[kept] + early, t[-1])])
 
 
 def _long(robot: RobotDescription, random: np.random.Generator, case: int) -> Driven:

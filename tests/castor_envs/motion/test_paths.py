@@ -76,7 +76,7 @@ def test_lengths_of_any_shape_give_poses_of_that_shape():
 def test_it_takes_the_time_of_a_start_a_steady_drive_and_a_stop():
     path = TrainPath("long", ((3.0, 0.5),), speed=0.5, acceleration=0.25)
     assert path.duration == pytest.approx(3.0 / 0.5 + 0.5 / 0.25)
-    covered, speed = path.run.progress(np.array([0.0, 2.0, 4.0, 8.0, 9.0]))
+    covered, speed = path.progress(np.array([0.0, 2.0, 4.0, 8.0, 9.0]))
     np.testing.assert_allclose(covered, [0.0, 0.5, 1.5, 3.0, 3.0], atol=1e-12)
     np.testing.assert_allclose(speed, [0.0, 0.5, 0.5, 0.0, 0.0], atol=1e-12)
     assert TrainPath("short", ((0.25, 0.0),), speed=10.0, acceleration=0.25).duration == pytest.approx(2.0)
@@ -84,7 +84,7 @@ def test_it_takes_the_time_of_a_start_a_steady_drive_and_a_stop():
 
 def test_named_paths_lead_where_their_names_say():
     def end(path):
-        return path.at(path.run.length)[0]
+        return path.at(path.length)[0]
 
     np.testing.assert_allclose(end(straight(2.0)), [2.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(end(arc(1.0, math.pi)), [0.5 - 0.5, 2.0, math.pi], atol=1e-12)
@@ -167,3 +167,18 @@ def test_legs_that_are_no_pairs_are_refused(legs):
 def test_a_speed_that_is_no_number_is_refused():
     with pytest.raises(InputError, match="speed must be a finite number"):
         TrainPath("odd", ((1.0, 0.0),), speed="a")  # pyright: ignore[reportArgumentType]
+
+
+def test_a_path_with_stops_is_driven_as_paths_from_stop_to_stop():
+    """From rest to rest over s m at v and a takes s / v + v / a (closed form of a trapezoid)."""
+    path = TrainPath("stops", ((3.0, 0.5), (2.0, -0.5)), speed=0.5, acceleration=0.5, stops=(1.0, 3.5))
+    assert path.duration == pytest.approx(5.0 / 0.5 + 3 * 0.5 / 0.5)
+    covered, speed = path.progress([0.0, 3.0, 3.5, 9.0, 13.0, 14.0])
+    np.testing.assert_allclose(covered, [0.0, 1.0, 1.0625, 3.5, 5.0, 5.0])
+    np.testing.assert_allclose(speed, [0.0, 0.0, 0.25, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("stops", [(0.0,), (2.0,), (1.0, 0.5), (1.0, 1.0), (float("nan"),)])
+def test_stops_that_are_none_are_refused(stops):
+    with pytest.raises(InputError, match=r"stops must increase .* 2 m"):
+        TrainPath("odd", ((2.0, 0.0),), stops=stops)
