@@ -39,7 +39,7 @@ def standing(axles: int, samples: int = 4000) -> TrainDrive:
     """A made-up drive in which frames are straight and wheels stand."""
     train, rows = cfmmr(axles), np.zeros
     joints = tuple(rows((samples, frame.links)) for frame in train.frames)
-    t = 0.05 * np.arange(samples)
+    t = np.arange(samples) * np.float64(0.05)
     return TrainDrive(t, rows((samples, 3 * axles)), rows((samples, 2 * axles)), joints, rows((samples, 2 * axles)))
 
 
