@@ -1,7 +1,7 @@
 """Make the moving pictures of README and docs: ``python scripts/make_animations.py`` writes docs/pictures/*.gif.
 
 Each is an episode of an environment. In those whose agent is an estimator, the estimate is CAST's or the train
-filter's; in the others the commands are constant. The base's floor has cables and a slippery patch.
+filter's; in the others the scripted driver drives. The floor of the square has cables and a slippery patch.
 """
 
 from pathlib import Path
@@ -24,12 +24,11 @@ FLOOR = Floor(
 PICTURES = {
     "umbmark": ("castor/UMBmark-v0", {"floor": FLOOR}, "cast-0"),
     "configuration": ("castor/Configuration-v0", {"train": "cfmmr-3", "path": "s-bend"}, "train-filter"),
-    "asoc": ("castor/ASOC-v1", {"floor": FLOOR}, None),
-    "cfmmr": ("castor/CFMMR-v1", {"train": "cfmmr-2"}, None),
+    "asoc": ("castor/ASOC-v1", {"floor": "slippery", "control": "residual"}, None),
+    "cfmmr": ("castor/CFMMR-v1", {"train": "cfmmr-2", "control": "residual"}, None),
 }
 """Name of the file: the environment, its arguments, and the estimator where the agent is one."""
-FRAMES, WIDTH, COLORS = 60, 400, 64
-QUANTIZE = Image.Quantize.MAXCOVERAGE  # keeps the few strong colours of thin lines
+FRAMES, WIDTH, COLORS = 60, 400, 128
 
 
 def frames(identity, arguments, estimator):
@@ -42,7 +41,7 @@ def frames(identity, arguments, estimator):
         judged.reset(vehicle, info["pose"])
     found, done = [env.render()], False
     while not done:
-        action = np.full(env.action_space.shape, 0.25) if judged is None else np.ravel(judged.update(observation))
+        action = np.zeros(env.action_space.shape) if judged is None else np.ravel(judged.update(observation))
         observation, _, terminated, truncated, _ = env.step(action)
         done = terminated or truncated
         if len(found) % 10 == 0 or done or judged is None:
@@ -57,9 +56,12 @@ def save(name, pictures):
     """Write at most FRAMES of the pictures as a GIF."""
     chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, min(FRAMES, len(pictures))).astype(int)]
     size = (WIDTH, WIDTH * chosen[0].shape[0] // chosen[0].shape[1])
-    small = [
-        Image.fromarray(picture).resize(size).quantize(COLORS, QUANTIZE, dither=Image.Dither.NONE) for picture in chosen
-    ]
+    resized = [Image.fromarray(picture).resize(size) for picture in chosen]
+    sheet = Image.new("RGB", (3 * size[0], size[1]))  # the colours of all pictures together, so that none flickers
+    for k, of in enumerate((0, len(resized) // 2, -1)):
+        sheet.paste(resized[of], (k * size[0], 0))
+    palette = sheet.quantize(COLORS, Image.Quantize.MEDIANCUT)
+    small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in resized]
     small[0].save(FOLDER / f"{name}.gif", save_all=True, append_images=small[1:], duration=100, loop=0, optimize=True)
 
 
