@@ -7,8 +7,15 @@ from pathlib import Path
 
 import pytest
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-EXAMPLES = [code for code in re.findall(r"```python\n(.*?)```", README, flags=re.S) if "import castor_envs" in code]
+ROOT = Path(__file__).parents[2]
+EXAMPLES = {
+    page: next(
+        code
+        for code in re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)
+        if "import castor_envs" in code
+    )
+    for page in ("README.md", "docs/tutorials/trains.md")
+}
 
 
 def said(folder, code):
@@ -18,12 +25,12 @@ def said(folder, code):
     return done.stderr
 
 
-@pytest.mark.parametrize("code", EXAMPLES, ids=["in ten lines", "trains"])
+@pytest.mark.parametrize("page", EXAMPLES)
 @pytest.mark.parametrize("file", ["estimators.py", "estimators/__init__.py"])
-def test_examples_of_the_readme_name_the_file_that_hides_the_package(tmp_path, code, file):
+def test_examples_of_the_docs_name_the_file_that_hides_the_package(tmp_path, page, file):
     (tmp_path / file).parent.mkdir(exist_ok=True)
     (tmp_path / file).write_text("mine = 1\n")
-    lines = said(tmp_path, code).splitlines()
+    lines = said(tmp_path, EXAMPLES[page]).splitlines()
     hides = f"{tmp_path / file} hides the package 'estimators' of castor-envs; rename it, or run from another folder"
     assert lines[0] == f"castor-envs: {hides}"
     assert sum("hides the package" in line for line in lines) == 1
