@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
@@ -28,9 +27,12 @@ WRONG, ANYWHERE = 0.05, 20.0
 """The part of fixes that are wrong, as where one place looks like another; and the side, m, of the square in which
 these may lie."""
 
-DRIVEN, UNLIKELY = 0.05, 1e-3
-"""Part of a way, and of a turn, by which odometry between two fixes may be off; and the probability with which the same
-way is not recognised."""
+DRIVEN = 0.05
+"""Part of a way, and of a turn, by which odometry between two fixes may be off."""
+
+SAME_WAY = 16.26623619623813
+"""The chi-square distribution of three degrees of freedom is below this but for 1 in 1000: so often the same way is not
+recognised."""
 
 LOST = (10.0, 10.0, np.pi)
 """m, m, rad: standard deviations of a pose that is to be taken from fixes."""
@@ -87,7 +89,8 @@ class FixUpdates:
         wrong = np.log(WRONG) - np.where(says, np.log([ANYWHERE, ANYWHERE, 2 * np.pi]), 0.0).sum(axis=-1)
         log_likelihood = belief.log_likelihood + np.logaddexp(likelihood, wrong)
         right: NDArray[np.bool_] = np.greater(likelihood, wrong)
-        lost: NDArray[np.bool_] = ~right & self._goes_on(np.where(says, then + left, then), then)
+        claim = then + left  # where a fix says nothing, what was followed
+        lost: NDArray[np.bool_] = ~right & self._goes_on(claim, then)
         if lost.any():
             unknown = belief.covariance.copy()
             unknown[..., [0, 1, 2], [0, 1, 2]] += np.where(lost[..., None], np.square(LOST), 0.0)
@@ -95,7 +98,7 @@ class FixUpdates:
         there: NDArray[np.bool_] = np.any(says, axis=-1)
         refused = there & ~right & ~lost
         last = _Refused(np.full_like(then, np.nan), then) if self._refused is None else self._refused
-        fixed = np.where(refused[..., None], np.where(says, then + left, then), np.nan)
+        fixed = np.where(refused[..., None], claim, np.nan)
         self._refused = _Refused(
             np.where(there[..., None], fixed, last.fix), np.where(there[..., None], then, last.pose)
         )
@@ -140,7 +143,7 @@ class FixUpdates:
         across = 2 * self._deviation[0] ** 2 + (way * self._deviation[2]) ** 2 + (DRIVEN * way) ** 2
         about = 2 * self._deviation[2] ** 2 + (DRIVEN * turn) ** 2
         unlike = (off[..., 0] ** 2 + off[..., 1] ** 2) / across + off[..., 2] ** 2 / about
-        return np.less(unlike, chi2.isf(UNLIKELY, 3))  # of NaN: False
+        return np.less(unlike, SAME_WAY)  # of NaN: False
 
 
 def _updated(belief: Belief, derivative: Array, left: Array, variance: Array) -> tuple[Belief, Array]:

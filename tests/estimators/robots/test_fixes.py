@@ -4,13 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from castor_envs.geometry import se2
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Fixes
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators import CalibratingFilter, WheelOdometry
-from estimators.robots.fixes import Belief, FixUpdates
+from estimators.robots.fixes import SAME_WAY, Belief, FixUpdates
 
 SENSOR = Fixes(noise_position=0.02, noise_heading=0.01)
 NOISE = np.array([0.02, 0.02, 0.01])
@@ -94,6 +95,10 @@ def test_a_lost_pose_is_taken_from_two_fixes_that_fit_each_other():
     path = followed(fixes)[1]
     np.testing.assert_allclose(path[8], PATH[8], atol=1e-12)
     np.testing.assert_allclose(path[20], se2.compose(elsewhere, PATH[20]), atol=0.02)
+
+
+def test_the_same_way_is_recognised_but_for_one_in_a_thousand():
+    assert chi2.sf(SAME_WAY, 3) == pytest.approx(1e-3)
 
 
 def test_a_fix_without_a_heading_and_a_compass_say_what_they_know():
