@@ -71,6 +71,17 @@ def test_the_table_of_drives_is_that_of_the_stored_scores():
     script = script_called("make_drive_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_table(page, figures) == page, "run python scripts/make_drive_tables.py"
+    ratio = {
+        of["task"]: np.median(of["scores"]["wheel-odometry"]) / np.median(of["scores"]["filter"])
+        for of in figures["tasks"]
+    }
+    redundant = ("prototype", "full-scale", "powered-caster", "swerve")
+    disturbed = [ratio[f"{kind}-{on}"] for kind in ("bursts", "faults", "gyro", "fixes") for on in redundant]
+    assert (round(min(disturbed), 1), round(max(disturbed))) == (2.8, 14)  # what the page says
+    others = [ratio[f"{kind}-{on}"] for kind in ("gyro", "fixes") for on in ("tricycle", "omni", "differential")]
+    assert (round(min(others)), round(max(others))) == (3, 6)
+    assert round(1 / min(ratio[f"long-{on}"] for on in redundant), 1) == 1.6
+    assert all(ratio[f"long-{on}"] < 1 for on in redundant)
     task = next(task for task in official_tasks() if task.name == "bursts-prototype")
     episode = task.record(0)
     stored = next(of["scores"]["wheel-odometry"] for of in figures["tasks"] if of["task"] == task.name)
