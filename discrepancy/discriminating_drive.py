@@ -14,7 +14,7 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
-from castor_envs.motion.kinematics import moves_sideways
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import Trajectory, chained, wander
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.answers import Answer, Place

@@ -10,7 +10,7 @@ from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
 from castor_envs.logs.trajectory_files import read_drive
 from castor_envs.motion.controllers import Commands
-from castor_envs.motion.kinematics import moves_sideways
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import LONGEST_RANDOM, RANDOM, Trajectory, figure_eight, umbmark, wander
 from castor_envs.physics.stepper import Drive
 from castor_envs.vehicles.load import load_robot

@@ -171,14 +171,6 @@ def _of_robot(robot: RobotDescription) -> Geometry:
     )
 
 
-def moves_sideways(robot: RobotDescription) -> bool:
-    """Return whether no wheel keeps a robot from moving sideways: none without rollers is fixed to its body."""
-    return not any(
-        castor.steering == "fixed" and any(wheel.grip == "standard" for wheel in castor.wheels)
-        for castor in robot.castors
-    )
-
-
 def unit(angle: ArrayLike) -> Array:
     """Return (cos, sin) of an angle along a new last axis."""
     angle = np.asarray(angle, dtype=float)

@@ -125,3 +125,8 @@ class Mobility:
         desired = np.asarray(twist, dtype=float)
         share, *_ = np.linalg.lstsq((self.motions * weight).T, desired * weight, rcond=None)
         return share @ self.motions
+
+
+def moves_sideways(robot: RobotDescription) -> bool:
+    """Return whether a robot can move in any direction and turn at the same time."""
+    return Mobility.of(robot).omnidirectional

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.motion.kinematics import Geometry, moves_sideways
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription

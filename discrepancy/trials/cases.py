@@ -32,7 +32,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
-from castor_envs.motion.kinematics import moves_sideways
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset

@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry, moves_sideways
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
-from castor_envs.motion.kinematics import moves_sideways
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.posterior.finder import diagnose

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from castor_envs.motion.kinematics import moves_sideways
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, chained, figure_eight, wander
 from castor_envs.vehicles.robot import RobotDescription
 

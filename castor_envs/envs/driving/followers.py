@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array, Numbers
 from castor_envs.geometry.se2 import rotate_single
 from castor_envs.motion.controllers import ALONG, KinematicController, posture_correction
-from castor_envs.motion.kinematics import Geometry, inverse, moves_sideways
+from castor_envs.motion.kinematics import Geometry, inverse
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription

@@ -10,7 +10,8 @@ from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import SlipStiffness
 from castor_envs.effects.dimensions import Track, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, TickLoss
-from castor_envs.motion.kinematics import Geometry, moves_sideways
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of, stacked

@@ -13,7 +13,8 @@ from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry, constraint_matrix, moves_sideways
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.hypotheses.candidates import Candidate

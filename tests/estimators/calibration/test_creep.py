@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
-from castor_envs.motion.kinematics import Geometry, moves_sideways
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.trials.pymunk_generator import drive

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.tasks import kinematic
-from castor_envs.motion.kinematics import Geometry, moves_sideways
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Gyro

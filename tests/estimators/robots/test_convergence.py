@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from castor_envs.motion.kinematics import Geometry, moves_sideways
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.vehicles.presets import differential, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, HolmbergKhatib, TidyBot, WheelOdometry
