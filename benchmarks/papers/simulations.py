@@ -7,8 +7,10 @@ What the paper does not specify, such as how far the base turns and how well the
 in `benchmarks.papers.assumptions`.
 """
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -88,10 +90,14 @@ def errors_of_sets(
     progress = progress or SilentProgress()
     found = []
     chunk = max(1, at_a_time // conditions.assumed.runs)
-    for first in range(0, conditions.sets, chunk):
-        cases = range(first, min(first + chunk, conditions.sets))
-        found.append(_errors_of_cases(conditions, errors, cases))
-        progress.advance(len(cases))
+    chunks = [range(first, min(first + chunk, conditions.sets)) for first in range(0, conditions.sets, chunk)]
+    # Estimators are compiled code, which threads run side by side.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for cases, errors_of in zip(
+            chunks, pool.map(partial(_errors_of_cases, conditions, errors), chunks), strict=True
+        ):
+            found.append(errors_of)
+            progress.advance(len(cases))
     return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
 
 
@@ -107,7 +113,9 @@ def _errors_of_cases(conditions: Conditions, errors: ParameterErrors, cases: ran
     files = [errors.applied(assumed.base, _random(case, 0, assumed), assumed.distribution) for case in cases]
     described = Geometry.of(files).expand(1)
     # Clockwise runs first, as the tasks draw them: (directions, cases, runs, driven wheels).
-    drawn = [Encoders.random_phase(real, _random(case, 1, assumed), 2, assumed.runs) for case in cases]
+    # Lossy encoders start every increment anew from a whole count: no phase matters, and all runs are the same.
+    runs = assumed.runs if conditions.encoders == "honest" else 1
+    drawn = [Encoders.random_phase(real, _random(case, 1, assumed), 2, runs) for case in cases]
     phases = np.stack(drawn, axis=1)
     returns: dict[str, list[Array]] = {}
     for direction, phase in zip(("cw", "ccw"), phases, strict=True):
@@ -151,7 +159,7 @@ def _ends(
     angle = rolled.wheel_angle[:, None, None, :]
     if conditions.encoders == "honest":
         wheel = np.diff(encoders.wheel(angle), axis=0)
-    else:  # Every increment starts anew from a whole count, so no phase matters.
+    else:
         wheel = Encoders(real, np.zeros(1)).wheel(np.diff(angle, axis=0))
     wheel = np.concatenate([np.zeros_like(wheel[:1]), wheel])
     pivot = encoders.pivot(rolled.castor_angle)[:, None, None, :]

@@ -4,13 +4,13 @@ import math
 import warnings
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.protocol import Observation
-from estimators.robots.castor_odometry import CastorOdometry, Step, displaced, several_castors, start
+from estimators.robots.castor_odometry import CastorEstimator, Step, displace, moved, several_castors
 
 LARGEST_DRIFT = 4e-4
 """Of the path: the relative error of wheel radii after calibration, and so of any path (Doebbler's Table I: 0.04 %)."""
@@ -20,10 +20,26 @@ class SmallTurnWarning(UserWarning):
     """CAST's small-turn assumption costs more than the errors of calibrated wheels; `CASTArc` does not need it."""
 
 
-class CAST:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _advance(castors, solution, wheel, pivot, pose, step):
+    """Take one sample; solution (B, 6 n): eq. 15's matrix, row by row. See `CastorEstimator`."""
+    n = castors.shape[1]
+    for robot in range(castors.shape[0]):
+        x, y, turn = 0.0, 0.0, 0.0
+        for i in range(n):
+            east, north, _, _ = moved(castors, robot, i, wheel, pivot, step)
+            # Eq. 15, with eq. 16's y: first the x of all pivots, then their y.
+            x += solution[robot, i] * east + solution[robot, n + i] * north
+            y += solution[robot, 2 * n + i] * east + solution[robot, 3 * n + i] * north
+            turn += solution[robot, 4 * n + i] * east + solution[robot, 5 * n + i] * north
+        # The castors' headings follow from the new psi and their measured angles, at the next step.
+        displace(pose, robot, x, y, turn)
+
+
+class CAST(CastorEstimator):
     """Pose change that fits the displacements of all pivots best (Doebbler eqs. 13-21), about any body origin.
 
-    left_out: number of the castor not used, as in CAST-i; 0 uses all. step: see `CastorOdometry`.
+    left_out: number of the castor not used, as in CAST-i; 0 uses all. step: see `moved`.
 
     Eq. 13 is linear in the turn of a sample, delta. A pivot at p moves by t + (Rot(delta) - 1) p; from this, least
     squares give sin(delta) for the turn, and t - (1 - cos delta) c for the displacement of the origin, with c the
@@ -37,11 +53,11 @@ class CAST:
     `Geometry`, which has neither a sample period nor speeds, gives no warning.
     """
 
-    batched = True
+    advance = _advance
 
     def __init__(self, left_out: int = 0, step: Step = "arc") -> None:
+        super().__init__(step)
         self.left_out = left_out
-        self.step: Step = step
 
     @staticmethod
     def variants(robot: RobotDescription) -> tuple[int, ...]:
@@ -50,12 +66,12 @@ class CAST:
 
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises InputError where the castors used do not suit or are fewer than two."""
-        geometry, self._pose = start(robot, pose)
+        geometry = Geometry.of(robot)
         castors, pivot = several_castors(geometry, self.left_out)
-        self._castors = CastorOdometry(geometry, castors, self.step)
         # In the body frame before the step psi- is 0: H is always the same, and eq. 15 one fixed matrix.
         h = design_matrix(pivot, 0.0)
-        self._solution = normal_inverse(pivot, 0.0) @ np.swapaxes(h, -1, -2)
+        solution = normal_inverse(pivot, 0.0) @ np.swapaxes(h, -1, -2)
+        self.begin(geometry, castors, solution.reshape(*solution.shape[:-2], -1), pose)
         if isinstance(robot, RobotDescription):
             self._warn(robot)
 
@@ -69,15 +85,6 @@ class CAST:
                 SmallTurnWarning,
                 stacklevel=3,
             )
-
-    def update(self, observation: Observation) -> Array:
-        """Take one sample, return the pose (..., 3)."""
-        steps = self._castors.advance(observation)
-        y = np.concatenate([steps.x, steps.y], axis=-1)  # eq. 16
-        x = np.einsum("...ij,...j->...i", self._solution, y)  # eq. 15
-        # The castors' headings follow from the new psi and their measured angles, at the next step.
-        self._pose = displaced(self._pose, x[..., 0], x[..., 1], x[..., 2])
-        return self._pose.copy()
 
 
 def small_turn_drift(robot: RobotDescription, left_out: int = 0) -> float:

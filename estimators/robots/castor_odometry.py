@@ -3,13 +3,19 @@
 Doebbler III.B: "standard odometry equations as given by Borenstein are adapted to compensate for the offset of
 the pivot from the wheel axis". A castor with two driven wheels is a differential-drive robot: the foot of its axle
 (the axle's point on the centre line) moves along the rolling direction e, the pivot stands `offset` ahead of it.
+
+`CastorEstimator` is what dead reckoning, IPEC and CAST share. Their arithmetic is for one robot at a time, compiled
+by numba, and loops over stacks of robots.
 """
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple, get_args
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numba import njit
+from numba.extending import register_jitable
+from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
@@ -18,10 +24,105 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 
 Step = Literal["arc", "midpoint", "euler", "euler-axle"]
+ARC, MIDPOINT, EULER, EULER_AXLE = range(4)
+"""`Step` as compiled code knows it."""
+
+CASTOR = np.dtype(
+    [
+        # where its counts stand in an observation: of both wheels, and of its pivot (fixed: any)
+        ("left", np.int64),
+        ("right", np.int64),
+        ("pivot", np.int64),
+        # its turn in N, rad, and the way of its foot, m, for a count of each wheel
+        ("turn_left", float),
+        ("turn_right", float),
+        ("roll_left", float),
+        ("roll_right", float),
+        ("offset", float),
+        # theta, its angle against the body, rad, for a count of its pivot and at count 0 (the model's -beta)
+        ("angle_per_count", float),
+        ("angle_zero", float),
+        # state: theta at the sample before, NaN before the first
+        ("angle", float),
+    ],
+    align=True,
+)
+
+NO_PIVOTS = np.zeros(1)
+"""What a robot without pivot encoders is taken to read: its castors' angles do not depend on it."""
+
+
+def castor_records(geometry: Geometry, castors: Sequence[int]) -> NDArray[np.void]:
+    """Return records (..., n) of type `CASTOR` of some castors, by their indices from 0, before the first sample.
+
+    Raises Declined where a castor lacks two driven standard wheels, or has no pivot encoder and is not fixed.
+    """
+    driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
+    encoded = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
+    used = np.array(castors)
+    left, right = np.array([_driven_pair(geometry, castor) for castor in castors]).T
+    fixed = geometry.fixed[used]
+
+    record = np.zeros((*geometry.offset.shape[:-1], len(used)), CASTOR)
+    record["left"], record["right"] = np.searchsorted(driven, left), np.searchsorted(driven, right)
+    record["pivot"] = np.where(fixed, 0, np.searchsorted(encoded, used))
+    l_left, l_right = geometry.lateral[..., left], geometry.lateral[..., right]
+    s_left = 2 * np.pi * geometry.radius[..., left] / geometry.counts_per_rev[left]
+    s_right = 2 * np.pi * geometry.radius[..., right] / geometry.counts_per_rev[right]
+    track = l_left - l_right
+    # A wheel rolls s = ds - lateral * turn: both wheels solved for turn and ds, per count of each wheel.
+    record["turn_left"], record["turn_right"] = -s_left / track, s_right / track
+    record["roll_left"], record["roll_right"] = -s_left * l_right / track, s_right * l_left / track
+    record["offset"] = geometry.offset[..., used]
+    record["angle_per_count"] = np.where(fixed, 0.0, 2 * np.pi / geometry.pivot_counts_per_rev[used])
+    record["angle_zero"] = np.where(fixed, geometry.angle[..., used], -geometry.pivot_zero[..., used])
+    record["angle"] = np.nan
+    return record
+
+
+@register_jitable
+def moved(castors, robot, i, wheel, pivot, step):
+    """Take one sample of castor i of a robot; return its pivot's displacement x, y (m), its turn in N and swivel (rad).
+
+    In the body frame as it stood before. castors (B, n), wheel and pivot, the counts, (B, ...): of all robots, as views
+    of single robots take compiled code longer than the arithmetic. The swivel is the change of its
+    measured angle against the body, as read: whole turns may be off. step: how the displacement follows from rolled
+    distance and turn:
+
+    - arc: the wheels turn evenly between samples, so the foot runs on a circle; no further approximation
+    - midpoint: straight along the heading half way
+    - euler: straight along the heading at the end (heading first, as Borenstein's text has it), and the pivot's swing
+      about the axle, offset times turn, is taken across that heading too
+    - euler-axle: the axle as in euler, the pivot's swing about it exact
+    """
+    castor = castors[robot, i]
+    left, right = wheel[robot, castor.left], wheel[robot, castor.right]
+    turn = castor.turn_left * left + castor.turn_right * right
+    along = castor.roll_left * left + castor.roll_right * right
+    across = castor.offset * turn
+    after = castor.angle_zero + castor.angle_per_count * pivot[robot, castor.pivot]
+    before = after if math.isnan(castor.angle) else castor.angle
+    castor.angle = after
+
+    half_way = before + 0.5 * turn
+    if step in (ARC, EULER_AXLE):
+        # The swing is e+ - e- = sinc(turn / 2) turn n_mid; the chord of the foot's arc is sinc(turn / 2) ds long.
+        chord = sinc(0.5 * turn)
+        across *= chord
+        if step == ARC:
+            along *= chord
+    bearing = half_way if step in (ARC, MIDPOINT) else before + turn
+    cos, sin = math.cos(bearing), math.sin(bearing)
+    swing_cos, swing_sin = cos, sin
+    if step == EULER_AXLE:
+        swing_cos, swing_sin = math.cos(half_way), math.sin(half_way)
+    x = cos * along - swing_sin * across
+    y = sin * along + swing_cos * across
+    return x, y, turn, after - before
 
 
 class CastorSteps(NamedTuple):
-    """One sample's movement of n castors, each array (..., n), in the body frame as it stood before.
+    """One sample's movement of castors, each array of their shape, in the body frame as it stood before.
 
     x, y: displacement of the pivot, m. turn: change of the castor's heading in N, rad. swivel: change of its measured
     angle against the body, rad, as read: whole turns may be off.
@@ -33,78 +134,122 @@ class CastorSteps(NamedTuple):
     swivel: Array
 
 
-class CastorOdometry:
-    """Reads encoder counts of some castors of a robot, sample by sample. Arithmetic broadcasts.
+def castor_steps(castors: NDArray[np.void], wheel: Array, pivot: Array = NO_PIVOTS, step: Step = "arc") -> CastorSteps:
+    """Take one sample of castors (B, n) of type `CASTOR`; wheel (B, w) and pivot (B, p): counts. See `moved`."""
+    found = np.empty((4, *castors.shape))
+    _all_moved(
+        castors, wheel, np.broadcast_to(pivot, (len(castors), pivot.shape[-1])), get_args(Step).index(step), found
+    )
+    return CastorSteps(found[0], found[1], found[2], found[3])
 
-    castors: their indices from 0. step: how the displacement in a sample follows from rolled distance and turn:
 
-    - "arc": the wheels turn evenly between samples, so the foot runs on a circle; no further approximation
-    - "midpoint": straight along the heading half way
-    - "euler": straight along the heading at the end (heading first, as Borenstein's text has it), and the pivot's swing
-      about the axle, offset times turn, is taken across that heading too
-    - "euler-axle": the axle as in "euler", the pivot's swing about it exact
+@njit(cache=True, nogil=True, error_model="numpy")
+def _all_moved(castors, wheel, pivot, step, found):
+    for robot in range(castors.shape[0]):
+        for i in range(castors.shape[1]):
+            one = moved(castors, robot, i, wheel, pivot, step)
+            found[0, robot, i], found[1, robot, i], found[2, robot, i], found[3, robot, i] = one
 
-    Raises Declined where a castor lacks two driven standard wheels, or has no pivot encoder and is not fixed.
+
+@register_jitable
+def sinc(angle):
+    """Return sin(angle) / angle, 1 at 0; below 0.1 rad by its series, three times as fast and as exact (1e-17)."""
+    if abs(angle) > 0.1:
+        return math.sin(angle) / angle
+    square = angle * angle
+    return 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
+
+
+@register_jitable
+def displace(pose, robot, x, y, turn):
+    """Move the pose of a robot (B, 3) in place by x, y (m) in its own frame and a turn (rad)."""
+    cos, sin = math.cos(pose[robot, 2]), math.sin(pose[robot, 2])
+    pose[robot, 0] += cos * x - sin * y
+    pose[robot, 1] += sin * x + cos * y
+    pose[robot, 2] += turn
+
+
+@register_jitable
+def origin_displacement(p, q, x, y, turn):
+    """Return how the body's origin moves when its point (p, q) moves by x, y and the body turns.
+
+    All lengths in m in the body frame before. Doebbler eqs. 11 and 12 subtracted, without the small angle:
+    (x, y) = origin's displacement + (Rot(turn) - 1) (p, q).
+    """
+    cos, sin = math.cos(turn), math.sin(turn)
+    return x + (p - cos * p + sin * q), y + (q - sin * p - cos * q)
+
+
+@register_jitable
+def wrapped(angle):
+    """Return an angle wrapped into (-pi, pi], rad, as `castor_envs.geometry.se2.wrap` does."""
+    return math.pi - (math.pi - angle) % (2 * math.pi)
+
+
+class CastorEstimator:
+    """What the estimators of castors share: one sample at a time, of one robot or a stack of robots.
+
+    An estimator has a compiled function `advance(castors, constants, wheel, pivot, pose, step)`, which takes a sample
+    of each of B robots and moves their poses (B, 3): castors (B, n) of type `CASTOR`, constants (B, c) its own numbers,
+    wheel and pivot the counts (B, ...), step one of `ARC` to `EULER_AXLE`.
     """
 
-    def __init__(self, geometry: Geometry, castors: Sequence[int], step: Step = "arc") -> None:
+    batched = True
+    advance: ClassVar[Callable[..., None]]
+
+    def __init__(self, step: Step = "arc") -> None:
         if step not in get_args(Step):
             raise InputError(f"unknown step {step!r}; known: {', '.join(get_args(Step))}")
-        driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
-        encoded = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
-        used = np.array(castors)
-        left, right = np.array([_driven_pair(geometry, castor) for castor in castors]).T
+        self.step: Step = step
 
-        self._left, self._right = np.searchsorted(driven, left), np.searchsorted(driven, right)
-        l_left, l_right = geometry.lateral[..., left], geometry.lateral[..., right]
-        s_left = 2 * np.pi * geometry.radius[..., left] / geometry.counts_per_rev[left]
-        s_right = 2 * np.pi * geometry.radius[..., right] / geometry.counts_per_rev[right]
-        track = l_left - l_right
-        # A wheel rolls s = ds - lateral * turn: both wheels solved for turn and ds, per count of each wheel.
-        self._turn_left, self._turn_right = -s_left / track, s_right / track
-        self._roll_left, self._roll_right = -s_left * l_right / track, s_right * l_left / track
-        self._offset = geometry.offset[..., used]
+    def begin(self, geometry: Geometry, castors: Sequence[int], constants: Array, pose: ArrayLike) -> None:
+        """Start at `pose` (..., 3) with castors, by their indices from 0, and the estimator's constants (..., c)."""
+        self._code = get_args(Step).index(self.step)
+        self._castors, self._constants = castor_records(geometry, castors), constants
+        self._counts = int(np.sum(~np.isnan(geometry.counts_per_rev))), len(geometry.sensed)
+        self._pose = np.array(pose, dtype=float)
+        self._stack(np.broadcast_shapes(self._pose.shape[:-1], constants.shape[:-1], self._castors.shape[:-1]))
 
-        fixed = geometry.fixed[used]
-        self._reads_pivots = not fixed.all()
-        self._pivot = np.where(fixed, 0, np.searchsorted(encoded, used))
-        self._angle_per_count = np.where(fixed, 0.0, 2 * np.pi / geometry.pivot_counts_per_rev[used])
-        self._angle_zero = np.where(fixed, geometry.angle[..., used], -geometry.pivot_zero[..., used])
-        self._angle: Array | None = None
+    def _stack(self, shape: tuple[int, ...]) -> None:
+        """Lay out robots, their constants and poses (..., k) as one row for each robot of a stack."""
 
-        self._exact_roll, self._exact_swing = step == "arc", step in ("arc", "euler-axle")
-        self._direction = 1.0 if step.startswith("euler") else 0.5
+        def rows(part: NDArray[Any]) -> NDArray[Any]:
+            return np.broadcast_to(part, (*shape, part.shape[-1])).reshape(-1, part.shape[-1]).copy()
 
-    def advance(self, observation: Observation) -> CastorSteps:
-        """Take one sample and return what the castors did since the one before."""
-        wheel = observation["wheel"]
-        left, right = wheel[..., self._left], wheel[..., self._right]
-        turn = self._turn_left * left + self._turn_right * right
-        along = self._roll_left * left + self._roll_right * right
-        across = self._offset * turn
-        if self._exact_swing:
-            # The swing is e+ - e- = sinc(turn / 2) turn n_mid; the chord of the foot's arc is sinc(turn / 2) ds long.
-            chord = _sinc(0.5 * turn)
-            across = chord * across
-            if self._exact_roll:
-                along = chord * along
+        self._shape = shape
+        self._castors, self._constants, self._pose = rows(self._castors), rows(self._constants), rows(self._pose)
 
-        after = self._angles(observation)
-        before = after if self._angle is None else self._angle
-        self._angle = after
-        bearing = before + self._direction * turn
-        cos, sin = np.cos(bearing), np.sin(bearing)
-        swing_cos, swing_sin = cos, sin
-        if self._exact_swing and not self._exact_roll:
-            # The axle moves along `bearing`, the swing is taken at the middle heading.
-            swing_cos, swing_sin = np.cos(before + 0.5 * turn), np.sin(before + 0.5 * turn)
-        return CastorSteps(cos * along - swing_sin * across, sin * along + swing_cos * across, turn, after - before)
+    def update(self, observation: Observation) -> Array:
+        """Take one sample, return the pose (..., 3); raises InputError where it has another number of counts."""
+        wheel = np.asarray(observation["wheel"], dtype=float)
+        pivot = np.asarray(observation["pivot"], dtype=float) if self._counts[1] else NO_PIVOTS
+        if wheel.shape[:-1] != self._shape or pivot.shape[:-1] != self._shape:
+            wheel, pivot = self._stacked(wheel, pivot)
+        if wheel.shape[-1] != self._counts[0] or pivot.shape[-1] != max(self._counts[1], 1):
+            raise InputError(
+                f"the observation has {wheel.shape[-1]} counts of wheels and {pivot.shape[-1]} of pivots; this robot "
+                f"gives {self._counts[0]} and {self._counts[1]}"
+            )
+        type(self).advance(
+            self._castors,
+            self._constants,
+            wheel.reshape(len(self._pose), -1),
+            pivot.reshape(len(self._pose), -1),
+            self._pose,
+            self._code,
+        )
+        return self._pose.reshape(*self._shape, 3).copy()
 
-    def _angles(self, observation: Observation) -> Array:
-        """Return theta (..., n): gamma minus the model's beta; of a fixed castor the angle it is mounted at."""
-        if not self._reads_pivots:
-            return self._angle_zero
-        return observation["pivot"][..., self._pivot] * self._angle_per_count + self._angle_zero
+    def _stacked(self, wheel: Array, pivot: Array) -> tuple[Array, Array]:
+        """Return counts broadcast to the stack, which grows where the counts have more leading axes."""
+        shape = np.broadcast_shapes(self._shape, wheel.shape[:-1], pivot.shape[:-1])
+        if shape != self._shape:
+            self._castors, self._constants = (
+                part.reshape(*self._shape, -1) for part in (self._castors, self._constants)
+            )
+            self._pose = self._pose.reshape(*self._shape, 3)
+            self._stack(shape)
+        return np.broadcast_to(wheel, (*shape, wheel.shape[-1])), np.broadcast_to(pivot, (*shape, pivot.shape[-1]))
 
 
 def several_castors(geometry: Geometry, left_out: int) -> tuple[tuple[int, ...], Array]:
@@ -137,23 +282,6 @@ def displaced(pose: Array, x: Array, y: Array, turn: Array) -> Array:
     new = np.empty((*new_x.shape, 3))
     new[..., 0], new[..., 1], new[..., 2] = new_x, pose[..., 1] + (sin * x + cos * y), psi + turn
     return new
-
-
-def origin_displacement(point: tuple[Array, Array], x: Array, y: Array, turn: Array) -> tuple[Array, Array]:
-    """Return how the body's origin moves when `point` of the body moves by x, y and the body turns.
-
-    All lengths in m in the body frame before. Doebbler eqs. 11 and 12 subtracted, without the small angle:
-    (x, y) = origin's displacement + (Rot(turn) - 1) point.
-    """
-    cos, sin = np.cos(turn), np.sin(turn)
-    p, q = point
-    return x + (p - cos * p + sin * q), y + (q - sin * p - cos * q)
-
-
-def _sinc(angle: Array) -> Array:
-    """Return sin(angle) / angle, 1 at 0."""
-    angle = np.where(angle == 0.0, 1e-20, angle)
-    return np.sin(angle) / angle
 
 
 def _driven_pair(geometry: Geometry, castor: int) -> tuple[int, int]:

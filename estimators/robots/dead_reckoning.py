@@ -1,30 +1,40 @@
 """Dead reckoning by one castor, without a second castor to correct the first."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import Declined
-from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.se2 import wrap
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.protocol import Observation
-from estimators.robots.castor_odometry import CastorOdometry, Step, displaced, origin_displacement, start
+from estimators.robots.castor_odometry import CastorEstimator, Step, displace, moved, origin_displacement, wrapped
 
 
-class DeadReckoning:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _advance(castors, pivots, wheel, pivot, pose, step):
+    """Take one sample; pivots (B, 2): x and y of the castor's. See `CastorEstimator`."""
+    for robot in range(castors.shape[0]):
+        east, north, turn_of_castor, swivel = moved(castors, robot, 0, wheel, pivot, step)
+        # The castor's heading in N is psi + theta (Doebbler II.D): the body turns by the difference.
+        turn = turn_of_castor - wrapped(swivel)
+        # The pivot is a point of the body, whose origin follows from it (Doebbler eqs. 11-12).
+        x, y = origin_displacement(pivots[robot, 0], pivots[robot, 1], east, north, turn)
+        displace(pose, robot, x, y, turn)
+
+
+class DeadReckoning(CastorEstimator):
     """Heading and position from a single castor (Doebbler III.B), on which IPEC and CAST improve.
 
     The body turns as much as the castor does by its two wheels, minus the castor's swivel against the body. On a fixed
     castor this is the odometry of a differential drive, with exact arcs. castor: its number, from 1. step: see
-    `CastorOdometry`.
+    `moved`.
     """
 
-    batched = True
+    advance = _advance
 
     def __init__(self, castor: int = 1, step: Step = "arc") -> None:
+        super().__init__(step)
         self.castor = castor
-        self.step: Step = step
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple[int, ...]:
@@ -39,22 +49,10 @@ class DeadReckoning:
 
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises InputError where the robot lacks the castor or it does not suit."""
-        geometry, self._pose = start(robot, pose)
+        geometry = Geometry.of(robot)
         if not 1 <= self.castor <= geometry.n_castors:
             raise Declined(f"there is no castor {self.castor}; the robot has {geometry.n_castors}")
-        self._castor = CastorOdometry(geometry, [self.castor - 1], self.step)
-        pivot = geometry.pivot[..., self.castor - 1, :]
-        self._pivot = pivot[..., 0], pivot[..., 1]
-
-    def update(self, observation: Observation) -> Array:
-        """Take one sample, return the pose (..., 3)."""
-        steps = self._castor.advance(observation)
-        # The castor's heading in N is psi + theta (Doebbler II.D): the body turns by the difference.
-        turn = (steps.turn - wrap(steps.swivel))[..., 0]
-        # The pivot is a point of the body, whose origin follows from it (Doebbler eqs. 11-12).
-        x, y = origin_displacement(self._pivot, steps.x[..., 0], steps.y[..., 0], turn)
-        self._pose = displaced(self._pose, x, y, turn)
-        return self._pose.copy()
+        self.begin(geometry, [self.castor - 1], geometry.pivot[..., self.castor - 1, :], pose)
 
 
 ESTIMATORS = {"dead-reckoning": DeadReckoning}

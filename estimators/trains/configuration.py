@@ -10,7 +10,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import CastorOdometry, displaced
+from estimators.robots.castor_odometry import castor_records, castor_steps, displaced
 from estimators.trains.relative_poses import MAX_AGE, RelativePoses, RelativePoseWarning, entry
 
 __all__ = ["MAX_AGE", "Configuration", "RelativePoseWarning", "checked_interval", "next_to"]
@@ -54,7 +54,7 @@ class Configuration:
             )
         if not np.isfinite(self.poses).all():
             raise InputError(f"the poses to start at are not finite: {self.poses.tolist()}; give numbers for all axles")
-        self._axles = [CastorOdometry(Geometry.of(module), [0]) for module in train.modules]
+        self._axles = np.stack([castor_records(Geometry.of(module), [0]) for module in train.modules])
         self._sensors = RelativePoses(train)
         self._wait = None if interval is None else interval * train.sample_period
         self._time = np.nan
@@ -80,9 +80,8 @@ class Configuration:
         wheel = entry(observation, "wheel", 2 * n, f"left and right of {n} axles").reshape(n, 2)
         if not np.isfinite(wheel).all():
             raise InputError(f"the observation's 'wheel' is not finite: {wheel.ravel()}; odometry needs every count")
-        steps = [axle.advance({"wheel": wheel[i]}) for i, axle in enumerate(self._axles)]
-        x, y, turn = np.array([(step.x[0], step.y[0], step.turn[0]) for step in steps]).T
-        self.poses = displaced(self.poses, x, y, turn)
+        steps = castor_steps(self._axles, wheel)
+        self.poses = displaced(self.poses, steps.x[:, 0], steps.y[:, 0], steps.turn[:, 0])
         if self._wait is None:
             return None
         relative = self._sensors.read(observation)

@@ -14,6 +14,7 @@ import pytest
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.driving.task import DrivenRobot
+from benchmarks.tasks.driving.trains import DrivenTrain
 from benchmarks.tasks.kinematic import CALIBRATED, UNCALIBRATED, tasks
 from benchmarks.tasks.task import Task, odometry_of
 from castor_envs.vehicles.presets import preset
@@ -190,7 +191,7 @@ ALIKE = {"train-3-patch", "train-5-patch", "train-5-cables"}
         pytest.param(task, id=task.name, marks=[pytest.mark.slow] * (task.name in SLOW))
         for task in official_tasks(None)
         if task.missing is None and odometry_of(task) is None and task.name not in ALIKE
-        if not isinstance(task, DrivenRobot)
+        if not isinstance(task, DrivenRobot | DrivenTrain)
     ],
 )
 def test_an_episode_repeats_bit_for_bit(task, recorded):

@@ -74,10 +74,10 @@ class Forgetful(Careful):
     """Keeps the last pivot counts over a reset, as an attribute set only once would."""
 
     def reset(self, robot, pose):
-        last = getattr(getattr(self, "inner", None), "_castor", None)
+        last = getattr(getattr(self, "inner", None), "_castors", None)
         super().reset(robot, pose)
         if last is not None:
-            self.inner._castor = last
+            self.inner._castors = last
 
 
 class Shared(Careful):

@@ -8,9 +8,15 @@ from castor_envs.motion.mobility import moves_sideways
 from castor_envs.vehicles.presets import differential, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, HolmbergKhatib, TidyBot, WheelOdometry
-from estimators.robots.castor_odometry import CastorOdometry
+from estimators.robots.castor_odometry import CastorSteps, Step, castor_records, castor_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
+
+
+def moved(records, observation, step: Step = "arc"):
+    """Return the steps of a robot's castors, each part (n,)."""
+    steps = castor_steps(records[None], observation["wheel"][None], observation["pivot"][None], step)
+    return CastorSteps(*(part[0] for part in steps))
 
 
 def order(estimator, motion, drive):
@@ -225,9 +231,9 @@ def test_a_pivot_ahead_of_its_axle_swings_across_the_end_heading_or_exactly(step
     """From heading theta the axle rolls s along the heading after a turn; the offset goes from one to the other."""
     robot = preset("asoc-prototype")
     still, moving = noise(robot, steps=2, counts=100)
-    odometry = CastorOdometry(Geometry.of(robot), (0, 1, 2), step)
-    odometry.advance(still)
-    found = odometry.advance(moving)
+    records = castor_records(Geometry.of(robot), (0, 1, 2))
+    moved(records, still)
+    found = moved(records, moving, step)
     left, right = (moving["wheel"] / 1200 * 2 * np.pi * 0.0381).reshape(3, 2).T
     turn, ahead = (right - left) / 0.116, (right + left) / 2
     before = np.exp(1j * still["pivot"] / 5143 * 2 * np.pi)

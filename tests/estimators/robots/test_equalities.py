@@ -12,12 +12,18 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import n_castor, preset
 from estimators import CAST, IPEC, CASTArc
 from estimators.robots.cast import centred_solution, design_matrix, normal_inverse
-from estimators.robots.castor_odometry import CastorOdometry
+from estimators.robots.castor_odometry import CastorSteps, Step, castor_records, castor_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 
 lengths = st.floats(-1.0, 1.0)
 angles = st.floats(-10.0, 10.0)
+
+
+def moved(records, observation, step: Step = "arc"):
+    """Return the steps of a robot's castors, each part (n,)."""
+    steps = castor_steps(records[None], observation["wheel"][None], observation["pivot"][None], step)
+    return CastorSteps(*(part[0] for part in steps))
 
 
 @st.composite
@@ -63,11 +69,11 @@ def test_cast_is_least_squares_in_the_world_frame_at_every_step(odd_robot, noise
     robot = odd_robot(3, centred=False)
     observations = noise(robot)
     castors = [i for i in range(3) if i != left_out - 1]
-    odometry = CastorOdometry(Geometry.of(robot), castors)
+    records = castor_records(Geometry.of(robot), castors)
     pivot = np.array([robot.castors[i].pivot for i in castors])
     pose, expected = np.array([1.0, 2.0, 3.0]), []
     for observation in observations:
-        steps = odometry.advance(observation)
+        steps = moved(records, observation)
         moves = (steps.x + 1j * steps.y) * np.exp(1j * pose[2])
         y = np.concatenate([moves.real, moves.imag])
         pose = pose + np.linalg.lstsq(design_matrix(pivot, pose[2]), y, rcond=None)[0]
@@ -86,12 +92,12 @@ def test_ipec_and_rigid_registration_agree_in_heading_and_share_the_stretch(odd_
 
     castors = [i for i in range(n) if i != left_out - 1]
     line = complex(*robot.castors[castors[1]].pivot) - complex(*robot.castors[castors[0]].pivot)
-    odometry = CastorOdometry(Geometry.of(robot), castors)
+    records = castor_records(Geometry.of(robot), castors)
     difference, psi = 0.0, 2.0
     for k, observation in enumerate(observations):
-        steps = odometry.advance(observation)
-        moved = (steps.x[1] + 1j * steps.y[1]) - (steps.x[0] + 1j * steps.y[0])
-        after = (line + moved) * np.exp(1j * psi)
+        steps = moved(records, observation)
+        apart = (steps.x[1] + 1j * steps.y[1]) - (steps.x[0] + 1j * steps.y[0])
+        after = (line + apart) * np.exp(1j * psi)
         difference += 0.5 * (abs(line) - abs(after)) * after / abs(after)
         psi = fit[k, 2]
         np.testing.assert_allclose(ipec[k, :2] - fit[k, :2], [difference.real, difference.imag], atol=1e-12)
@@ -105,11 +111,11 @@ def test_arc_variant_is_the_rigid_motion_of_the_singular_value_decomposition(odd
     pivot = geometry.pivot
     for seed in range(20):
         still, step = noise(robot, seed=seed, steps=2, counts=400)
-        estimator, odometry = CASTArc(), CastorOdometry(geometry, range(n))
+        estimator, records = CASTArc(), castor_records(geometry, range(n))
         estimator.reset(robot, np.zeros(3))
         estimator.update(still)
-        odometry.advance(still)
-        steps = odometry.advance(step)
+        moved(records, still)
+        steps = moved(records, step)
         after = pivot + np.stack([steps.x, steps.y], axis=-1)
         u, _, v = np.linalg.svd((pivot - pivot.mean(0)).T @ (after - after.mean(0)))  # Kabsch
         rotation = v.T @ np.diag([1.0, np.linalg.det(v.T @ u.T)]) @ u.T

@@ -98,3 +98,17 @@ def test_fixed_castors_take_part_without_an_encoder(drive):
 def test_builtins_are_estimators(kind):
     assert isinstance(kind(), Estimator)
     assert kind.batched is True
+
+
+@pytest.mark.parametrize(
+    ("wheels", "pivots", "message"),
+    [
+        (5, 3, "the observation has 5 counts of wheels and 3 of pivots; this robot gives 6 and 3"),
+        (6, 2, "the observation has 6 counts of wheels and 2 of pivots; this robot gives 6 and 3"),
+    ],
+)
+def test_observations_of_another_robot_are_refused(wheels, pivots, message):
+    estimator = CAST()
+    estimator.reset(n_castor(3), np.zeros(3))
+    with pytest.raises(InputError, match=message):
+        estimator.update({"wheel": np.zeros(wheels), "pivot": np.zeros(pivots), "time": np.zeros(1)})
