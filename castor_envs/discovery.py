@@ -1,8 +1,11 @@
-"""Finds what a package's modules offer, so that adding to it is adding a module."""
+"""Finds what a package's modules offer, so that adding to it is adding a module, and what a module imports."""
 
+import ast
 import importlib
+import importlib.util
 import pkgutil
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 
@@ -16,3 +19,25 @@ def offers(package: str, name: str) -> Iterator[Any]:
         offered = getattr(importlib.import_module(f"{package}.{module}"), name, None)
         if offered is not None:
             yield offered
+
+
+@lru_cache(maxsize=256)  # several sources that are followed import much the same files
+def imported_names(source: bytes, package: str) -> frozenset[str]:
+    """Return the full names of everything that a module of a package may import, according to its source.
+
+    Of ``from a import b`` both ``a`` and ``a.b``: `b` may be a module. Empty for what is not Python source.
+    """
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):  # an extension module
+        return frozenset()
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = importlib.util.resolve_name("." * node.level + base, package)
+            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
+    return frozenset(names)
