@@ -10,7 +10,7 @@ from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.np.arrayobj import make_array, populate_array
 
-from castor_envs.kernels.kernel import Argument
+from castor_envs.kernels.arguments import Argument
 
 WORD = ir.IntType(64)
 

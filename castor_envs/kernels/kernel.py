@@ -8,27 +8,13 @@ import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 
+from castor_envs.kernels.arguments import Argument
 from castor_envs.kernels.cache import cached_code
-
-
-class Argument(NamedTuple):
-    """What a kernel takes at a place: an array, contiguous in C's order, or a number (no dimension)."""
-
-    dtype: np.dtype
-    dimensions: int = 0
-
-
-INTEGER, REAL = Argument(np.dtype(np.int64)), Argument(np.dtype(np.float64))
-
-
-def array(dtype: Any, dimensions: int) -> Argument:
-    """Return the argument that is an array."""
-    return Argument(np.dtype(dtype), dimensions)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from pymunk.constraints import Constraint, DampedRotarySpring
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.kernels.kernel import INTEGER, REAL, Kernel, array
+from castor_envs.kernels.arguments import INTEGER, REAL, array
+from castor_envs.kernels.kernel import Kernel
 from castor_envs.physics import tyre as law
 from castor_envs.physics.chipmunk import BodyLink
 

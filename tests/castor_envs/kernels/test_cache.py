@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import castor_envs
+from castor_envs.kernels.arguments import INTEGER, REAL, array
 from castor_envs.kernels.cache import cached_code, kernel_sources
-from castor_envs.kernels.kernel import INTEGER, REAL, Kernel, array
+from castor_envs.kernels.kernel import Kernel
 
 ROOT = Path(castor_envs.__file__).parents[1]
 LOOP = "castor_envs.physics.compiled_loop"
