@@ -5,7 +5,8 @@ import importlib
 import importlib.util
 import pkgutil
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
+from types import ModuleType
 from typing import Any
 
 
@@ -14,11 +15,18 @@ def offers(package: str, name: str) -> Iterator[Any]:
 
     Modules come in alphabetical order; those whose name begins with an underscore are left out, as are subpackages'.
     """
-    path = importlib.import_module(package).__path__
-    for module in sorted(found.name for found in pkgutil.iter_modules(path) if not found.name.startswith("_")):
-        offered = getattr(importlib.import_module(f"{package}.{module}"), name, None)
+    for module in modules_of(package):
+        offered = getattr(module, name, None)
         if offered is not None:
             yield offered
+
+
+@cache
+def modules_of(package: str) -> tuple[ModuleType, ...]:
+    """Return the modules that `offers` looks at, imported; from within one of them also those half imported."""
+    path = importlib.import_module(package).__path__
+    names = sorted(found.name for found in pkgutil.iter_modules(path) if not found.name.startswith("_"))
+    return tuple(importlib.import_module(f"{package}.{name}") for name in names)
 
 
 @lru_cache(maxsize=256)  # several sources that are followed import much the same files
