@@ -1,4 +1,4 @@
-"""Where ``castor-bench`` starts: Ctrl-C ends it silently while it imports the rest, which takes seconds."""
+"""Where ``castor-bench`` starts: Ctrl-C ends it silently while it imports the rest."""
 
 import os
 import signal

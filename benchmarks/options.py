@@ -11,6 +11,8 @@ from castor_envs.errors import InputError
 LOADING = 60.0
 """s: how long a task of a file may take to be loaded, where no option says."""
 DEFAULT_RESULTS = Path("castor-results")
+DETAILS = "details: castor-bench leaderboard TASK..., or --group NAME"
+"""Said below an overview."""
 
 TaskNames = Annotated[
     list[str] | None,

@@ -5,7 +5,6 @@ Importing this package registers the environments; ``gym.make("castor_envs:casto
 
 __version__ = "0.1.0"
 
-from castor_envs.effects import catalogue as _catalogue  # noqa: F401  (every effect is known before a file is read)
 from castor_envs.envs import register_envs
 from castor_envs.shadowed import watch as _watch
 

@@ -1,4 +1,4 @@
-"""Where ``castor-diagnose`` starts: Ctrl-C ends it without a word while it imports the rest, which takes seconds."""
+"""Where ``castor-diagnose`` starts: Ctrl-C ends it without a word while it imports the rest."""
 
 import os
 import signal

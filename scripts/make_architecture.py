@@ -1,6 +1,6 @@
 """Draw the rooms of the house and their imports into docs/architecture.md: ``python scripts/make_architecture.py``.
 
-A room is a folder of one of the four packages, or a module that stands in none. An arrow means that a room imports
+A room is a folder of one of the five packages, or a module that stands in none. An arrow means that a room imports
 another one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is left out.
 Rooms that nearly all import, which hold errors and files, are not drawn.
 """
@@ -12,8 +12,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
 START, END = "<!-- picture: made by scripts/make_architecture.py -->\n", "<!-- end of picture -->\n"
-PACKAGES = ("castor_envs", "estimators", "benchmarks", "discrepancy")
-EVERYWHERE = {"errors", "files", "discovery", "command_line", "processes", "__init__", "__main__", "progress"}
+PACKAGES = ("castor_cli", "castor_envs", "estimators", "benchmarks", "discrepancy")
+EVERYWHERE = {"errors", "files", "discovery", "processes", "__init__", "__main__", "progress"}
 TOGETHER = {"discrepancy/validation": "discrepancy/hypotheses"}
 """Rooms that import each other, drawn as one."""
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.main import get_command
 
 from benchmarks.cli import app
 from benchmarks.leaderboard.ranking import interval, ranks
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks, select_tasks
+from castor_cli.commands import imported
 from discrepancy.trials.scores import wilson
 from estimators.plugins.registry import load_estimator
 
@@ -213,7 +213,7 @@ def test_commands_and_options_in_documents_exist(document):
     text = (ROOT / document).read_text(encoding="utf-8")
     blocks = "\n".join(re.findall(r"```bash\n(.*?)```", text, flags=re.S))
     spans = [*re.findall(r"`([^`\n]+)`", text), *re.split(r"\n|&&", blocks)]
-    commands = getattr(get_command(app), "commands")  # noqa: B009 - a group, which the type does not show
+    commands = imported(app)
     for span in spans:
         name, *words = span.split("#")[0].split() or [""]
         if name.rpartition("/")[2] == "castor-bench" and words:

@@ -11,10 +11,11 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
+    "castor_cli": {"castor_envs"},
     "castor_envs": set(),
     "estimators": {"castor_envs"},
-    "benchmarks": {"castor_envs", "estimators"},
-    "discrepancy": {"castor_envs", "estimators"},
+    "benchmarks": {"castor_cli", "castor_envs", "estimators"},
+    "discrepancy": {"castor_cli", "castor_envs", "estimators"},
 }
 
 MOST = 10
@@ -39,10 +40,32 @@ def test_imports_run_one_way(package):
         assert foreign <= MAY_IMPORT[package], f"{module.relative_to(ROOT)} imports {foreign - MAY_IMPORT[package]}"
 
 
-def test_importing_the_world_compiles_and_draws_nothing():
-    code = "import castor_envs, sys; print([m for m in ('numba', 'pygame', 'matplotlib', 'scipy') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+HEAVY = ("numba", "llvmlite", "scipy", "pygame", "matplotlib", "pymunk", "pydantic", "jinja2")
+"""Packages that take long to import."""
+
+
+def loaded_by(code):
+    """Return the packages that a process has imported after this code."""
+    after = f"{code}\nimport sys; print('\\n' + ' '.join({{name.partition('.')[0] for name in sys.modules}}))"
+    done = subprocess.run([sys.executable, "-c", after], capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_importing_the_world_imports_nothing_heavy():
+    assert loaded_by("import castor_envs").isdisjoint(HEAVY)
+
+
+@pytest.mark.parametrize("command", ["benchmarks", "discrepancy"])
+def test_help_imports_nothing_heavy_and_no_command(command):
+    code = f"from {command}.cli import app\nfrom castor_cli.command_line import run\n"
+    code += "try:\n    run(app, ['--help'])\nexcept SystemExit:\n    pass\n"
+    assert loaded_by(code).isdisjoint({*HEAVY, "numpy", "gymnasium", "castor_envs", "estimators"})
+
+
+def test_the_first_step_draws_nothing():
+    code = "import castor_envs, gymnasium\nenv = gymnasium.make('castor/ASOC-v1')\nenv.reset(seed=0)\n"
+    code += "env.step(env.action_space.sample())"
+    assert loaded_by(code).isdisjoint({"pygame", "matplotlib", "jinja2"})
 
 
 def module_name(path):

@@ -11,7 +11,7 @@ from benchmarks.drive.robot import HandDrivenEnv
 from benchmarks.drive.window import DriveWindow, Events
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks.task import Episode, Run
-from castor_envs import command_line
+from castor_cli import command_line
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.logs.csv import write_log

@@ -6,8 +6,6 @@ encoders make of true angles (`readings`), or when and of which point the refere
 known motion.
 """
 
-import importlib
-import pkgutil
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import TypeAdapter, ValidationError
 
-from castor_envs import effects
 from castor_envs.description import explain
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
@@ -24,10 +21,6 @@ from castor_envs.geometry.steps import Slip
 from castor_envs.vehicles.effect import Contacts, Effect, Scope, SensorModel, known_effects
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
-
-for _found in pkgutil.iter_modules(effects.__path__, f"{effects.__name__}."):
-    if _found.name != __name__:
-        importlib.import_module(_found.name)
 
 EFFECTS: dict[str, type[Effect[RobotDescription]]] = known_effects("robot")
 """Every effect of robots by its name."""

@@ -1,7 +1,7 @@
-"""Chipmunk's functions as numba can call them: by address, so that compiled code can be cached.
+"""The bodies of a space as two arrays, and the addresses by which compiled code reaches them.
 
-pymunk's batch callbacks move positions and forces of all bodies between Chipmunk and two arrays; only
-pointers and doubles cross the border.
+pymunk's batch callbacks move positions and forces of all bodies between Chipmunk and the arrays; only pointers and
+doubles cross the border.
 """
 
 from typing import Any
@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 import pymunk
 import pymunk.batch
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import BodyFields
@@ -20,40 +17,12 @@ MOTION = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFiel
 LOADS = BodyFields.FORCE | BodyFields.TORQUE
 
 
-def _call(builder: Any, address: Any, arguments: list[Any]) -> None:
-    function = ir.FunctionType(ir.VoidType(), [argument.type for argument in arguments])
-    builder.call(builder.inttoptr(address, function.as_pointer()), arguments)
-
-
-@intrinsic
-def for_each_body(typingctx: Any, each: Any, space: Any, callback: Any, data: Any) -> Any:
-    """Call ``cpSpaceEachBody(space, callback, data)``, all given as integers."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = ir.IntType(8).as_pointer()
-        _call(builder, args[0], [builder.inttoptr(value, pointer) for value in args[1:]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64, types.int64), codegen
-
-
-@intrinsic
-def step_space(typingctx: Any, step: Any, space: Any, dt: Any) -> Any:
-    """Call ``cpSpaceStep(space, dt)``, function and space given as integers."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = ir.IntType(8).as_pointer()
-        _call(builder, args[0], [builder.inttoptr(args[1], pointer), args[2]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.float64), codegen
-
-
 class BodyLink:
     """Reads and loads all bodies of a space through two arrays that live as long as this object.
 
     motion (b, 6): x, y, angle, v_x, v_y, angular velocity, in the order in which bodies were added. loads (b, 3):
-    force x, y and torque for the next step. `addresses`, `got` and `given` are what the compiled loop needs.
+    force x, y and torque for the next step. `addresses`, `got` and `given` are what the compiled loop needs
+    (`castor_envs.physics.compiled_loop`).
     """
 
     def __init__(self, space: pymunk.Space, bodies: list[pymunk.Body]) -> None:
@@ -81,15 +50,9 @@ class BodyLink:
             "pmSpaceBodySetIteratorFuncBatched",
         )
         step, each, getter, setter = (self._address(ffi.addressof(lib, name)) for name in functions)
-        self.addresses = (
-            self._address(space._space),
-            step,
-            each,
-            getter,
-            self._address(self._reading),
-            setter,
-            self._address(self._writing),
-        )
+        places = (space._space, self._reading, self._writing)
+        space_at, reading, writing = (self._address(place) for place in places)
+        self.addresses = np.array([space_at, step, each, getter, reading, setter, writing])
 
     def read(self) -> NDArray[np.float64]:
         """Refresh and return `motion`."""

@@ -1,6 +1,7 @@
 """Bodies and wheels in one pymunk space, stepped one sample period at a time, two ways that agree."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,8 @@ from pymunk.constraints import Constraint, DampedRotarySpring
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.kernels.arguments import INTEGER, REAL, array
+from castor_envs.kernels.kernel import Kernel
 from castor_envs.physics import tyre as law
 from castor_envs.physics.chipmunk import BodyLink
 
@@ -18,6 +21,14 @@ Drive = Literal["servo", "voltage", "off"]
 Stepper = Literal["compiled", "reference"]
 
 FASTEST = 1e3  # m/s and rad/s: nothing on wheels moves so fast, so physics has gone wrong
+_ADVANCE = Kernel(
+    "castor_envs.physics.compiled_loop",
+    "advance",
+    (
+        *(array(np.int64, 1), array(float, 2), array(np.int32, 1), array(float, 2), array(np.int32, 1)),
+        *(array(law.WHEEL, 1), array(float, 2), array(float, 2), INTEGER, REAL, INTEGER),
+    ),
+)
 _DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
 
 
@@ -54,6 +65,14 @@ class Simulation:
         self._link = BodyLink(self.space, list(bodies))
         self._patches, self._cables = floor.patch_array(), floor.cable_array()
 
+    @cached_property
+    def _run_substeps(self) -> Callable[[], None]:
+        """The compiled loop over the substeps of a sample period."""
+        link = self._link
+        buffers = link.addresses, link.motion, link.got, link.loads, link.given
+        there = self.wheels, self._patches, self._cables, self.floor.climbing
+        return _ADVANCE.bind(*buffers, *there, self.dt, self.substeps)
+
     @property
     def motion(self) -> Array:
         """Of each body x, y, angle, v_x, v_y, angular velocity, (b, 6), of its centre of mass in N."""
@@ -68,19 +87,7 @@ class Simulation:
         """Run one sample period; raises InputError where physics becomes unstable."""
         link = self._link
         if self._stepper == "compiled":
-            law.advance(
-                link.addresses,
-                link.motion,
-                link.got,
-                link.loads,
-                link.given,
-                self.wheels,
-                self._patches,
-                self._cables,
-                self.floor.climbing,
-                self.dt,
-                self.substeps,
-            )
+            self._run_substeps()
         else:
             records = self.wheels.view(np.recarray)
             for _ in range(self.substeps):

@@ -1,7 +1,7 @@
-"""The wheel force law, and the loop that applies it. The one home of contact physics.
+"""The wheel force law. The one home of contact physics.
 
-Everything here is plain Python that numba also compiles: `castor_envs.physics.robot_world` runs `wheel_forces` as
-it stands (reference) or inside `advance` (compiled; that one calls Chipmunk's own step through its address).
+Everything here is plain Python that numba also compiles: `castor_envs.physics.stepper` runs `wheel_forces` as it stands
+(reference) or inside `castor_envs.physics.compiled_loop`, which compiles every function of this module.
 
 A wheel touches the floor through bristles (a single-point brush tyre with relaxation length; Pacejka, *Tire
 and Vehicle Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r
@@ -21,10 +21,6 @@ rolls sqrt(1 + h'^2) times its plan path and, by virtual work, pays the climbing
 import math
 
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
-
-from castor_envs.physics.chipmunk import for_each_body, step_space
 
 OFF, SERVO, VOLTAGE = 0, 1, 2
 STANDARD, OMNI = 0, 1
@@ -75,7 +71,6 @@ WHEEL = np.dtype(
 )
 
 
-@register_jitable
 def friction_at(x, y, otherwise, patches):
     """Return the friction coefficient at a place: of the last patch that covers it, else `otherwise`."""
     friction = otherwise
@@ -88,7 +83,6 @@ def friction_at(x, y, otherwise, patches):
     return friction
 
 
-@register_jitable
 def rise_between(start_x, start_y, end_x, end_y, radius, cables):
     """Return how a wheel's centre rises on a short way over the highest cable there, else zeros.
 
@@ -118,7 +112,6 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
     return rise, share, gradient_x, gradient_y
 
 
-@register_jitable
 def slack_on_circle(pull, turning, resisting, lateral, limit):
     """Return the least slack >= 1 with hypot(pull / (turning * slack + resisting), lateral / slack) <= limit.
 
@@ -142,7 +135,6 @@ def slack_on_circle(pull, turning, resisting, lateral, limit):
     return slack
 
 
-@register_jitable
 def turn_wheel(wheel, v_long, v_lat, limit, dt):
     """Advance one wheel's spin and bristles by dt; leaves `force_long` and `force_lat` in the wheel's record.
 
@@ -201,7 +193,6 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
     wheel.limit, wheel.torque = limit, torque
 
 
-@register_jitable
 def contact_at(wheel, body, ahead):
     """Return the body's place, the arm to the contact, and the rolling direction, in N, `ahead` seconds on."""
     angle = body[2] + ahead * body[5]
@@ -216,7 +207,6 @@ def contact_at(wheel, body, ahead):
     )
 
 
-@register_jitable
 def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
     """Advance all wheels by dt and add up what they do to the bodies.
 
@@ -251,20 +241,3 @@ def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
         loads[wheel.body, 0] += force_x
         loads[wheel.body, 1] += force_y
         loads[wheel.body, 2] += arm_x * force_y - arm_y * force_x
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance(addresses, bodies, got, loads, given, wheels, patches, cables, climbing, dt, substeps):
-    """Step space and wheels `substeps` times without returning to Python.
-
-    addresses: of the space, cpSpaceStep, cpSpaceEachBody, and of pymunk's batch getter and setter with their data.
-    bodies and loads are the batch buffers; got and given hold their fill counts.
-    """
-    space, step, each, getter, getter_data, setter, setter_data = addresses
-    for _ in range(substeps):
-        got[0] = 0
-        for_each_body(each, space, getter, getter_data)  # pyright: ignore[reportCallIssue]
-        wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads)
-        given[0] = 0
-        for_each_body(each, space, setter, setter_data)  # pyright: ignore[reportCallIssue]
-        step_space(step, space, dt)  # pyright: ignore[reportCallIssue]

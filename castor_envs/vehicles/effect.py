@@ -15,10 +15,14 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdap
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
+from castor_envs.discovery import modules_of
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion, Slip
+
+EFFECTS = "castor_envs.effects"
+"""The package whose modules define effects. It is imported when effects are first asked for by name."""
 
 Scope = Literal["robot", "train"]
 Number = Annotated[int, Field(ge=1)]
@@ -168,7 +172,8 @@ class Effect(Generic[V]):
 
 
 def known_effects(scope: Scope) -> dict[str, type[Effect]]:
-    """Return the effects of robots or of trains that are defined so far, by their names."""
+    """Return the effects of robots or of trains, by their names: those of `EFFECTS`, and those that others defined."""
+    modules_of(EFFECTS)
     found: dict[str, type[Effect]] = {}
     for kind in (kind for kind in Effect.__subclasses__() if kind.scope == scope):
         name = kind.__dataclass_fields__["name"].default

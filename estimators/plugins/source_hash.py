@@ -5,18 +5,17 @@ files and into files that belong to the plug-in: those of its package, or next t
 followed; their versions are recorded with the results.
 """
 
-import ast
 import hashlib
-import importlib.util
 import site
 import sys
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from castor_envs.discovery import imported_names
+
 PACKAGE = Path(__file__).parents[1]
-OTHER_PARTS = ("castor_envs", "benchmarks", "discrepancy")
+OTHER_PARTS = ("castor_cli", "castor_envs", "benchmarks", "discrepancy")
 
 
 def source_hash(kind: type, argument: int | None = None, parameters: Mapping[str, Any] | None = None) -> str:
@@ -51,27 +50,8 @@ def _imports(file: Path, name: str) -> list[tuple[Path, str]]:
     """Return files and names of those modules imported in `file`, itself named `name`, that are to be followed."""
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
     top = file.parents[len(package.split("."))] if package else file.parent
-    located = ((_locate(imported, name, top), imported) for imported in _imported(file.read_bytes(), package))
+    located = ((_locate(imported, name, top), imported) for imported in imported_names(file.read_bytes(), package))
     return [(path, imported) for path, imported in located if path is not None]
-
-
-@lru_cache(maxsize=256)  # built-in estimators import much the same files
-def _imported(source: bytes, package: str) -> frozenset[str]:
-    """Return the full names of everything that a module of a package may import, according to its source."""
-    try:
-        tree = ast.parse(source)
-    except (SyntaxError, ValueError):  # not Python source: an extension module
-        return frozenset()
-    names: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                base = importlib.util.resolve_name("." * node.level + base, package)
-            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    return frozenset(names)
 
 
 def _locate(imported: str, importer: str, folder: Path) -> Path | None:

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
+from benchmarks.commands import known, results
+from benchmarks.commands import run as run_command
 from benchmarks.leaderboard import board as boards
 from benchmarks.run import choose
 from benchmarks.tasks import official_tasks
-from castor_envs import command_line
+from castor_cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -33,7 +35,7 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks):
         lacking = None if measured and (measured / "square.csv").exists() else "no square.csv there"
         return (fake_tasks.Arcs(), fake_tasks.Arcs(name="measured-arcs", missing=lacking))
 
-    for module in (cli, choose):
+    for module in (results, known, choose):
         monkeypatch.setattr(module, "official_tasks", official)
 
     def call(*arguments):
@@ -63,7 +65,7 @@ def test_a_run_ends_with_the_leaderboard(castor_bench, plugin):
 
 def test_of_many_tasks_a_run_shows_the_overview(jobs_here, castor_bench, fake_tasks, plugin, monkeypatch):
     tasks = tuple(fake_tasks.Arcs(name=f"arcs-{k}", group=f"group-{k % 2}") for k in range(4))
-    for module in (cli, choose):
+    for module in (results, known, choose):
         monkeypatch.setattr(module, "official_tasks", lambda measured=None: tasks)
     specs = ("--estimator", plugin("followers:Follower"), "--estimator", plugin("faulty:Raises"))
     code, out, err = castor_bench("run", "--cases", 1, "--jobs", 1, *specs)
@@ -119,14 +121,14 @@ def planned(castor_bench, fake_tasks, monkeypatch):
         fake_tasks.Arcs(name="long-arcs", group="manoeuvres", standard=False),
     )
     monkeypatch.setattr(choose, "official_tasks", lambda measured=None: tasks)
-    monkeypatch.setattr(cli, "official_tasks", lambda measured=None: tasks)
+    monkeypatch.setattr(known, "official_tasks", lambda measured=None: tasks)
     plans = []
 
     def plan_only(plan, *_):
         plans.append([assignment.task.name for assignment in plan])
         return {}
 
-    monkeypatch.setattr(cli, "run_plan", plan_only)
+    monkeypatch.setattr(run_command, "run_plan", plan_only)
 
     def call(*arguments):
         plans.clear()
@@ -332,7 +334,7 @@ def test_a_built_in_is_left_out_of_the_tasks_that_it_does_not_serve(castor_bench
         heard.update({a.task.name: [entry.name for entry in a.estimators] for a in plan})
         return {}
 
-    monkeypatch.setattr(cli, "run_plan", plan_only)
+    monkeypatch.setattr(run_command, "run_plan", plan_only)
     _, out, _ = castor_bench("run", "--estimator", "cast-3", "--estimator", "dead-reckoning-1")  # nothing is run
     assert heard == {"arcs": ["dead-reckoning-1"], "other": ["cast-3", "dead-reckoning-1"]}
     assert "cast-3 declines this robot: " in out
@@ -362,7 +364,7 @@ def test_an_error_that_nobody_foresaw_is_one_line(castor_bench, monkeypatch):
     def broken(*_):
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(cli, "run_plan", broken)
+    monkeypatch.setattr(run_command, "run_plan", broken)
     code, out, err = castor_bench("run", "--task", "arcs")
     assert (code, out) == (1, "")
     assert err.strip().startswith("error: unforeseen ZeroDivisionError: a bug; what is done is kept in castor-results")
@@ -373,7 +375,7 @@ def test_ctrl_c_says_what_is_kept(castor_bench, monkeypatch):
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "run_plan", stopped)
+    monkeypatch.setattr(run_command, "run_plan", stopped)
     code, out, err = castor_bench("run", "--task", "arcs", "--results", "kept")
     assert (code, out) == (130, "")
     assert err.strip() == "stopped; what is done is kept in kept: the same command continues"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from castor_envs import command_line
+from castor_cli import command_line
 from castor_envs.effects.catalogue import readings
 from castor_envs.effects.clocks import EncoderLatency
 from castor_envs.effects.wiring import EncodersSwapped
@@ -23,6 +23,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy import cli
+from discrepancy.commands import find
 from discrepancy.diagnose import examine
 from discrepancy.posterior.finder import diagnose
 from discrepancy.trials.pymunk_generator import drive
@@ -103,7 +104,7 @@ def test_options_take_several_logs(folder, capsys, monkeypatch):
         given.append([[Path(path).stem for path in some] for some in (logs, held_out, clean)])
         raise InputError("seen")
 
-    monkeypatch.setattr(cli, "examine", taken)
+    monkeypatch.setattr(find, "examine", taken)
     for name in ("b", "c", "d"):
         shutil.copy(folder / "a.csv", folder / f"{name}.csv")
     a, b, c, d, e = (folder / f"{name}.csv" for name in "abcde")

@@ -3,8 +3,9 @@
 import pytest
 
 from benchmarks import cli
+from benchmarks.commands import tables
 from benchmarks.papers.comparison import compute_tables
-from castor_envs import command_line
+from castor_cli import command_line
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +25,7 @@ def computed():
 @pytest.fixture
 def castor_bench(monkeypatch, capsys, computed):
     """Return a function that runs the command; it returns code, out and err."""
-    monkeypatch.setattr(cli, "compute_tables", computed)
+    monkeypatch.setattr(tables, "compute_tables", computed)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as leaving:

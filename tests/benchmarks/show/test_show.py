@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks import cli, cli_show
+from benchmarks import cli
+from benchmarks.commands import results, show
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
 from benchmarks.show.command import Following, show_case
-from castor_envs import command_line
+from castor_cli import command_line
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.logs.csv import write_log
 from castor_envs.vehicles.presets import differential
@@ -25,7 +26,7 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, jobs_here):
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    for module in (cli, cli_show, choose):
+    for module in (results, show, choose):
         monkeypatch.setattr(module, "official_tasks", lambda measured=None: (fake_tasks.Arcs(),))
 
     def call(*arguments):

@@ -6,11 +6,11 @@ from html import unescape
 from html.parser import HTMLParser
 
 import pytest
-from typer.main import get_command
 
 from benchmarks.cli import app
 from benchmarks.leaderboard.board import build
 from benchmarks.site.pages import write_site
+from castor_cli.commands import imported
 from castor_envs.errors import InputError
 from castor_envs.rendering.pages.page import FOLDER, LICENCE
 
@@ -85,7 +85,7 @@ def test_a_row_has_all_that_a_reader_may_ask_for(site, stored_results):
 
 
 def test_commands_that_a_page_names_are_commands(site, stored_results):
-    commands = getattr(get_command(app), "commands", {})
+    commands = imported(app)
     lines = [
         unescape(line)
         for path in site.rglob("*.html")

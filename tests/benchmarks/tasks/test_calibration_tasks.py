@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
+from benchmarks.commands import results
+from benchmarks.commands import run as run_command
 from benchmarks.leaderboard.board import build
 from benchmarks.leaderboard.views import as_json, as_markdown
 from benchmarks.progress import SilentProgress
@@ -29,7 +31,7 @@ from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.calibration import SLIP, MeasuredCalibration, SquaresCalibration, TurnsCalibration
 from benchmarks.tasks.task import Episode, odometry_of
-from castor_envs import command_line
+from castor_cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
@@ -351,7 +353,7 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, by_arcs, jobs_here):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.delenv("CASTOR_DATA", raising=False)
-    for module in (cli, choose):
+    for module in (results, choose):
         monkeypatch.setattr(module, "official_tasks", lambda measured=None: (fake_tasks.Arcs(), by_arcs))
 
     def call(*arguments):
@@ -386,7 +388,7 @@ def test_both_kinds_may_be_named_and_all_run_without_names(castor_bench, plugin,
         heard.update({a.task.name: [entry.name for entry in a.estimators] for a in plan})
         return {}
 
-    monkeypatch.setattr(cli, "run_plan", plan_only)
+    monkeypatch.setattr(run_command, "run_plan", plan_only)
     castor_bench("run", "--estimator", "dead-reckoning-1", "--method", "pivoting")
     assert heard == {"arcs": ["dead-reckoning-1"], "calibration-by-arcs": ["pivoting"]}
     castor_bench("run")

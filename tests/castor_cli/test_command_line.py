@@ -14,7 +14,8 @@ from typer.main import get_command
 
 import benchmarks.cli
 import discrepancy.cli
-from castor_envs import command_line
+from castor_cli import command_line
+from castor_cli.commands import imported
 from castor_envs.errors import InputError
 
 SCRIPTS = Path(sys.executable).parent
@@ -119,8 +120,8 @@ def test_output_that_has_no_room_is_one_line(command):
 def test_help_is_alike(app):
     """One style for both, every command and option explained, and options of one name in the same words."""
     group = get_command(app)
-    assert getattr(group, "rich_markup_mode") == "markdown"  # noqa: B009 - as below
-    for name, command in getattr(group, "commands").items():  # noqa: B009 - a group, which the type does not show
+    assert getattr(group, "rich_markup_mode") == "markdown"  # noqa: B009 - a group, which the type does not show
+    for name, command in imported(app).items():
         assert command.help, name
         for option in command.params:
             assert option.help, (name, option.name)

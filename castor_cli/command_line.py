@@ -16,10 +16,8 @@ from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
-from typer.core import TyperGroup
 
-from castor_envs import __version__
-from castor_envs.errors import InputError, message_of
+from castor_cli.commands import Commands
 
 TRACEBACK = "--traceback"
 INTERRUPTED = 130
@@ -33,6 +31,8 @@ _endings: list[Callable[[], None]] = []
 
 def _show_version(value: bool) -> None:
     if value:
+        from castor_envs import __version__  # here and below: what help does without
+
         print(f"castor-envs {__version__}")
         raise typer.Exit
 
@@ -45,10 +45,10 @@ Version = Annotated[
 Traceback = Annotated[bool, typer.Option(TRACEBACK, help="Show the whole traceback of an error; goes anywhere.")]
 
 
-def new_app(cls: type[TyperGroup] | None = None) -> typer.Typer:
-    """Return the app of a console script: all of them show help in one style. cls: how its commands are chosen."""
+def new_app(commands: type[Commands]) -> typer.Typer:
+    """Return the app of a console script: all of them show help in one style."""
     return typer.Typer(
-        cls=cls,
+        cls=commands,
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode="markdown",
@@ -131,6 +131,8 @@ def _stopped() -> str:
 
 def _explained(error: BaseException, traceback_shown: bool) -> int:
     """Print an error in one line; return the exit code. traceback_shown: whether it is printed already."""
+    from castor_envs.errors import InputError, message_of
+
     if isinstance(error, InputError):
         return _complain(str(error), 2)
     if isinstance(error, BrokenPipeError):
