@@ -62,7 +62,7 @@ class RobotWorld:
         angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
         theta = np.where(self.geometry.fixed, self.geometry.angle, angles)
         bodies, joints = self._build(np.asarray(pose, dtype=float), theta, np.asarray(twist, dtype=float))
-        self._motors = [joint for joint in joints if isinstance(joint, SimpleMotor)]
+        self._steers = len(self.robot.driven_castors)
         self._simulation = Simulation(
             f"robot {self.robot.name!r}",
             bodies,
@@ -115,10 +115,10 @@ class RobotWorld:
         self._simulation.command(self._driven_wheels, wheel_command, limit, drive)
         if self._held_wheels.size:
             self._simulation.command(self._held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
-        rates = np.broadcast_to(np.asarray(steering_command, dtype=float), len(self._motors))
-        for motor, rate in zip(self._motors, rates, strict=True):
-            motor.rate = -float(np.clip(rate, -robot.max_steering_speed, robot.max_steering_speed))
-            motor.max_force = 0.0 if drive == "off" else robot.max_steering_torque
+        if self._steers:
+            most = robot.max_steering_speed
+            rates = np.broadcast_to(np.minimum(np.maximum(steering_command, -most), most), self._steers)
+            self._simulation.steer(rates, 0.0 if drive == "off" else robot.max_steering_torque)
         if self._radii is not None:
             self.wheels["radius"] = self._radii(self._half_on()[None])[0]
         self._simulation.advance()

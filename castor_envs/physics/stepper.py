@@ -1,4 +1,4 @@
-"""Bodies and wheels in one pymunk space, stepped one sample period at a time, two ways that agree."""
+"""Bodies and wheels, stepped one sample period at a time, two ways that agree: compiled, and by pymunk."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -7,37 +7,52 @@ from typing import Literal
 import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
-from pymunk.constraints import Constraint, DampedRotarySpring
+from pymunk.constraints import Constraint, SimpleMotor
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.kernels.arguments import INTEGER, REAL, array
+from castor_envs.kernels.arguments import array
 from castor_envs.kernels.kernel import Kernel
 from castor_envs.physics import tyre as law
-from castor_envs.physics.chipmunk import BodyLink
+from castor_envs.physics.solver import JOINT, MOTOR, SPRING, joint_records, places_ahead, solving_order
 
 Drive = Literal["servo", "voltage", "off"]
 Stepper = Literal["compiled", "reference"]
 
 FASTEST = 1e3  # m/s and rad/s: nothing on wheels moves so fast, so physics has gone wrong
+
+WORLD = np.dtype(
+    [
+        *((name, np.int64) for name in ("substeps", "climbing")),
+        *((name, float) for name in ("dt", "gravity_x", "gravity_y")),
+        # where its rows begin and end among those of all worlds
+        *(
+            (part + end, np.int64)
+            for part in ("body", "joint", "turn", "wheel", "patch", "cable")
+            for end in ("", "_end")
+        ),
+    ],
+    align=True,
+)
 _ADVANCE = Kernel(
     "castor_envs.physics.compiled_loop",
     "advance",
     (
-        *(array(np.int64, 1), array(float, 2), array(np.int32, 1), array(float, 2), array(np.int32, 1)),
-        *(array(law.WHEEL, 1), array(float, 2), array(float, 2), INTEGER, REAL, INTEGER),
+        *(array(WORLD, 1), array(float, 2), array(float, 2), array(JOINT, 1), array(np.uint64, 1)),
+        *(array(law.WHEEL, 1), array(float, 2), array(float, 2), array(float, 2), array(float, 2), array(float, 2)),
     ),
 )
 _DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
 
 
 class Simulation:
-    """What `RobotWorld` and `TrainWorld` share: a space with bodies and joints, wheels on them, a floor, and time.
+    """What `RobotWorld` and `TrainWorld` share: bodies and joints, wheels on them, a floor, and time.
 
     name: of what is simulated, for errors. bodies: in the order in which wheels count them. wheels (w,): records
-    (`castor_envs.physics.tyre.WHEEL`). iterations: of Chipmunk's solver. stepper: "compiled" or "reference" (plain
-    Python).
+    (`castor_envs.physics.tyre.WHEEL`). iterations: of the solver. stepper: "compiled", or "reference" (plain Python,
+    and pymunk for the bodies). motion (b, 6): of each body x, y, angle, v_x, v_y, angular velocity, of its centre of
+    mass in N.
     """
 
     def __init__(
@@ -56,52 +71,90 @@ class Simulation:
         self.name, self.wheels, self.floor = name, wheels, floor
         self.sample_period, self.dt, self.substeps = sample_period, sample_period / substeps, substeps
         self.time = 0.0
-        self.space = pymunk.Space()
-        self.space.iterations = iterations
-        self.space.gravity = floor.downhill_gravity
-        self.space.add(*bodies, *joints)
-        self._bodies, self._joints = tuple(bodies), tuple(joints)
+        self._space = pymunk.Space()
+        self._space.iterations = iterations
+        self._space.gravity = floor.downhill_gravity
+        self._space.add(*bodies, *joints)
+        self._motors = [joint for joint in joints if isinstance(joint, SimpleMotor)]
         self._stepper: Stepper = stepper
-        self._link = BodyLink(self.space, list(bodies))
+        self._bodies, self._shown = tuple(bodies), False
+        self.motion = np.empty((len(bodies), 6))
+        self._take()
+        self.masses = np.array([(body.mass, body.moment) for body in bodies])
+        self.joints = joint_records(bodies, joints, self.dt)
+        self._order = solving_order(self.joints, iterations)
         self._patches, self._cables = floor.patch_array(), floor.cable_array()
+
+    @property
+    def space(self) -> pymunk.Space:
+        """The same bodies, as they are now, in pymunk; how they are moved there counts."""
+        for body, (x, y, angle, v_x, v_y, spin) in zip(self._bodies, self.motion.tolist(), strict=True):
+            body.angle, body.position = angle, (x, y)
+            body.velocity, body.angular_velocity = (v_x, v_y), spin
+        self._shown = True
+        return self._space
+
+    def _take(self) -> None:
+        """Move as the bodies in pymunk do."""
+        for row, body in zip(self.motion, self._bodies, strict=True):
+            row[:] = *body.position, body.angle, *body.velocity, body.angular_velocity
 
     @cached_property
     def _run_substeps(self) -> Callable[[], None]:
         """The compiled loop over the substeps of a sample period."""
-        link = self._link
-        buffers = link.addresses, link.motion, link.got, link.loads, link.given
-        there = self.wheels, self._patches, self._cables, self.floor.climbing
-        return _ADVANCE.bind(*buffers, *there, self.dt, self.substeps)
-
-    @property
-    def motion(self) -> Array:
-        """Of each body x, y, angle, v_x, v_y, angular velocity, (b, 6), of its centre of mass in N."""
-        return self._link.read()
+        bodies, joints, wheels = len(self.motion), len(self.joints), len(self.wheels)
+        turns, patches, cables = len(self._order), len(self._patches), len(self._cables)
+        rows = (0, bodies, 0, joints, 0, turns, 0, wheels, 0, patches, 0, cables)
+        world = np.array(
+            [(self.substeps, self.floor.climbing, self.dt, *self.floor.downhill_gravity, *rows)], dtype=WORLD
+        )
+        scratch = np.empty((bodies, 3)), np.empty((bodies, 5)), np.empty((bodies, 5))
+        there = self.wheels, self._patches, self._cables
+        return _ADVANCE.bind(world, self.motion, 1.0 / self.masses, self.joints, self._order, *there, *scratch)
 
     def command(self, wheels: NDArray[np.intp], command: ArrayLike, limit: ArrayLike, drive: Drive) -> None:
         """Set the mode of some wheels' motors, and their command within +-limit."""
         self.wheels["drive"][wheels] = _DRIVES[drive]
         self.wheels["command"][wheels] = np.minimum(np.maximum(command, -np.asarray(limit)), limit)
 
+    def steer(self, rates: ArrayLike, most: float) -> None:
+        """Command the motors between bodies: rates (m,), rad/s, of the second body against the first, within +-most N m."""
+        motors = self.joints["kind"] == MOTOR
+        self.joints["rate"][motors] = -np.asarray(rates)
+        self.joints["most"][motors] = most * self.dt
+        if self._stepper == "reference":
+            for motor, rate in zip(self._motors, np.asarray(rates).tolist(), strict=True):
+                motor.rate, motor.max_force = -rate, most
+
     def advance(self) -> None:
         """Run one sample period; raises InputError where physics becomes unstable."""
-        link = self._link
+        if self._shown:
+            self._take()
+            self._shown = False
         if self._stepper == "compiled":
             self._run_substeps()
         else:
-            records = self.wheels.view(np.recarray)
-            for _ in range(self.substeps):
-                law.wheel_forces(
-                    link.read(), records, self._patches, self._cables, self.floor.climbing, self.dt, link.loads
-                )
-                link.write()
-                self.space.step(self.dt)
+            self._advance_by_pymunk()
         self.time += self.sample_period
-        if not np.all(np.abs(link.read()[:, 3:]) < FASTEST):
+        if not np.abs(self.motion[:, 3:]).max() < FASTEST:
             raise InputError(
                 f"{self.name}: its physics became unstable at {self.time:.2f} s; a mass, an inertia, a stiffness or "
                 "the contact is out of proportion to the others"
             )
+
+    def _advance_by_pymunk(self) -> None:
+        """Run the substeps in plain Python: the same laws for wheels, pymunk for bodies and joints."""
+        records, loads = self.wheels.view(np.recarray), np.empty((len(self.motion), 3))
+        middle, end = np.empty((2, len(self.motion), 5))
+        there = self._patches, self._cables, self.floor.climbing
+        for _ in range(self.substeps):
+            places_ahead(self.motion, 0.5 * self.dt, middle)
+            places_ahead(self.motion, self.dt, end)
+            law.wheel_forces(self.motion, middle, end, records, *there, self.dt, loads)
+            for body, (x, y, torque) in zip(self._bodies, loads.tolist(), strict=True):
+                body.force, body.torque = (x, y), torque
+            self._space.step(self.dt)
+            self._take()
 
     def energy(self) -> float:
         """Return all mechanical energy: bodies, wheel spin, bristles, bent frames, slope, wheels on cables; J.
@@ -109,38 +162,35 @@ class Simulation:
         Chipmunk moves first and accelerates then, so its velocities are those of half a substep after the positions:
         heights, bends and bristles are taken there, these halfway to where the next substep brings them.
         """
-        motion, w, after = self._link.read(), self.wheels, self.wheels.copy()
-        unused = np.zeros_like(self._link.loads)
-        law.wheel_forces(
-            motion, after.view(np.recarray), self._patches, self._cables, self.floor.climbing, self.dt, unused
-        )
-        masses = np.array([body.mass for body in self._bodies])
-        inertias = np.array([body.moment for body in self._bodies])
+        motion, w, after = self.motion, self.wheels, self.wheels.copy()
+        middle, end = np.empty((2, len(motion), 5))
+        places_ahead(motion, 0.5 * self.dt, middle)
+        places_ahead(motion, self.dt, end)
+        there, unused = (self._patches, self._cables, self.floor.climbing), np.zeros((len(motion), 3))
+        law.wheel_forces(motion, middle, end, after.view(np.recarray), *there, self.dt, unused)
+        masses, inertias = self.masses.T
         kinetic = 0.5 * np.sum(masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2)
-        middle = motion[:, :2] + 0.5 * self.dt * motion[:, 3:5]
-        height = -np.sum(masses[:, None] * middle * np.array(self.floor.downhill_gravity))
+        height = -np.sum(masses[:, None] * middle[:, :2] * np.array(self.floor.downhill_gravity))
         spin = 0.5 * np.sum(w["inertia"] * w["speed"] ** 2)
         long = 0.5 * (w["stretch_long"] + after["stretch_long"])
         lat = 0.5 * (w["stretch_lat"] + after["stretch_lat"])
         bristles = 0.5 * np.sum(w["stiffness_long"] * long**2 + w["stiffness_lat"] * lat**2)
-        risen = self._climbed(motion) if self.floor.climbing else 0.0
+        risen = self._climbed(middle) if self.floor.climbing else 0.0
         return float(kinetic + height + spin + bristles + self._bent() + risen)
 
     def _bent(self) -> float:
         """Return the energy in rotary springs half a substep on, J."""
-        energy = 0.0
-        for spring in self._joints:
-            if isinstance(spring, DampedRotarySpring):
-                angle = spring.a.angle - spring.b.angle - spring.rest_angle
-                angle += 0.5 * self.dt * (spring.a.angular_velocity - spring.b.angular_velocity)
-                energy += 0.5 * spring.stiffness * angle**2
-        return energy
+        springs = self.joints[self.joints["kind"] == SPRING]
+        a, b = self.motion[springs["a"]], self.motion[springs["b"]]
+        angle = a[:, 2] - b[:, 2] - springs["rest"] + 0.5 * self.dt * (a[:, 5] - b[:, 5])
+        return float(np.sum(0.5 * springs["stiffness"] * angle**2))
 
-    def _climbed(self, motion: Array) -> float:
-        """Return the potential energy of wheels that stand on cables half a substep on, J."""
+    def _climbed(self, middle: Array) -> float:
+        """Return the potential energy of wheels that stand on cables half a substep on, where bodies are `middle`, J."""
         energy = 0.0
         for wheel in self.wheels.view(np.recarray):
-            x, y, arm_x, arm_y, _, _ = law.contact_at(wheel, motion[wheel.body], 0.5 * self.dt)
+            x, y = middle[wheel.body, :2]
+            arm_x, arm_y, _, _ = law.contact_at(wheel, middle[wheel.body])
             place = x + arm_x, y + arm_y
             energy += wheel.load * law.rise_between(*place, *place, wheel.radius, self._cables)[0]
         return float(energy)

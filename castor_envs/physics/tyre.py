@@ -28,7 +28,7 @@ STANDARD, OMNI = 0, 1
 WHEEL = np.dtype(
     [
         # where: body index, contact point in the body's frame (from its centre of mass), rolling direction there
-        ("body", np.int64),
+        ("body", np.uint64),
         ("x", float),
         ("y", float),
         ("cos", float),
@@ -193,13 +193,10 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
     wheel.limit, wheel.torque = limit, torque
 
 
-def contact_at(wheel, body, ahead):
-    """Return the body's place, the arm to the contact, and the rolling direction, in N, `ahead` seconds on."""
-    angle = body[2] + ahead * body[5]
-    c, s = math.cos(angle), math.sin(angle)
+def contact_at(wheel, place):
+    """Return the arm to the contact and the rolling direction, in N, of a wheel on a body at `place` (5,)."""
+    c, s = place[3], place[4]
     return (
-        body[0] + ahead * body[3],
-        body[1] + ahead * body[4],
         c * wheel.x - s * wheel.y,
         s * wheel.x + c * wheel.y,
         c * wheel.cos - s * wheel.sin,
@@ -207,24 +204,25 @@ def contact_at(wheel, body, ahead):
     )
 
 
-def wheel_forces(bodies, wheels, patches, cables, climbing, dt, loads):
+def wheel_forces(bodies, middle, end, wheels, patches, cables, climbing, dt, loads):
     """Advance all wheels by dt and add up what they do to the bodies.
 
-    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. loads (b, 3), overwritten: force x, y in N,
-    torque.
+    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. middle, end (b, 5): their places half of dt and dt ahead
+    (`castor_envs.physics.solver.places_ahead`). loads (b, 3), overwritten: force x, y in N, torque.
     """
     loads[:] = 0.0
     for k in range(len(wheels)):
         wheel = wheels[k]
-        body = bodies[wheel.body]
-        x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, 0.5 * dt)
+        body, place = bodies[wheel.body], middle[wheel.body]
+        arm_x, arm_y, e_x, e_y = contact_at(wheel, place)
         u_x, u_y = body[3] - body[5] * arm_y, body[4] + body[5] * arm_x
         v_long, v_lat = u_x * e_x + u_y * e_y, u_y * e_x - u_x * e_y
-        limit = wheel.load * friction_at(x + arm_x, y + arm_y, wheel.friction, patches)
+        limit = wheel.load * friction_at(place[0] + arm_x, place[1] + arm_y, wheel.friction, patches)
 
         # Forces act at the end of the substep: a cable's is the mean over half a substep before and after.
-        x, y, arm_x, arm_y, e_x, e_y = contact_at(wheel, body, dt)
-        place_x, place_y, way_x, way_y = x + arm_x, y + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
+        place = end[wheel.body]
+        arm_x, arm_y, e_x, e_y = contact_at(wheel, place)
+        place_x, place_y, way_x, way_y = place[0] + arm_x, place[1] + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
         wheel.rise, share, gradient_x, gradient_y = rise_between(
             place_x - way_x, place_y - way_y, place_x + way_x, place_y + way_y, wheel.radius, cables
         )
