@@ -22,7 +22,8 @@ from castor_envs.motion.trajectories import pivoting as turn
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration import maximum_likelihood, pivoting
+from estimators.calibration import pivoting
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 
 COLUMNS = ("eqs. 1-9, steady", "likelihood, steady", "likelihood, swinging")
 
@@ -56,8 +57,8 @@ def errors_of_set(k: int) -> list[list[float]]:
             steady.append(pivoting.Turn(log(roll(true, trajectory, again.castor_angle[-1])), held))
     return [
         errors(pivoting.calibrate(described, steady).applied(), true),
-        errors(maximum_likelihood.calibrate(described, [turn_log.log for turn_log in steady]).calibrated, true),
-        errors(maximum_likelihood.calibrate(described, swinging).calibrated, true),
+        errors(calibrate(described, [turn_log.log for turn_log in steady]).calibrated, true),
+        errors(calibrate(described, swinging).calibrated, true),
     ]
 
 

@@ -21,7 +21,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.hypotheses.wheel_tracks import Steps, along_and_across, placed, steps_of
-from estimators.calibration.maximum_likelihood import State
+from estimators.calibration.maximum_likelihood.fit import State
 
 DIRECTIONS, BIN = 180, 0.01
 """Grid of the scan for lines: directions in half a turn, and spacing of offsets, m."""

@@ -18,9 +18,10 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import contact_paths, contact_places
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.maximum_likelihood import State
+from estimators.calibration.maximum_likelihood.fit import State
 from estimators.likelihood.channels import Channels
-from estimators.likelihood.log_likelihood import GAP, LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
+from estimators.likelihood.rolling import GAP
 
 FLOOR = 1e-4
 """m that is added to a step's length for the variance of its slip."""

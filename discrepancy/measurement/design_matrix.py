@@ -12,16 +12,13 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Signatures, rate_of, signatures_of, stacked
-from estimators.calibration.maximum_likelihood import MOUNT, resized
+from estimators.calibration.maximum_likelihood.noise import resized
+from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.likelihood.creep_prediction import UNEVEN, Slipping
-from estimators.likelihood.log_likelihood import (
-    TIMED,
-    Changes,
-    ExtraColumns,
-    LogLikelihood,
-    Noise,
-    Reduced,
-)
+from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise
+from estimators.likelihood.measurements.poses import TIMED
+from estimators.likelihood.reduction import Reduced
+from estimators.likelihood.rolling import Changes
 from estimators.likelihood.sparse_columns import SparseColumns
 
 PROBES = 16

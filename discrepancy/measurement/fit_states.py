@@ -16,11 +16,12 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, stacked
 from discrepancy.measurement.design_matrix import PROBES, Shared, joint, schur_complement
-from estimators.calibration.maximum_likelihood import ROUNDS, State, fitted
+from estimators.calibration.maximum_likelihood.fit import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import DOUBT, Slipping
 from estimators.likelihood.disagreement import slip_of_row
-from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, Reduced
+from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise
+from estimators.likelihood.reduction import Reduced
 
 AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
 """Prior standard deviations of the factor of creep under forces, as descriptions tell, and where clean logs do; where

@@ -6,7 +6,7 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
-from estimators.calibration.maximum_likelihood import State
+from estimators.calibration.maximum_likelihood.fit import State
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 

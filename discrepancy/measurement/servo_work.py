@@ -27,7 +27,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.weight import castor_center, chassis
 from discrepancy.hypotheses.candidates import Candidate
-from estimators.likelihood.log_likelihood import GAP
+from estimators.likelihood.rolling import GAP
 
 WINDOW, MOST = 0.5, 512
 """s: length of windows, in which the transients of servos average out; and most windows that are solved together."""

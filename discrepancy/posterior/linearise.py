@@ -25,7 +25,8 @@ from discrepancy.measurement.gap import errors_of, gap_of
 from discrepancy.measurement.servo_work import Pull, pull_of
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
-from estimators.calibration.maximum_likelihood import MOUNT, State
+from estimators.calibration.maximum_likelihood.fit import State
+from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.disagreement import Disagreement

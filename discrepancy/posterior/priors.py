@@ -21,7 +21,7 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
 from discrepancy.posterior.single_effects import Hypothesis
 from estimators.calibration.drives import log_of
-from estimators.calibration.maximum_likelihood import mount_prior
+from estimators.calibration.maximum_likelihood.tracker import mount_prior
 
 PARTS = np.arange(7) / 4
 """Parts of an effect that wheel creep may mask, all with the same prior probability."""

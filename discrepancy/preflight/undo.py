@@ -18,7 +18,7 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight import Preflight, check_logs, preflight
 from discrepancy.preflight.stretches import unwrapped
-from estimators.calibration.maximum_likelihood import straightened
+from estimators.calibration.maximum_likelihood.tracker import straightened
 
 Logs = Mapping[str, Log]
 

@@ -34,7 +34,7 @@ from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.likelihood.log_likelihood import GAP
+from estimators.likelihood.rolling import GAP
 
 Drive = Literal["commands", "counts"]
 

@@ -21,7 +21,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.parameters import Parameter, robot_with
 from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping, stiffness_of
 from estimators.likelihood.disagreement import Disagreement
-from estimators.likelihood.log_likelihood import Changes, LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
+from estimators.likelihood.rolling import Changes
 from estimators.likelihood.statistics import scattered
 
 CONTROLLER = 0.01

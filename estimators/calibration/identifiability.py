@@ -10,7 +10,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.rolling import Rolled, roll
 from estimators.calibration.drives import DRIVES, REFERENCE, TYPICAL, Poses, logged
-from estimators.calibration.maximum_likelihood import Calibration, information_of
+from estimators.calibration.maximum_likelihood.calibrate import Calibration, information_of
 from estimators.calibration.parameters import Parameter
 
 WHOLLY, HARDLY = 0.99, 0.3

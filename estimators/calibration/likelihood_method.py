@@ -8,7 +8,7 @@ import numpy as np
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.creep import CONTROLLER
 from estimators.calibration.identifiability import COVERAGE, WHOLLY, rests_on, scale_rests_on_pivots, unseen_of
-from estimators.calibration.maximum_likelihood import Calibration, calibrate
+from estimators.calibration.maximum_likelihood.calibrate import Calibration, calibrate
 from estimators.calibration.protocol import Recording, Report, Result
 
 

@@ -15,7 +15,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from estimators.likelihood.creep_prediction import UNEVEN
 from estimators.likelihood.elimination import BLOCK, blocks
-from estimators.likelihood.log_likelihood import Changes, LogLikelihood
+from estimators.likelihood.log_likelihood import LogLikelihood
+from estimators.likelihood.rolling import Changes
 
 WINDOW, QUICK = 1.0, 0.2
 """s: windows over which disagreement is summed. In the long ones errors of rounding, and of castors that turn between

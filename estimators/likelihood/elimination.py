@@ -15,6 +15,17 @@ FEW = 64
 """Most columns of which `LARGE` blocks are made."""
 
 
+class Prior(NamedTuple):
+    """Normal priors of independent numbers: their means and standard deviations (n,)."""
+
+    expected: Array
+    deviation: Array
+
+    def off(self, numbers: Array) -> Array:
+        """Return how far numbers (n,) are from their means, in standard deviations."""
+        return (numbers - self.expected) / self.deviation
+
+
 class Rows(NamedTuple):
     """Equations of one kind, over their standard deviations, one sample or step k after another.
 

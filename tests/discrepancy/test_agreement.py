@@ -10,7 +10,7 @@ from castor_envs.vehicles.presets import preset, preset_names
 from discrepancy.posterior.finder import diagnose
 from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration.identifiability import COVERAGE
-from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 
 QUICK = "2-castor"
 

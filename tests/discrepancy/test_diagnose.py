@@ -27,7 +27,7 @@ from discrepancy.commands import find
 from discrepancy.diagnose import examine
 from discrepancy.posterior.finder import diagnose
 from discrepancy.trials.pymunk_generator import drive
-from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 
 ROBOT = preset("asoc-prototype")
 LATE, SWAPPED = EncoderLatency(castor=3, value=0.006), EncodersSwapped(castor=1)

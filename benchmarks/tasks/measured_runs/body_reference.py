@@ -17,7 +17,7 @@ from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.maximum_likelihood import fitted
+from estimators.calibration.maximum_likelihood.fit import fitted
 from estimators.calibration.protocol import Recording, ReportingMethod
 from estimators.likelihood.log_likelihood import LogLikelihood
 from estimators.plugins.registry import load_calibration

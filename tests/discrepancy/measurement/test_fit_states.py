@@ -20,7 +20,7 @@ from discrepancy.posterior.linearise import linearise
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise, as_recorded
 from estimators.calibration.drives import log_of
-from estimators.calibration.maximum_likelihood import LEAST
+from estimators.calibration.maximum_likelihood.noise import LEAST
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.log_likelihood import LogLikelihood

@@ -15,10 +15,10 @@ from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.trials.pymunk_generator import drive
-from estimators.calibration import maximum_likelihood
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.likelihood_method import MaximumLikelihoodMethod
-from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.maximum_likelihood import calibrate as maximum_likelihood
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 from estimators.calibration.parameters import values_of
 from estimators.calibration.protocol import Recording
 

@@ -13,7 +13,7 @@ from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbm
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import n_castor, preset
 from estimators.calibration.identifiability import Unseen, rests_on, scale_rests_on_pivots, unseen_of
-from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 from estimators.calibration.parameters import values_of
 from estimators.likelihood.log_likelihood import Noise
 

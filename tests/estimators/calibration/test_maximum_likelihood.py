@@ -15,7 +15,7 @@ from castor_envs.logs.importers.optiodom import find_sessions, published_correct
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, n_castor, preset
 from estimators.calibration import pivoting
-from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 from estimators.likelihood.log_likelihood import Noise
 
 KNOWN, NONE = Noise(along=1e-3, across=1e-3), Noise(along=1e-5, across=1e-5)

@@ -13,7 +13,7 @@ from castor_envs.motion.trajectories import umbmark, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.axle import with_axle
 from castor_envs.vehicles.presets import preset
-from estimators.calibration.maximum_likelihood import calibrate
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
 from estimators.likelihood.log_likelihood import Noise, moved_along
 
 SLIP = 3e-4

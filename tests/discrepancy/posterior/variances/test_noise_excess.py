@@ -23,7 +23,7 @@ from discrepancy.posterior.variances.noise_excess import (
 )
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
-from estimators.calibration.maximum_likelihood import MOST
+from estimators.calibration.maximum_likelihood.noise import MOST
 
 USUAL = 3e-4
 ROBOT = preset("differential")

@@ -1,0 +1,1 @@
+"""What a log measures beside its encoders, as equations about a state."""

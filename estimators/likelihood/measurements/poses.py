@@ -1,0 +1,143 @@
+"""Reference poses of one log: off by independent errors, where and when they were taken.
+
+Their clock may be early or late, and fast or slow. Without any pose the first one of the state is 0, by convention.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import compose
+from castor_envs.logs.log import Log
+from estimators.likelihood.elimination import Prior, Rows
+
+TIMED = 5
+"""Least number of reference poses with which the offset of their clock is fitted."""
+
+EXTENDED, FADED = 2.0, 6.0
+"""A moving robot's motion is extended beyond a log's ends to poses from beyond: steps up to which these have full
+weight, and at which their weight has faded to 0. (A pose that dropped out at once could come back in the next
+iteration, and so on without end.)"""
+
+REST = 6
+"""Samples at a log's end in which no count may change by more than one, so that a pose from beyond the end is assigned
+to it."""
+
+PINNED = 1e-4
+"""m and rad: without reference poses the first one is 0 by convention, to this much."""
+
+APART, DENSE = 3.0, 0.5
+"""s: of reference poses that follow each other faster than `DENSE`, as a tracker streams them, one in `APART` is used.
+Errors of such poses within seconds (jitter of clocks, a filter) are correlated."""
+
+CLOCK = np.array([1.0, 0.05])
+"""s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
+
+RATE_KNOWN = 1e-6
+"""s/s: standard deviation of a known rate."""
+
+
+class ReferencePoses:
+    """The reference poses of a log, and those of them that are in use: dense poses are not independent.
+
+    poses (K, 3): as in the log, NaN where none was taken. taken: the samples that have one. used: those in use.
+    """
+
+    def __init__(self, log: Log, counts: Array) -> None:
+        """counts (K, c): of all encoders, which tell where the robot rests at the log's ends."""
+        self._t = log.t
+        self.poses = np.full((len(log), 3), np.nan) if log.reference is None else log.reference
+        self.taken: NDArray[np.intp] = np.flatnonzero(np.isfinite(self.poses[:, 0]))
+        self.used = _apart(self.taken, log.t)
+        self._rests = tuple(bool(np.ptp(part, axis=0).max() <= 1) for part in (counts[:REST], counts[-REST:]))
+
+    def clock_prior(self, rate: float | None) -> Prior:
+        """Return the prior of the clock: offset, s, and rate, s/s; `rate`: its rate, if it is known."""
+        deviation, expected = CLOCK if len(self.used) >= TIMED else CLOCK * 1e-6, np.zeros(2)
+        if rate is not None:
+            deviation, expected = np.array([deviation[0], RATE_KNOWN]), np.array([0.0, rate])
+        return Prior(expected, deviation)
+
+    def weights(self, state: Array, position: float, heading: float, jitter: float) -> dict[str, Array]:
+        """Return one over the standard deviation of every equation at a state (K, m), by the kinds of `off`.
+
+        position, heading: of poses, m and rad. jitter: of the robot's clock, s.
+        """
+        if not len(self.taken):
+            return {"pinned": np.full((1, 3), 1 / PINNED)}
+        rate = jitter * np.gradient(state[:, :3], self._t, axis=0)[self.used]
+        return {"position": 1 / np.hypot(position, rate[:, :2]), "heading": 1 / np.hypot(heading, rate[:, 2:])}
+
+    def off(self, state: Array, clock: Array, mount: Array) -> dict[str, Array]:
+        """Return by how much a state is off the poses in use, m and rad: "position" (k, 2) and "heading" (k, 1), or
+        without poses "pinned" (1, 3). clock (2,): offset, s, and rate; mount (3,): the tracked point."""
+        if not len(self.taken):
+            return {"pinned": state[:1, :3]}
+        at, part, known = self._shown(clock)
+        off = compose((1 - part) * state[at, :3] + part * state[at + 1, :3], mount)
+        off = known * (off - self.poses[self.used])
+        return {"position": off[:, :2], "heading": off[:, 2:]}
+
+    def rows(
+        self,
+        state: Array,
+        clock: Array,
+        mount: Array,
+        weights: dict[str, Array],
+        values: dict[str, Array],
+        rates: Array,
+    ) -> dict[str, Rows]:
+        """Return the equations linearised about a state, by the kinds of `off`; values: of these, times their weights.
+        rates (P,): rate of the clock per unit of each parameter, s/s."""
+        eye = np.eye(state.shape[1])
+        if not len(self.taken):
+            pinned = (eye[None, :3] / PINNED).__getitem__
+            return {"pinned": Rows(np.arange(1), values["pinned"], pinned)}
+        at, part, known = self._shown(clock)
+        since = self._t[self.used] - self._t[0]
+        body = (1 - part) * state[at, :3] + part * state[at + 1, :3]
+        seen = compose(body, mount)
+        by_body = np.tile(eye[:3], (len(at), 1, 1))
+        by_body[:, 0, 2], by_body[:, 1, 2] = body[:, 1] - seen[:, 1], seen[:, 0] - body[:, 0]
+        c, s, zeros, ones = np.cos(body[:, 2]), np.sin(body[:, 2]), np.zeros(len(at)), np.ones(len(at))
+        by_mount = np.array([[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]).transpose(2, 0, 1)
+        speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
+        by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
+        numbers = np.concatenate([by_clock[..., 1:] * rates, by_mount, by_clock], axis=-1)
+        parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
+        kinds = {}
+        for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
+            weight = (weights[name] * known)[..., None]
+            start, end, by_numbers = ((weight * slope[:, axes]).__getitem__ for slope in parts)
+            kinds[name] = Rows(at, values[name], start, end, by_numbers)
+        return kinds
+
+    def steps_of(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the sample after which each of these samples' pose was taken, and the part (k, 1) of the step up to
+        it.
+
+        The part is below 0 or above 1 for poses that were taken before or after the log.
+        """
+        t = self._t
+        taken = t[samples] + clock[0] + clock[1] * (t[samples] - t[0])
+        at = np.clip(np.searchsorted(t, taken, side="right") - 1, 0, len(t) - 2)
+        return at, ((taken - t[at]) / (t[at + 1] - t[at]))[:, None]
+
+    def _shown(self, clock: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return the sample after which each pose in use was taken, the part (k, 1) of the step up to it, and its
+        weight (k, 1), which fades out beyond the log's ends."""
+        at, part = self.steps_of(self.used, clock)
+        held = np.clip(part, 0.0 if self._rests[0] else -np.inf, 1.0 if self._rests[1] else np.inf)
+        outside = np.abs(held - np.clip(held, 0.0, 1.0))
+        return at, np.clip(held, -FADED, 1 + FADED), np.clip((FADED - outside) / (FADED - EXTENDED), 0.0, 1.0)
+
+
+def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
+    """Return these samples or, if they are dense, the first, the last, and between them one in `APART`."""
+    if len(samples) < 2 or np.median(np.diff(t[samples])) >= DENSE:
+        return samples
+    kept: list[int] = []
+    for k in samples.tolist():
+        if not kept or t[k] - t[kept[-1]] >= APART * (1 - 1e-9) or k == samples[-1]:
+            kept.append(k)
+    return np.array(kept, dtype=np.intp)
