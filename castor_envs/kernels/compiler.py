@@ -2,12 +2,14 @@
 
 import importlib
 from collections.abc import Iterator
+from types import FunctionType
 from typing import Any
 
 from llvmlite import ir
 from numba import from_dtype, njit, types
 from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import register_jitable
 from numba.np.arrayobj import make_array, populate_array
 
 from castor_envs.kernels.arguments import Argument
@@ -26,9 +28,10 @@ def machine_code(module: str, name: str, arguments: tuple[Argument, ...]) -> byt
     """
     signature = types.void(*(_type(argument) for argument in arguments))
     options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
-    compiled = njit(signature, error_model="numpy", nogil=True, **options)(
-        getattr(importlib.import_module(module), name)
-    )
+    function = getattr(importlib.import_module(module), name)
+    for called in _called(function):
+        register_jitable(called)
+    compiled = njit(signature, error_model="numpy", nogil=True, **options)(function)
     result = compiled.overloads[signature.args]
     library = result.library.codegen.create_library(f"entry of {name}")
     library.enable_object_caching()
@@ -40,6 +43,19 @@ def machine_code(module: str, name: str, arguments: tuple[Argument, ...]) -> byt
     if foreign:
         raise RuntimeError(f"{module}.{name} needs {', '.join(foreign)}, which machine code by itself does not have")
     return library.serialize_using_object_code()[2][0]
+
+
+def _called(function: FunctionType) -> set[FunctionType]:
+    """Return the plain functions that a function calls by their global names, directly or not."""
+    found: set[FunctionType] = set()
+    waiting = [function]
+    while waiting:
+        caller = waiting.pop()
+        named = (caller.__globals__.get(name) for name in caller.__code__.co_names)
+        new = {value for value in named if isinstance(value, FunctionType)} - found
+        found |= new
+        waiting += new
+    return found
 
 
 def _type(argument: Argument) -> types.Type:

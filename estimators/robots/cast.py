@@ -4,13 +4,12 @@ import math
 import warnings
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.castor_odometry import CastorEstimator, Step, displace, moved, several_castors
+from estimators.robots.castor_odometry import CastorEstimator, Step, compiled, displace, moved, several_castors
 
 LARGEST_DRIFT = 4e-4
 """Of the path: the relative error of wheel radii after calibration, and so of any path (Doebbler's Table I: 0.04 %)."""
@@ -20,9 +19,8 @@ class SmallTurnWarning(UserWarning):
     """CAST's small-turn assumption costs more than the errors of calibrated wheels; `CASTArc` does not need it."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _advance(castors, solution, wheel, pivot, pose, step):
-    """Take one sample; solution (B, 6 n): eq. 15's matrix, row by row. See `CastorEstimator`."""
+    """Take one sample; solution (B, 6 n): eq. 15's matrix, row by row. See `compiled`."""
     n = castors.shape[1]
     for robot in range(castors.shape[0]):
         x, y, turn = 0.0, 0.0, 0.0
@@ -53,7 +51,7 @@ class CAST(CastorEstimator):
     `Geometry`, which has neither a sample period nor speeds, gives no warning.
     """
 
-    advance = _advance
+    kernel = compiled(__name__, "_advance")
 
     def __init__(self, left_out: int = 0, step: Step = "arc") -> None:
         super().__init__(step)

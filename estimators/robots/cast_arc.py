@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from castor_envs.motion.kinematics import Geometry
@@ -11,6 +10,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.robots.castor_odometry import (
     CastorEstimator,
     Step,
+    compiled,
     displace,
     moved,
     origin_displacement,
@@ -18,9 +18,8 @@ from estimators.robots.castor_odometry import (
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _advance(castors, pivots, wheel, pivot, pose, step):
-    """Take one sample; pivots (B, 2 n + 2): q_x and q_y of each, then the centroid. See `CastorEstimator`."""
+    """Take one sample; pivots (B, 2 n + 2): q_x and q_y of each, then the centroid. See `compiled`."""
     n = castors.shape[1]
     for robot in range(castors.shape[0]):
         # Least squares over d_i = t + (Rot(turn) - 1) q_i, q_i the pivots about their centroid and d_i what they
@@ -47,7 +46,7 @@ class CASTArc(CastorEstimator):
     plane). left_out: number of the castor not used; 0 uses all. step: see `moved`.
     """
 
-    advance = _advance
+    kernel = compiled(__name__, "_advance")
 
     def __init__(self, left_out: int = 0, step: Step = "arc") -> None:
         super().__init__(step)

@@ -4,21 +4,21 @@ Doebbler III.B: "standard odometry equations as given by Borenstein are adapted 
 the pivot from the wheel axis". A castor with two driven wheels is a differential-drive robot: the foot of its axle
 (the axle's point on the centre line) moves along the rolling direction e, the pivot stands `offset` ahead of it.
 
-`CastorEstimator` is what dead reckoning, IPEC and CAST share. Their arithmetic is for one robot at a time, compiled
-by numba, and loops over stacks of robots.
+`CastorEstimator` is what dead reckoning, IPEC and CAST share. Their arithmetic is for one robot at a time and loops
+over stacks of robots: plain Python, which is compiled (`castor_envs.kernels`).
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.kernels.arguments import INTEGER, array
+from castor_envs.kernels.kernel import Kernel
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
@@ -80,7 +80,6 @@ def castor_records(geometry: Geometry, castors: Sequence[int]) -> NDArray[np.voi
     return record
 
 
-@register_jitable
 def moved(castors, robot, i, wheel, pivot, step):
     """Take one sample of castor i of a robot; return its pivot's displacement x, y (m), its turn in N and swivel (rad).
 
@@ -137,13 +136,11 @@ class CastorSteps(NamedTuple):
 def castor_steps(castors: NDArray[np.void], wheel: Array, pivot: Array = NO_PIVOTS, step: Step = "arc") -> CastorSteps:
     """Take one sample of castors (B, n) of type `CASTOR`; wheel (B, w) and pivot (B, p): counts. See `moved`."""
     found = np.empty((4, *castors.shape))
-    _all_moved(
-        castors, wheel, np.broadcast_to(pivot, (len(castors), pivot.shape[-1])), get_args(Step).index(step), found
-    )
+    pivot = np.ascontiguousarray(np.broadcast_to(pivot, (len(castors), pivot.shape[-1])))
+    _ALL_MOVED.bind(castors, np.ascontiguousarray(wheel), pivot, get_args(Step).index(step), found)()
     return CastorSteps(found[0], found[1], found[2], found[3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _all_moved(castors, wheel, pivot, step, found):
     for robot in range(castors.shape[0]):
         for i in range(castors.shape[1]):
@@ -151,7 +148,6 @@ def _all_moved(castors, wheel, pivot, step, found):
             found[0, robot, i], found[1, robot, i], found[2, robot, i], found[3, robot, i] = one
 
 
-@register_jitable
 def sinc(angle):
     """Return sin(angle) / angle, 1 at 0; below 0.1 rad by its series, three times as fast and as exact (1e-17)."""
     if abs(angle) > 0.1:
@@ -160,7 +156,6 @@ def sinc(angle):
     return 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
 
 
-@register_jitable
 def displace(pose, robot, x, y, turn):
     """Move the pose of a robot (B, 3) in place by x, y (m) in its own frame and a turn (rad)."""
     cos, sin = math.cos(pose[robot, 2]), math.sin(pose[robot, 2])
@@ -169,7 +164,6 @@ def displace(pose, robot, x, y, turn):
     pose[robot, 2] += turn
 
 
-@register_jitable
 def origin_displacement(p, q, x, y, turn):
     """Return how the body's origin moves when its point (p, q) moves by x, y and the body turns.
 
@@ -180,22 +174,30 @@ def origin_displacement(p, q, x, y, turn):
     return x + (p - cos * p + sin * q), y + (q - sin * p - cos * q)
 
 
-@register_jitable
 def wrapped(angle):
     """Return an angle wrapped into (-pi, pi], rad, as `castor_envs.geometry.se2.wrap` does."""
     return math.pi - (math.pi - angle) % (2 * math.pi)
 
 
-class CastorEstimator:
-    """What the estimators of castors share: one sample at a time, of one robot or a stack of robots.
+_ALL_MOVED = Kernel(
+    __name__, "_all_moved", (array(CASTOR, 2), array(float, 2), array(float, 2), INTEGER, array(float, 3))
+)
 
-    An estimator has a compiled function `advance(castors, constants, wheel, pivot, pose, step)`, which takes a sample
-    of each of B robots and moves their poses (B, 3): castors (B, n) of type `CASTOR`, constants (B, c) its own numbers,
-    wheel and pivot the counts (B, ...), step one of `ARC` to `EULER_AXLE`.
+
+def compiled(module: str, name: str) -> Kernel:
+    """Return the kernel of an estimator, the function `name(castors, constants, wheel, pivot, pose, step)`.
+
+    It takes a sample of each of B robots and moves their poses (B, 3): castors (B, n) of type `CASTOR`, constants (B,
+    c) the estimator's own numbers, wheel and pivot the counts (B, ...), step one of `ARC` to `EULER_AXLE`.
     """
+    return Kernel(module, name, (array(CASTOR, 2), *(array(float, 2),) * 4, INTEGER))
+
+
+class CastorEstimator:
+    """What the estimators of castors share: one sample at a time, of one robot or a stack of robots."""
 
     batched = True
-    advance: ClassVar[Callable[..., None]]
+    kernel: ClassVar[Kernel]
 
     def __init__(self, step: Step = "arc") -> None:
         if step not in get_args(Step):
@@ -204,52 +206,55 @@ class CastorEstimator:
 
     def begin(self, geometry: Geometry, castors: Sequence[int], constants: Array, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3) with castors, by their indices from 0, and the estimator's constants (..., c)."""
-        self._code = get_args(Step).index(self.step)
-        self._castors, self._constants = castor_records(geometry, castors), constants
         self._counts = int(np.sum(~np.isnan(geometry.counts_per_rev))), len(geometry.sensed)
-        self._pose = np.array(pose, dtype=float)
-        self._stack(np.broadcast_shapes(self._pose.shape[:-1], constants.shape[:-1], self._castors.shape[:-1]))
+        records, start_pose = castor_records(geometry, castors), np.array(pose, dtype=float)
+        shape = np.broadcast_shapes(start_pose.shape[:-1], constants.shape[:-1], records.shape[:-1])
+        self._lay_out(shape, records, constants, start_pose)
 
-    def _stack(self, shape: tuple[int, ...]) -> None:
-        """Lay out robots, their constants and poses (..., k) as one row for each robot of a stack."""
+    def _lay_out(self, shape: tuple[int, ...], castors: NDArray[np.void], constants: Array, pose: Array) -> None:
+        """Make arrays of all robots of a stack, from (..., k) each, and of one sample's counts."""
 
-        def rows(part: NDArray[Any]) -> NDArray[Any]:
-            return np.broadcast_to(part, (*shape, part.shape[-1])).reshape(-1, part.shape[-1]).copy()
+        def of_all(part: NDArray[Any]) -> NDArray[Any]:
+            return np.broadcast_to(part, (*shape, part.shape[-1])).copy()
 
-        self._shape = shape
-        self._castors, self._constants, self._pose = rows(self._castors), rows(self._constants), rows(self._pose)
+        self._castors, self._constants, self._pose = of_all(castors), of_all(constants), of_all(pose)
+        wheels, pivots = self._counts
+        self._wheel, self._pivot = np.zeros((*shape, wheels)), np.zeros((*shape, max(pivots, 1)))
+        self._bind()
+
+    def _bind(self) -> None:
+        parts = (self._castors, self._constants, self._wheel, self._pivot, self._pose)
+        rows = (part.reshape(-1, part.shape[-1]) for part in parts)
+        self._advance = self.kernel.bind(*rows, get_args(Step).index(self.step))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_advance"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if "_pose" in state:
+            self._bind()
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3); raises InputError where it has another number of counts."""
-        wheel = np.asarray(observation["wheel"], dtype=float)
-        pivot = np.asarray(observation["pivot"], dtype=float) if self._counts[1] else NO_PIVOTS
-        if wheel.shape[:-1] != self._shape or pivot.shape[:-1] != self._shape:
-            wheel, pivot = self._stacked(wheel, pivot)
-        if wheel.shape[-1] != self._counts[0] or pivot.shape[-1] != max(self._counts[1], 1):
+        wheel, pivot = observation["wheel"], observation["pivot"] if self._counts[1] else self._pivot
+        if wheel.shape != self._wheel.shape or pivot.shape != self._pivot.shape:
+            self._fit(wheel, pivot)
+        self._wheel[...], self._pivot[...] = wheel, pivot
+        self._advance()
+        return self._pose.copy()
+
+    def _fit(self, wheel: Array, pivot: Array) -> None:
+        """Let the stack grow where counts have more leading axes; raises InputError where their number is wrong."""
+        if wheel.shape[-1] != self._wheel.shape[-1] or pivot.shape[-1] != self._pivot.shape[-1]:
             raise InputError(
                 f"the observation has {wheel.shape[-1]} counts of wheels and {pivot.shape[-1]} of pivots; this robot "
                 f"gives {self._counts[0]} and {self._counts[1]}"
             )
-        type(self).advance(
-            self._castors,
-            self._constants,
-            wheel.reshape(len(self._pose), -1),
-            pivot.reshape(len(self._pose), -1),
-            self._pose,
-            self._code,
-        )
-        return self._pose.reshape(*self._shape, 3).copy()
-
-    def _stacked(self, wheel: Array, pivot: Array) -> tuple[Array, Array]:
-        """Return counts broadcast to the stack, which grows where the counts have more leading axes."""
-        shape = np.broadcast_shapes(self._shape, wheel.shape[:-1], pivot.shape[:-1])
-        if shape != self._shape:
-            self._castors, self._constants = (
-                part.reshape(*self._shape, -1) for part in (self._castors, self._constants)
-            )
-            self._pose = self._pose.reshape(*self._shape, 3)
-            self._stack(shape)
-        return np.broadcast_to(wheel, (*shape, wheel.shape[-1])), np.broadcast_to(pivot, (*shape, pivot.shape[-1]))
+        now = self._pose.shape[:-1]
+        shape = np.broadcast_shapes(now, wheel.shape[:-1], pivot.shape[:-1])
+        if shape != now:
+            self._lay_out(shape, self._castors, self._constants, self._pose)
 
 
 def several_castors(geometry: Geometry, left_out: int) -> tuple[tuple[int, ...], Array]:

@@ -1,18 +1,24 @@
 """Dead reckoning by one castor, without a second castor to correct the first."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import Declined
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.castor_odometry import CastorEstimator, Step, displace, moved, origin_displacement, wrapped
+from estimators.robots.castor_odometry import (
+    CastorEstimator,
+    Step,
+    compiled,
+    displace,
+    moved,
+    origin_displacement,
+    wrapped,
+)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _advance(castors, pivots, wheel, pivot, pose, step):
-    """Take one sample; pivots (B, 2): x and y of the castor's. See `CastorEstimator`."""
+    """Take one sample; pivots (B, 2): x and y of the castor's. See `compiled`."""
     for robot in range(castors.shape[0]):
         east, north, turn_of_castor, swivel = moved(castors, robot, 0, wheel, pivot, step)
         # The castor's heading in N is psi + theta (Doebbler II.D): the body turns by the difference.
@@ -30,7 +36,7 @@ class DeadReckoning(CastorEstimator):
     `moved`.
     """
 
-    advance = _advance
+    kernel = compiled(__name__, "_advance")
 
     def __init__(self, castor: int = 1, step: Step = "arc") -> None:
         super().__init__(step)

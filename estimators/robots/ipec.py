@@ -2,7 +2,6 @@
 
 import math
 
-from numba import njit
 from numpy.typing import ArrayLike
 
 from castor_envs.errors import Declined
@@ -11,6 +10,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.robots.castor_odometry import (
     CastorEstimator,
     Step,
+    compiled,
     displace,
     moved,
     origin_displacement,
@@ -19,9 +19,8 @@ from estimators.robots.castor_odometry import (
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _advance(castors, pivots, wheel, pivot, pose, step):
-    """Take one sample; pivots (B, 4): x and y of the first, then of the second. See `CastorEstimator`."""
+    """Take one sample; pivots (B, 4): x and y of the first, then of the second. See `compiled`."""
     for robot in range(castors.shape[0]):
         first_x, first_y = pivots[robot, 0], pivots[robot, 1]
         east, north, _, _ = moved(castors, robot, 0, wheel, pivot, step)
@@ -45,7 +44,7 @@ class IPEC(CastorEstimator):
     `moved`.
     """
 
-    advance = _advance
+    kernel = compiled(__name__, "_advance")
 
     def __init__(self, left_out: int = 0, step: Step = "arc") -> None:
         super().__init__(step)

@@ -77,7 +77,7 @@ class Forgetful(Careful):
         last = getattr(getattr(self, "inner", None), "_castors", None)
         super().reset(robot, pose)
         if last is not None:
-            self.inner._castors = last
+            self.inner._castors["angle"] = last["angle"]
 
 
 class Shared(Careful):

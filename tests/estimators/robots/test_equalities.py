@@ -1,6 +1,8 @@
 """Where theory says that two algorithms, or an algorithm and its equations, are equal."""
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import n_castor, preset
-from estimators import CAST, IPEC, CASTArc
+from estimators import CAST, IPEC, CASTArc, DeadReckoning
 from estimators.robots.cast import centred_solution, design_matrix, normal_inverse
 from estimators.robots.castor_odometry import CastorSteps, Step, castor_records, castor_steps
 
@@ -185,3 +187,18 @@ def test_two_castor_least_squares_nearly_matches_ipec(noise, drive):
     for i in (1, 2, 3):
         a, b = drive(CAST(i), robot, observations), drive(IPEC(i), robot, observations)
         assert 0 < np.abs(a[:, 2] - b[:, 2]).max() < 1e-3
+
+
+@pytest.mark.parametrize("estimator", [CAST(), CASTArc(), IPEC(1), DeadReckoning()])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda estimator: pickle.loads(pickle.dumps(estimator))])
+def test_a_copy_goes_its_own_way(odd_robot, noise, drive, estimator, copied):
+    robot = odd_robot(3)
+    observations = noise(robot)
+    expected = drive(estimator, robot, observations, (0.5, -1.0, 2.0))
+    estimator.reset(robot, (0.5, -1.0, 2.0))
+    half = len(observations) // 2
+    for observation in observations[:half]:
+        estimator.update(observation)
+    twin = copied(estimator)
+    for of in (twin, estimator):
+        np.testing.assert_array_equal([of.update(observation) for observation in observations[half:]], expected[half:])
