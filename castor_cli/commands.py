@@ -19,7 +19,7 @@ class Commands(TyperGroup):
     """
 
     table: ClassVar[Mapping[str, str]]
-    command_class: ClassVar[type[TyperCommand]] = TyperCommand
+    kind: ClassVar[type[TyperCommand]] = TyperCommand
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names, in the order of the table."""
@@ -42,7 +42,7 @@ class Commands(TyperGroup):
         alone = typer.Typer(
             add_completion=False, rich_markup_mode=self.rich_markup_mode, pretty_exceptions_enable=False
         )
-        alone.command(name, cls=self.command_class)(getattr(importlib.import_module(module), function))
+        alone.command(name, cls=self.kind)(getattr(importlib.import_module(module), function))
         return typer.main.get_command(alone)
 
 

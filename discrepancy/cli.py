@@ -34,7 +34,7 @@ class DiagnoseCommands(Commands):
         "find": "discrepancy.commands.find:find",
         "trial": "discrepancy.commands.trial:trial",
     }
-    command_class = SeveralEach
+    kind = SeveralEach
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put `find` before what is neither a command nor an option of all."""

@@ -10,7 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from castor_envs.processes import MOST_CHILDREN, MOST_MEMORY, Died, Done, Exceeded, Job, Raised, TimedOut, run_jobs
+from castor_envs.processes import (
+    MOST_CHILDREN,
+    MOST_MEMORY,
+    THREADS,
+    Died,
+    Done,
+    Exceeded,
+    Job,
+    Raised,
+    TimedOut,
+    run_jobs,
+)
 
 
 class Jobs:
@@ -114,6 +125,15 @@ def test_the_environment_is_left_as_it_was(monkeypatch, value):
         monkeypatch.setenv("PYTHONSAFEPATH", value)
     outcomes(Job(pow, (1, 1), "any"), processes=1)
     assert os.environ.get("PYTHONSAFEPATH") == value
+
+
+def test_linear_algebra_of_workers_has_one_thread_where_the_user_says_nothing(monkeypatch):
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    said = f"import os; answer = [os.environ[name] for name in {THREADS}]"
+    assert outcomes(code(said)) == {"job": Done([{"OMP_NUM_THREADS": "3"}.get(name, "1") for name in THREADS])}
+    assert [os.environ.get(name) for name in THREADS] == [{"OMP_NUM_THREADS": "3"}.get(name) for name in THREADS]
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs signal masks")
