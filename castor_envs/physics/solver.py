@@ -10,6 +10,7 @@ joint, by impulses that are remembered for the next step, `iterations` times (a 
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import pymunk
@@ -81,21 +82,23 @@ def joint_records(bodies: Sequence[pymunk.Body], joints: Sequence[Constraint], d
     return records
 
 
-def solving_order(joints: NDArray[np.void], iterations: int) -> NDArray[np.uint64]:
-    """Return the joints, by their indices, in an order in which a step may correct velocities.
+@lru_cache
+def solving_order(joints: tuple[tuple[int, int, int], ...], iterations: int) -> NDArray[np.uint64]:
+    """Return joints, by their indices, in an order in which a step may correct velocities; not to be changed.
 
     As `iterations` times one joint after the other, but what waits for nothing comes first: along a chain, the next
     iteration starts at one end while the last is still on its way to the other. Joints that share a body keep their
     order, so results are the same to the last bit, and the processor has several joints to work on at once.
+
+    joints: of each its kind and its two bodies.
     """
     ready: dict[int, int] = {}
     turns = []
     for turn in range(iterations * len(joints)):
-        joint = joints[turn % len(joints)]
-        ends = int(joint["a"]), int(joint["b"])
+        kind, *ends = joints[turn % len(joints)]
         level = max(ready.get(end, 0) for end in ends)
         ready.update(dict.fromkeys(ends, level + 1))
-        turns.append((level, int(joint["kind"]), turn % len(joints)))
+        turns.append((level, kind, turn % len(joints)))
     return np.array([turn[2] for turn in sorted(turns)], dtype=np.uint64)
 
 
