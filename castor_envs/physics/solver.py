@@ -1,4 +1,4 @@
-"""Chipmunk's step of bodies on joints, as far as vehicles need it: the algorithm and its arithmetic, without collisions.
+"""Chipmunk's step of bodies on joints, as far as vehicles need it: without collisions, with the same arithmetic.
 
 Everything here is plain Python for numba to compile (`castor_envs.physics.compiled_loop`). The operations are those of
 Chipmunk 7 (``cpSpaceStep``, ``cpPivotJoint.c``, ``cpSimpleMotor.c``, ``cpDampedRotarySpring.c``) in the same order, so
@@ -32,8 +32,8 @@ JOINT = np.dtype(
         ("b_x", float),
         ("b_y", float),
         ("closing", float),
-        # of a motor and a spring: the inertia between them; of a motor its rate (rad/s) and greatest impulse (N m s); of
-        # a spring its stiffness (N m/rad), its angle at rest, and the share of the rate that it damps in a step
+        # of a motor and a spring: the inertia between bodies; of a motor its rate (rad/s) and greatest impulse
+        # (N m s); of a spring its stiffness (N m/rad), its angle at rest, and the share of the rate that it damps
         ("inertia", float),
         ("rate", float),
         ("most", float),

@@ -89,10 +89,11 @@ class Simulation:
 
     @property
     def space(self) -> pymunk.Space:
-        """The same bodies, as they are now, in pymunk; how they are moved there counts."""
-        for body, row in zip(self._bodies, self.motion, strict=True):
-            move(body, row)
-        self._shown = True
+        """The same bodies, as they are now, in pymunk; how they are moved there counts. Ask again after `advance`."""
+        if not self._shown:
+            for body, row in zip(self._bodies, self.motion, strict=True):
+                move(body, row)
+            self._shown = True
         return self._space
 
     def _take(self) -> None:
@@ -127,7 +128,7 @@ class Simulation:
         self.wheels["command"][wheels] = np.minimum(np.maximum(command, -np.asarray(limit)), limit)
 
     def steer(self, rates: ArrayLike, most: float) -> None:
-        """Command the motors between bodies: rates (m,), rad/s, of the second body against the first, within +-most N m."""
+        """Command the motors between bodies: rates (m,), rad/s, of the second against the first, within +-most N m."""
         motors = self.joints["kind"] == MOTOR
         self.joints["rate"][motors] = -np.asarray(rates)
         self.joints["most"][motors] = most * self.dt
@@ -195,7 +196,7 @@ class Simulation:
         return float(np.sum(0.5 * springs["stiffness"] * angle**2))
 
     def _climbed(self, middle: Array) -> float:
-        """Return the potential energy of wheels that stand on cables half a substep on, where bodies are `middle`, J."""
+        """Return the potential energy of wheels on cables half a substep on, where bodies are `middle` (b, 5), J."""
         energy = 0.0
         for wheel in self.wheels.view(np.recarray):
             x, y = middle[wheel.body, :2]

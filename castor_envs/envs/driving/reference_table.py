@@ -13,7 +13,7 @@ ROWS = 64
 
 
 class Reference(NamedTuple):
-    """Of one sample: poses (a + 1, ..., 3) at all times `ahead`, then at the course's end; twist (..., 3) in mid-period."""
+    """Of one sample: poses (a + 1, ..., 3) at times `ahead` and at the course's end; twist (..., 3) in mid-period."""
 
     places: Array
     twist: Array
