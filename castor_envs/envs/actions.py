@@ -12,6 +12,6 @@ def finite(values: ArrayLike, shape: tuple[int, ...] | None, title: str) -> Arra
     array = np.asarray(values, dtype=float)
     if array.shape != shape:
         raise InputError(f"{title} must have shape {shape}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise InputError(f"{title} must be finite, got {array}")
     return array

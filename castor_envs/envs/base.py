@@ -97,10 +97,6 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         """Reset the sensed vehicle to where its course starts."""
         raise NotImplementedError
 
-    def _target(self) -> Array:
-        """Return where the vehicle should be now, (3,) or (N, 3)."""
-        return self._course.target(self._sample * self.vehicle.sample_period)
-
     def shown_estimate(self) -> ArrayLike | None:
         """Return the estimate to draw, (3,) or (N, 3), if the agent makes one."""
         return None

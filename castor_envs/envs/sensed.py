@@ -48,6 +48,7 @@ class SensedVehicle(ABC):
         self.vehicle, self.floor = vehicle, floor
         self.described = vehicle.as_described()
         self._bodies, self._built = bodies, [Geometry.of(body) for body in built]
+        self._encoders = Encoders(self._built, 0.0)
         self.observation: Observation = {}
 
     @property
@@ -74,25 +75,25 @@ class SensedVehicle(ABC):
 
     def _start_encoders(self, random: np.random.Generator) -> None:
         """Draw the phases of the wheel encoders."""
-        self._encoders = [Encoders(built, Encoders.random_phase(built, random)) for built in self._built]
-        self._readers = [sensor_model_of(body) for body in self._bodies]
+        self._encoders = self._encoders.started(random)
+        self._models = [sensor_model_of(body) if body.effects else None for body in self._bodies]
         self._counts: Array | None = None
 
-    def _read(self, wheel_angles: Array, castors: Sequence[Array]) -> list[tuple[Array, Array]]:
-        """Return each body's wheel and castor angles, rad, with effects on sensors, before encoders round them."""
-        t = np.array([self.world.time])
-        wheels = np.split(wheel_angles, np.cumsum([len(body.wheels) for body in self._bodies])[:-1])
-        read = [
-            reader(t, wheel[None], castor[None])
-            for reader, wheel, castor in zip(self._readers, wheels, castors, strict=True)
-        ]
-        return [(wheel[0], castor[0]) for wheel, castor in read]
+    def _read(self, wheels: Array, castors: Array) -> tuple[Array, Array]:
+        """Return all wheel and castor angles, rad, with effects on sensors, before encoders round them."""
+        if not any(self._models):
+            return wheels, castors
+        t, read, wheel, castor = np.array([self.world.time]), [], 0, 0
+        for body, model in zip(self._bodies, self._models, strict=True):
+            wheel_end, castor_end = wheel + len(body.wheels), castor + len(body.castors)
+            angles = wheels[None, wheel:wheel_end], castors[None, castor:castor_end]
+            read.append(angles if model is None else model(t, *angles))
+            wheel, castor = wheel_end, castor_end
+        return np.concatenate([part[0][0] for part in read]), np.concatenate([part[1][0] for part in read])
 
-    def _increments(self, wheel_angles: Sequence[Array]) -> Array:
+    def _increments(self, wheel_angles: Array) -> Array:
         """Return how far the wheel encoders have counted since they were read last."""
-        counts = np.concatenate(
-            [encoders.wheel(angles) for encoders, angles in zip(self._encoders, wheel_angles, strict=True)]
-        )
+        counts = self._encoders.wheel(wheel_angles)
         before = counts if self._counts is None else self._counts
         self._counts = counts
         return counts - before
@@ -144,10 +145,8 @@ class SensedRobot(SensedVehicle):
             )
         if not robot.driven_wheels:
             raise InputError(f"robot {robot.name!r} has no driven wheel; give one wheel counts_per_rev")
-        self._robot, self._held = robot, held
-        self.world = RobotWorld(
-            robot, floor, held=held
-        )  # refuses what cannot stand or be computed; `reset` makes it anew
+        self._robot = robot
+        self.world = RobotWorld(robot, floor, held=held)  # refuses what cannot stand or be computed
         super().__init__(robot, (robot,), (robot.as_built(),), floor)
         self._geometry = Geometry.of(self.described)
 
@@ -155,7 +154,7 @@ class SensedRobot(SensedVehicle):
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
         self._random = random
         self._start_encoders(random)
-        self.world = RobotWorld(self._robot, self.floor, castor_angles=theta, held=self._held)
+        self.world.restart(theta)
         self._sense()
 
     def advance(self, commands: Commands, drive: Drive = "servo") -> None:
@@ -179,11 +178,11 @@ class SensedRobot(SensedVehicle):
 
     def _sense(self) -> None:
         world, gyro = self.world, self._robot.gyro
-        (self.sensed_angles,) = self._read(world.wheel_angles, (world.castor_angles,))
+        self.sensed_angles = self._read(world.wheel_angles, world.castor_angles)
         wheel, castor = self.sensed_angles
         yaw_rate = None if gyro is None else world.twist[2] + gyro.bias + gyro.noise * self._random.standard_normal()
-        pivot = self._encoders[0].pivot(castor)
-        self.observation = observation(self._increments((wheel,)), world.time, pivot=pivot, gyro=yaw_rate)
+        pivot = self._encoders.pivot(castor)
+        self.observation = observation(self._increments(wheel), world.time, pivot=pivot, gyro=yaw_rate)
 
     def measured_castor_angles(self) -> Array:
         """Theta (n,) as the robot believes it to be, from its pivot encoders."""
@@ -204,15 +203,16 @@ class SensedTrain(SensedVehicle):
     described: TrainDescription
 
     def __init__(self, train: TrainDescription, floor: Floor) -> None:
-        self._train, self._built_train = train, train.as_built()
-        self.world = TrainWorld(train, floor)  # refuses what cannot stand or be computed; `reset` makes it anew
+        self._built_train = train.as_built()
+        self.world = TrainWorld(train, floor)  # refuses what cannot stand or be computed
         super().__init__(train, train.modules, self._built_train.modules, floor)
+        self._fixed = np.concatenate([built.angle for built in self._built])
 
     def reset(self, random: np.random.Generator) -> None:
         """Put the train straight, its front axle at the origin, at rest; draws encoder phases and gauge offsets."""
         self._start_encoders(random)
         self._sensors = PostureSensors(self._built_train, random)
-        self.world = TrainWorld(self._train, self.floor)
+        self.world.restart()
         self._sense()
 
     def advance(self, command: ArrayLike, drive: Drive = "servo") -> None:
@@ -235,10 +235,9 @@ class SensedTrain(SensedVehicle):
         return pose
 
     def _sense(self) -> None:
-        read = self._read(self.world.wheel_angles, [built.angle for built in self._built])
+        wheels, _ = self._read(self.world.wheel_angles, self._fixed)
         rps, age = self._sensors.read(self.world.joint_angles, self.world.time)
-        wheel = self._increments([wheel for wheel, _ in read])
-        self.observation = observation(wheel, self.world.time, rps=rps.ravel(), rps_age=age)
+        self.observation = observation(self._increments(wheels), self.world.time, rps=rps.ravel(), rps_age=age)
 
     def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
         frames = self._built_train.frames

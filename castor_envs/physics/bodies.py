@@ -1,5 +1,7 @@
 """Rigid bodies and the frames of robots on them: a body stands at its centre of mass, a frame at its own origin."""
 
+import math
+
 import numpy as np
 import pymunk
 
@@ -7,24 +9,32 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate_single
 
 
-def place(body: pymunk.Body, at: Array, angle: float, twist: Array, center: Array) -> None:
-    """Put a body with frame origin `at` and `twist` in its frame; `center` is its centre of mass in that frame."""
+def motion_of(at: Array, angle: float, twist: Array, center: Array) -> Array:
+    """Return the motion (6,) of a body with frame origin `at` and `twist` in its frame, its centre of mass at `center`.
+
+    That is x, y, angle, v_x, v_y, angular velocity, of the centre of mass in N.
+    """
     velocity = rotate_single(np.array([twist[0] - twist[2] * center[1], twist[1] + twist[2] * center[0]]), angle)
     position = at + rotate_single(center, angle)
-    body.angle = float(angle)
-    body.position = (float(position[0]), float(position[1]))
-    body.velocity = (float(velocity[0]), float(velocity[1]))
-    body.angular_velocity = float(twist[2])
+    return np.array([position[0], position[1], angle, velocity[0], velocity[1], twist[2]])
+
+
+def move(body: pymunk.Body, motion: Array) -> None:
+    """Let a body of pymunk move like this (6,)."""
+    x, y, angle, v_x, v_y, spin = motion.tolist()
+    body.angle, body.position = angle, (x, y)
+    body.velocity, body.angular_velocity = (v_x, v_y), spin
 
 
 def pose_of(motion: Array, center: Array) -> Array:
     """Return the pose (3,) in N of a body's frame from its motion (6,); `center` is its centre of mass in the frame."""
-    x, y, psi = motion[:3]
-    return np.array([*((x, y) - rotate_single(center, psi)), psi])
+    (x, y, psi), (right, up) = motion[:3].tolist(), center.tolist()
+    c, s = math.cos(psi), math.sin(psi)
+    return np.array([x - (c * right - s * up), y - (s * right + c * up), psi])
 
 
 def twist_of(motion: Array, center: Array) -> Array:
     """Return the twist (3,) in its own frame of a body's frame from its motion (6,)."""
-    _, _, psi, *velocity, omega = motion
-    v = rotate_single(np.array(velocity), -psi)
-    return np.array([v[0] + omega * center[1], v[1] - omega * center[0], omega])
+    (psi, x, y, omega), (right, up) = motion[2:].tolist(), center.tolist()
+    c, s = math.cos(-psi), math.sin(-psi)
+    return np.array([c * x - s * y + omega * up, s * x + c * y - omega * right, omega])

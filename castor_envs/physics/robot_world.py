@@ -11,7 +11,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate_single
 from castor_envs.motion.kinematics import Geometry, castor_rates, inverse
-from castor_envs.physics.bodies import place, pose_of, twist_of
+from castor_envs.physics.bodies import motion_of, move, pose_of, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import enough_substeps, wheel_records
 from castor_envs.vehicles.robot import RobotDescription
@@ -59,9 +59,9 @@ class RobotWorld:
             raise InputError(f"robot {self.robot.name!r} has no castor {held} with driven wheels to hold")
         self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
 
-        angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
-        theta = np.where(self.geometry.fixed, self.geometry.angle, angles)
-        bodies, joints = self._build(np.asarray(pose, dtype=float), theta, np.asarray(twist, dtype=float))
+        self._mass, self._inertia, self._center = chassis(self.robot)
+        motion, self.wheels["speed"] = self._start(pose, castor_angles, twist)
+        bodies, joints = self._build(motion)
         self._steers = len(self.robot.driven_castors)
         self._simulation = Simulation(
             f"robot {self.robot.name!r}",
@@ -75,33 +75,45 @@ class RobotWorld:
             stepper=stepper,
         )
 
-    def _build(self, pose: Array, theta: Array, twist: Array) -> tuple[list[pymunk.Body], list[Constraint]]:
+    def _start(self, pose: ArrayLike, castor_angles: ArrayLike | None, twist: ArrayLike) -> tuple[Array, Array]:
+        """Return how bodies move at the start (b, 6), and how fast wheels turn (w,), rad/s."""
+        pose, twist = np.asarray(pose, dtype=float), np.asarray(twist, dtype=float)
+        angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
+        theta = np.where(self.geometry.fixed, self.geometry.angle, angles)
         rates = np.nan_to_num(castor_rates(self.geometry, theta, twist))
-        spin = inverse(self.geometry, theta, rates, twist).rate
-        self.wheels["speed"] = spin
+        motion = [motion_of(pose[:2], pose[2], twist, self._center)]
+        for i, castor in enumerate(self.robot.castors):
+            if castor.steering != "fixed":
+                pivot = np.array(castor.pivot)
+                at = pose[:2] + rotate_single(pivot, pose[2])
+                u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
+                castor_twist = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
+                motion.append(motion_of(at, pose[2] + theta[i], castor_twist, castor_center(self.robot, i)))
+        return np.array(motion), inverse(self.geometry, theta, rates, twist).rate
 
-        mass, inertia, center = chassis(self.robot)
-        self._center = center
-        base = pymunk.Body(mass, inertia)
-        place(base, pose[:2], pose[2], twist, center)
+    def _build(self, motion: Array) -> tuple[list[pymunk.Body], list[Constraint]]:
+        base = pymunk.Body(self._mass, self._inertia)
         bodies: list[pymunk.Body] = [base]
         joints: list[Constraint] = []
-        for i, castor in enumerate(self.robot.castors):
+        for castor in self.robot.castors:
             if castor.steering == "fixed":
                 continue
             body = pymunk.Body(castor.mass, castor.inertia)
-            pivot = np.array(castor.pivot)
-            at = pose[:2] + rotate_single(pivot, pose[2])
-            u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
-            castor_twist = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
-            place(body, at, pose[2] + theta[i], castor_twist, castor_center(self.robot, i))
-            joint = PivotJoint(base, body, tuple(pivot - center), (castor.offset, 0.0))
+            joint = PivotJoint(base, body, tuple(np.array(castor.pivot) - self._center), (castor.offset, 0.0))
             joint.error_bias = 0.0  # all of a joint's drift is corrected in the next step
             joints.append(joint)
             if castor.steering == "driven":
                 joints.append(SimpleMotor(base, body, 0.0))
             bodies.append(body)
+        for body, row in zip(bodies, motion, strict=True):
+            move(body, row)
         return bodies, joints
+
+    def restart(self, castor_angles: ArrayLike) -> None:
+        """Start again at rest at the origin, castors at these angles (n,), as if made anew."""
+        motion, speed = self._start((0.0, 0.0, 0.0), castor_angles, (0.0, 0.0, 0.0))
+        self._simulation.restart(motion)
+        self.wheels["speed"] = speed
 
     def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = 0.0, drive: Drive = "servo") -> None:
         """Run one sample period with constant commands.

@@ -1,4 +1,4 @@
-"""Chipmunk's step of bodies on joints, as far as vehicles need it: the algorithm and its arithmetic, without collisions.
+"""Chipmunk's step of bodies on joints, as far as vehicles need it: without collisions, with the same arithmetic.
 
 Everything here is plain Python for numba to compile (`castor_envs.physics.compiled_loop`). The operations are those of
 Chipmunk 7 (``cpSpaceStep``, ``cpPivotJoint.c``, ``cpSimpleMotor.c``, ``cpDampedRotarySpring.c``) in the same order, so
@@ -10,6 +10,7 @@ joint, by impulses that are remembered for the next step, `iterations` times (a 
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import pymunk
@@ -31,8 +32,8 @@ JOINT = np.dtype(
         ("b_x", float),
         ("b_y", float),
         ("closing", float),
-        # of a motor and a spring: the inertia between them; of a motor its rate (rad/s) and greatest impulse (N m s); of
-        # a spring its stiffness (N m/rad), its angle at rest, and the share of the rate that it damps in a step
+        # of a motor and a spring: the inertia between bodies; of a motor its rate (rad/s) and greatest impulse
+        # (N m s); of a spring its stiffness (N m/rad), its angle at rest, and the share of the rate that it damps
         ("inertia", float),
         ("rate", float),
         ("most", float),
@@ -81,21 +82,23 @@ def joint_records(bodies: Sequence[pymunk.Body], joints: Sequence[Constraint], d
     return records
 
 
-def solving_order(joints: NDArray[np.void], iterations: int) -> NDArray[np.uint64]:
-    """Return the joints, by their indices, in an order in which a step may correct velocities.
+@lru_cache
+def solving_order(joints: tuple[tuple[int, int, int], ...], iterations: int) -> NDArray[np.uint64]:
+    """Return joints, by their indices, in an order in which a step may correct velocities; not to be changed.
 
     As `iterations` times one joint after the other, but what waits for nothing comes first: along a chain, the next
     iteration starts at one end while the last is still on its way to the other. Joints that share a body keep their
     order, so results are the same to the last bit, and the processor has several joints to work on at once.
+
+    joints: of each its kind and its two bodies.
     """
     ready: dict[int, int] = {}
     turns = []
     for turn in range(iterations * len(joints)):
-        joint = joints[turn % len(joints)]
-        ends = int(joint["a"]), int(joint["b"])
+        kind, *ends = joints[turn % len(joints)]
         level = max(ready.get(end, 0) for end in ends)
         ready.update(dict.fromkeys(ends, level + 1))
-        turns.append((level, int(joint["kind"]), turn % len(joints)))
+        turns.append((level, kind, turn % len(joints)))
     return np.array([turn[2] for turn in sorted(turns)], dtype=np.uint64)
 
 

@@ -15,6 +15,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.kernels.arguments import array
 from castor_envs.kernels.kernel import Kernel
 from castor_envs.physics import tyre as law
+from castor_envs.physics.bodies import move
 from castor_envs.physics.solver import JOINT, MOTOR, SPRING, joint_records, places_ahead, solving_order
 
 Drive = Literal["servo", "voltage", "off"]
@@ -82,16 +83,17 @@ class Simulation:
         self._take()
         self.masses = np.array([(body.mass, body.moment) for body in bodies])
         self.joints = joint_records(bodies, joints, self.dt)
-        self._order = solving_order(self.joints, iterations)
+        self._fresh = wheels.copy(), self.joints.copy()
+        self._order = solving_order(tuple(self.joints[["kind", "a", "b"]].tolist()), iterations)
         self._patches, self._cables = floor.patch_array(), floor.cable_array()
 
     @property
     def space(self) -> pymunk.Space:
-        """The same bodies, as they are now, in pymunk; how they are moved there counts."""
-        for body, (x, y, angle, v_x, v_y, spin) in zip(self._bodies, self.motion.tolist(), strict=True):
-            body.angle, body.position = angle, (x, y)
-            body.velocity, body.angular_velocity = (v_x, v_y), spin
-        self._shown = True
+        """The same bodies, as they are now, in pymunk; how they are moved there counts. Ask again after `advance`."""
+        if not self._shown:
+            for body, row in zip(self._bodies, self.motion, strict=True):
+                move(body, row)
+            self._shown = True
         return self._space
 
     def _take(self) -> None:
@@ -112,13 +114,21 @@ class Simulation:
         there = self.wheels, self._patches, self._cables
         return _ADVANCE.bind(world, self.motion, 1.0 / self.masses, self.joints, self._order, *there, *scratch)
 
+    def restart(self, motion: Array) -> None:
+        """Start again, bodies in `motion` (b, 6), as if made anew. Compiled ones only: pymunk's joints remember."""
+        if self._stepper != "compiled":
+            raise ValueError("a world of the reference stepper cannot start again; make a new one")
+        self.motion[:] = motion
+        self.wheels[:], self.joints[:] = self._fresh
+        self.time, self._shown = 0.0, False
+
     def command(self, wheels: NDArray[np.intp], command: ArrayLike, limit: ArrayLike, drive: Drive) -> None:
         """Set the mode of some wheels' motors, and their command within +-limit."""
         self.wheels["drive"][wheels] = _DRIVES[drive]
         self.wheels["command"][wheels] = np.minimum(np.maximum(command, -np.asarray(limit)), limit)
 
     def steer(self, rates: ArrayLike, most: float) -> None:
-        """Command the motors between bodies: rates (m,), rad/s, of the second body against the first, within +-most N m."""
+        """Command the motors between bodies: rates (m,), rad/s, of the second against the first, within +-most N m."""
         motors = self.joints["kind"] == MOTOR
         self.joints["rate"][motors] = -np.asarray(rates)
         self.joints["most"][motors] = most * self.dt
@@ -186,7 +196,7 @@ class Simulation:
         return float(np.sum(0.5 * springs["stiffness"] * angle**2))
 
     def _climbed(self, middle: Array) -> float:
-        """Return the potential energy of wheels that stand on cables half a substep on, where bodies are `middle`, J."""
+        """Return the potential energy of wheels on cables half a substep on, where bodies are `middle` (b, 5), J."""
         energy = 0.0
         for wheel in self.wheels.view(np.recarray):
             x, y = middle[wheel.body, :2]

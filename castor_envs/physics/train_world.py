@@ -12,7 +12,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
-from castor_envs.physics.bodies import place, pose_of, twist_of
+from castor_envs.physics.bodies import motion_of, move, pose_of, twist_of
 from castor_envs.physics.stepper import Drive, Simulation, Stepper
 from castor_envs.physics.wheel_state import MOST_SUBSTEPS, enough_substeps, wheel_records
 from castor_envs.vehicles.train import TrainDescription
@@ -62,7 +62,7 @@ class TrainWorld:
             parts += [half_link(frame, side) for frame, side in ((ahead[i], 1.0), (behind[i], -1.0)) if frame]
             mass, inertia, center = combined(parts)
             body = pymunk.Body(mass, inertia)
-            place(body, poses[i][:2], poses[i][2], np.zeros(3), center)
+            move(body, motion_of(poses[i][:2], poses[i][2], np.zeros(3), center))
             shift = chassis(loaded)[2] - center
             wheels["x"] += shift[0]
             wheels["y"] += shift[1]
@@ -101,6 +101,11 @@ class TrainWorld:
             stepper=stepper,
         )
         self._n = n
+        self._start = self._simulation.motion.copy()
+
+    def restart(self) -> None:
+        """Start again where it was put, as if made anew."""
+        self._simulation.restart(self._start)
 
     def advance(self, wheel_command: ArrayLike, drive: Drive = "servo") -> None:
         """Run one sample period with constant commands (2N,), axle by axle, left first; as `RobotWorld.advance`."""

@@ -1,5 +1,8 @@
 """Encoders: cumulative counts, rounded from the true angle. Arithmetic broadcasts over leading axes."""
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -8,19 +11,27 @@ from castor_envs.motion.kinematics import Geometry
 
 
 class Encoders:
-    """The encoders of one robot, as it is built.
+    """The encoders of one robot, as it is built, or of a train.
 
-    geometry: of the real robot. phase (..., driven wheels): where between two counts each wheel encoder stood at the
-    start, in counts, [0, 1).
+    geometry: of the real robot, or of each module of the real train, whose wheels and castors stand in a row. phase
+    (..., driven wheels): where between two counts each wheel encoder stood at the start, in counts, [0, 1).
     """
 
-    def __init__(self, geometry: Geometry, phase: ArrayLike) -> None:
-        self._geometry = geometry
-        self._driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
-        self._sensed = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
-        self._phase = np.asarray(phase, dtype=float)
-        self._steps = geometry.counts_per_rev[self._driven] / (2 * np.pi)
-        self._turn = geometry.pivot_counts_per_rev[self._sensed]
+    def __init__(self, geometry: Geometry | Sequence[Geometry], phase: ArrayLike) -> None:
+        bodies = [geometry] if isinstance(geometry, Geometry) else geometry
+        wheels, pivots, zero = (
+            np.concatenate([getattr(body, name) for body in bodies], axis=-1)
+            for name in ("counts_per_rev", "pivot_counts_per_rev", "pivot_zero")
+        )
+        self._driven, self._sensed = np.flatnonzero(~np.isnan(wheels)), np.flatnonzero(~np.isnan(pivots))
+        self._zero, self._phase = zero, np.asarray(phase, dtype=float)
+        self._steps, self._turn = wheels[self._driven] / (2 * np.pi), pivots[self._sensed]
+
+    def started(self, random: np.random.Generator) -> "Encoders":
+        """Return the same encoders at phases drawn from `random`, as `random_phase` draws them body by body."""
+        drawn = copy.copy(self)
+        drawn._phase = random.uniform(size=len(self._driven))
+        return drawn
 
     @staticmethod
     def random_phase(geometry: Geometry, random: np.random.Generator, *axes: int) -> Array:
@@ -33,7 +44,7 @@ class Encoders:
 
     def pivot(self, castor_angle: Array) -> Array:
         """Return absolute counts (..., pivot encoders) in [0, counts per turn) for castor angles (..., n)."""
-        measured = (castor_angle + self._geometry.pivot_zero)[..., self._sensed]
+        measured = (castor_angle + self._zero)[..., self._sensed]
         return np.mod(np.round(measured * self._turn / (2 * np.pi)), self._turn)
 
 

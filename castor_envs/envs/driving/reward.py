@@ -15,7 +15,8 @@ def tracking_error(pose: Array, target: Array) -> tuple[float, float]:
     pose, target: (3,) of a robot, (N, 3) of a train.
     """
     away = target - pose
-    return float(np.mean(np.hypot(away[..., 0], away[..., 1]))), float(np.mean(np.abs(wrap(away[..., 2]))))
+    distance, turn = np.hypot(away[..., 0], away[..., 1]), np.abs(wrap(away[..., 2]))
+    return float(distance.mean()), float(turn.mean())
 
 
 def quality(position_error: float, heading_error: float) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from castor_envs.envs.actions import finite
 from castor_envs.envs.base import Sensed, VehicleEnv
 from castor_envs.envs.driving.followers import Follower
+from castor_envs.envs.driving.reference_table import Reference, ReferenceTable
 from castor_envs.envs.driving.reward import LOST, quality, tracking_error
 from castor_envs.envs.driving.scaling import Scaling
 from castor_envs.errors import InputError, did_you_mean, one_line
@@ -74,7 +75,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Put the vehicle at the start of its course."""
         self._start(seed)
-        self._goal = self._course.target(self._course.duration)
+        self._table = ReferenceTable(self._course, self.vehicle.sample_period, AHEAD)
         self._estimator = None if self._estimator_class is None else self._estimator_class()
         if self._estimator is not None:
             self._estimator.reset(self.vehicle, self._sensed.pose)
@@ -82,7 +83,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Command the motors for one sample period."""
-        fraction = np.clip(finite(action, self.action_space.shape, "action"), -1.0, 1.0)
+        fraction = np.minimum(np.maximum(finite(action, self.action_space.shape, "action"), -1.0), 1.0)
         commands = self._commands(self._motors(fraction))
         self._advance(commands, "voltage" if self._control == "voltage" else "servo")
         self._sample += 1
@@ -101,16 +102,17 @@ class TrackingEnv(VehicleEnv[Sensed]):
         return fraction * fastest
 
     def _commands(self, motors: Array) -> Commands:
-        return Commands(*np.split(motors, [self.follower.wheels]))
+        return Commands(motors[: self.follower.wheels], motors[self.follower.wheels :])
 
     def _after(self, commands: Commands) -> tuple[Any, dict[str, Any]]:
         """Return observation and information of the newest sample; in human mode, draw it."""
-        pose, target = self._sensed.pose, self._target()
+        pose, reference = self._sensed.pose, self._table.at(self._sample)
+        target = reference.places[0].copy()
         self._believed = pose
         if self._estimator is not None:
             self._believed = finite(self._estimator.update(self._sensed.observation), pose.shape, "estimator's pose")
         self._show()
-        self._unscaled = self._sensed.observation | self._reference()
+        self._unscaled = self._sensed.observation | self._seen(reference)
         observation = self._unscaled if self._scaling is None else self._scaling(self._unscaled)
         position_error, heading_error = tracking_error(pose, target)
         return observation, {
@@ -122,22 +124,16 @@ class TrackingEnv(VehicleEnv[Sensed]):
             "steering_command": commands.steering,
         }
 
-    def _reference(self) -> Observation:
+    def _seen(self, reference: Reference) -> Observation:
         """Return what is seen of the course from where the agent believes to be."""
-        period = self.vehicle.sample_period
-        now = self._sample * period
-        return {
-            "reference": self._seen(self._course.target(now + np.array(AHEAD))),
-            "reference_twist": np.clip(self._course.twist(now + 0.5 * period).ravel(), -FAST, FAST),
-            "goal": self._seen(self._goal),
-        }
-
-    def _seen(self, places: Array) -> Array:
-        """Return poses (..., 3), or (..., N, 3) of a train, flat, as seen from where the agent believes to be."""
-        seen = relative_pose(self._believed, places)
-        seen[..., :2] = np.clip(seen[..., :2], -FAR, FAR)
+        seen = relative_pose(self._believed, reference.places)
+        seen[..., :2] = np.minimum(np.maximum(seen[..., :2], -FAR), FAR)
         seen[..., 2] = wrap(seen[..., 2])
-        return seen.ravel()
+        return {
+            "reference": seen[:-1].ravel(),
+            "reference_twist": np.minimum(np.maximum(reference.twist.ravel(), -FAST), FAST),
+            "goal": seen[-1].ravel(),
+        }
 
     def shown_estimate(self) -> ArrayLike | None:
         """Return where the agent believes to be, if an estimator tells it."""

@@ -301,10 +301,10 @@ def test_the_simulated_sensors_and_the_prediction_are_one(name):
         moved = np.abs(np.hstack([predicted_wheel - wheel, predicted_castor - castor]))
         assert np.max(moved) > 1e-5
     count = np.cumsum([observation["wheel"] for observation in observations], axis=0)
-    expected = sensed._encoders[0].wheel(predicted_wheel)
+    expected = sensed._encoders.wheel(predicted_wheel)
     np.testing.assert_array_equal(count, expected - expected[0])
     np.testing.assert_array_equal(
-        [observation["pivot"] for observation in observations], sensed._encoders[0].pivot(predicted_castor)
+        [observation["pivot"] for observation in observations], sensed._encoders.pivot(predicted_castor)
     )
 
 

@@ -121,17 +121,20 @@ def center_of_mass(world):
     return np.average([body.position for body in bodies], axis=0, weights=[body.mass for body in bodies])
 
 
+def pivots(world):
+    return [joint for joint in world._simulation.space.constraints if isinstance(joint, PivotJoint)]
+
+
 @pytest.mark.parametrize("friction", [0.8, 0.05])
 @pytest.mark.parametrize("name", [name for name in PRESETS if name != "differential"])
 def test_pivots_hold_together_under_random_full_commands(name, friction):
     robot = dataclasses.replace(preset(name), contact=Contact(friction=friction))
     random = np.random.default_rng(2)
     world = RobotWorld(robot, castor_angles=random.uniform(-math.pi, math.pi, len(robot.castors)))
-    pivots = [joint for joint in world._simulation.space.constraints if isinstance(joint, PivotJoint)]
-    assert len(pivots) == sum(castor.steering != "fixed" for castor in robot.castors)
+    assert len(pivots(world)) == sum(castor.steering != "fixed" for castor in robot.castors)
     for _ in range(60):
         wheels = random.uniform(-1, 1, len(robot.driven_wheels)) * robot.max_wheel_speed
         world.advance(wheels, random.uniform(-1, 1, len(robot.driven_castors)) * robot.max_steering_speed)
-        for joint in pivots:
+        for joint in pivots(world):
             ends = joint.a.local_to_world(joint.anchor_a), joint.b.local_to_world(joint.anchor_b)
             assert math.dist(*ends) < 1e-5

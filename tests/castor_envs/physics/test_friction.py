@@ -116,6 +116,10 @@ def contact_points(robot, world):
     return np.array(points)
 
 
+def momentum(world):
+    return np.sum([body.mass * np.array(body.velocity) for body in world._simulation.space.bodies], axis=0)
+
+
 @pytest.mark.parametrize("name", CIRCLE_ROBOTS)
 @given(seed=st.integers(0, 2**32 - 1), slippery=st.floats(0.0, 0.4), drive=st.sampled_from(["servo", "voltage"]))
 @example(seed=1, slippery=0.0, drive="servo")
@@ -134,14 +138,13 @@ def test_contact_forces_stay_in_the_friction_circle(name, seed, slippery, drive)
         twist=random.uniform(-1, 1, 3),
         substeps=1,
     )
-    bodies = world._simulation.space.bodies
     limit = robot.max_wheel_speed if drive == "servo" else 1.0
     wheel_command, steering_command = np.zeros(len(robot.driven_wheels)), np.zeros(len(robot.driven_castors))
     for k in range(300):
         if k % 40 == 0:
             wheel_command = random.uniform(-limit, limit, len(wheel_command))
             steering_command = random.uniform(-5, 5, len(steering_command))
-        before = np.sum([body.mass * np.array(body.velocity) for body in bodies], axis=0)
+        before = momentum(world)
         points = contact_points(robot, world)
         world.advance(wheel_command, steering_command, drive)
         across = ((points - 0.15) * np.exp(-0.2j)).real
@@ -156,9 +159,8 @@ def test_contact_forces_stay_in_the_friction_circle(name, seed, slippery, drive)
         size = np.where(grip, np.hypot(long, lat), np.abs(long) / rollers)
         assert np.all(size <= friction * loads * (1 + 1e-9) + 1e-12)
         # The same by Newton's second law, from the bodies alone.
-        after = np.sum([body.mass * np.array(body.velocity) for body in bodies], axis=0)
         downhill = total_mass(robot) * np.array(floor.downhill_gravity)
-        force = (after - before) / robot.sample_period - downhill
+        force = (momentum(world) - before) / robot.sample_period - downhill
         assert math.hypot(*force) <= np.sum(friction * loads) * (1 + 1e-6) + 1e-6
 
 

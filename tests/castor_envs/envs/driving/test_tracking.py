@@ -12,8 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from castor_envs.envs.driving.reference_table import ROWS, ReferenceTable
 from castor_envs.envs.driving.reward import LOST, quality, tracking_error
 from castor_envs.envs.driving.scaling import LIMIT
+from castor_envs.envs.driving.tracking import AHEAD
 from castor_envs.errors import InputError
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.paths import TrainPath
@@ -348,3 +350,16 @@ def test_nothing_is_drawn_before_a_picture_is_asked_for():
     second = env.render()
     assert first.shape == second.shape
     assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_table_of_a_course_holds_what_the_course_says_of_each_sample(name):
+    env = made(name)
+    env.reset(seed=4)
+    course, period = env._course, env.vehicle.sample_period
+    table = ReferenceTable(course, period, AHEAD)
+    for sample in (0, 1, ROWS - 1, ROWS, 2 * ROWS + 5, 3):
+        places, twist = table.at(sample)
+        assert places[:-1].tobytes() == course.target(sample * period + np.array(AHEAD)).tobytes()
+        assert places[-1].tobytes() == course.target(course.duration).tobytes()
+        assert twist.tobytes() == course.twist(sample * period + 0.5 * period).tobytes()
