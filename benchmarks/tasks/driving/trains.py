@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.tasks.ceilings.trains import followed_ideally
 from benchmarks.tasks.driving.disturbances import FAULT_LATENCY, failing, fails_when, slipping
 from benchmarks.tasks.driving.task import CALIBRATED, RATES, sampled_times
 from benchmarks.tasks.driving.train_drive import TrainDrive, drive_train, recorded_train
-from benchmarks.tasks.ideal_train import followed_ideally
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log

@@ -174,9 +174,6 @@ def test_the_oracle_is_better_than_the_filter_by_a_paired_interval():
         assert not isinstance(estimates, Failure)
         (run,) = episode.runs
         assert run.oracle is not None
-        assert score(episode, [run.oracle])["attained"] == pytest.approx(1.0)
-        still = np.broadcast_to(run.start[:, None], run.truth.shape)
-        assert score(episode, [still])["attained"] == pytest.approx(0.0)
         told, untold = (score(episode, [of])["mean_axle_position"] for of in (run.oracle, estimates[0].poses))
         ratio.append(np.log(told / untold))
     half = t.ppf(0.975, len(ratio) - 1) * np.std(ratio, ddof=1) / len(ratio) ** 0.5

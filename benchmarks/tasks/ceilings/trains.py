@@ -1,8 +1,12 @@
-"""A ceiling of what localisation of trains can reach: odometry that knows the true train, on wheels that never slip.
+"""Ceilings of what localisation of trains can reach.
 
-Each wheel's encoder reads how far the floor passes beneath it along its rolling direction. What is left are the
-encoder's steps, and slip to the side, which no wheel shows. Relative poses are not used: they could only add noise.
+Of drives: odometry that knows the true train, on wheels that never slip. Each wheel's encoder reads how far the floor
+passes beneath it along its rolling direction. What is left are the encoder's steps, and slip to the side, which no
+wheel shows. Relative poses are not used: they could only add noise. Of snapshots: the best fit of the axles that
+odometry has right, told which they are.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +14,8 @@ from numpy.typing import NDArray
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
+from estimators.trains.grpec import attached
+from estimators.trains.least_squares import gauss_newton
 from estimators.trains.odometry import TrainOdometry
 
 
@@ -43,3 +49,12 @@ def rolled_angles(train: TrainDescription, pose: Array) -> Array:
     radius = np.array([[wheel.radius for wheel in pair] for pair in wheels])
     angle = (arc[..., None] - lateral * turn[..., None]) / radius
     return np.concatenate([np.zeros((1, pose.shape[1] // 3 * 2)), np.cumsum(angle, axis=0).reshape(len(step), -1)])
+
+
+def best_configuration(belief: Array, relative: Array, sound: Sequence[int]) -> Array:
+    """Return the ceiling's poses (N, 3) of a snapshot: the least-squares fit that is told which axles' belief is right.
+
+    belief (N, 3), relative (N - 1, 3). sound: these axles, from 1 at the front.
+    """
+    right = np.isin(np.arange(1, len(belief) + 1), sound)
+    return gauss_newton(belief, relative, priors=right, start=attached(belief, relative)[int(np.argmax(right))]).poses

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.tasks.ideal_train import counts_per_radian, followed_ideally, rolled_angles
+from benchmarks.tasks.ceilings.trains import counts_per_radian, followed_ideally, rolled_angles
 from castor_envs.geometry import se2
 from castor_envs.vehicles.presets import cfmmr
 
@@ -13,7 +13,7 @@ RADIUS = TRAIN.modules[0].wheels[0].radius
 
 
 def circling(curvature: float, way: float, across: float = 0.0):
-    """Poses (K, 9) of three axles on a circle, each beginning elsewhere, that drift by `across` m to the left in all."""
+    """Poses (K, 9) of three axles on circles, from three places, that drift by `across` m to the left in all."""
     samples = 200
     steps = np.array([np.sinc(curvature * way / samples / (2 * np.pi)), 0.0, curvature * way / samples])
     steps[0] *= way / samples
