@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.results.references import CEILING, reference_store
 from benchmarks.results.rows import ResultsStore
 from benchmarks.tasks.driving.task import KINDS, ROBOTS, DrivenRobot
 from castor_envs.files import write_atomically
@@ -22,19 +23,18 @@ FORMAT = "castor-drives/1"
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE, FIGURES = DOCS / "benchmark.md", DOCS / "drives.json"
 START, END = "<!-- table drives: made by scripts/make_drive_tables.py -->\n", "<!-- end of table -->\n"
-SHOWN = ("wheel-odometry", "filter")
-ORACLE = {"ate": "ate_of_oracle"}
-"""The oracle's score beside the metric that ranks; of drift there is none."""
+SHOWN = ("wheel-odometry", "filter", CEILING)
+NAMES = {CEILING: "oracle"}
 
 Figures = dict[str, Any]
 
 
 def figures_of(results: Path) -> Figures:
     """Return scores by task, estimator and case, in SI; raises ValueError where estimators have different cases."""
-    store, tasks = ResultsStore(results), []
+    stores, tasks = (ResultsStore(results), reference_store(results)), []
     for task in (DrivenRobot(kind, label) for kind in KINDS for label in ROBOTS):
         scores: dict[str, dict[Any, dict[str, float]]] = defaultdict(dict)
-        for row in store.rows(task.name, task.version):
+        for row in (row for store in stores for row in store.rows(task.name, task.version)):
             if row.estimator in SHOWN and row.failure is None:
                 scores[row.estimator][row.case] = row.scores
         if not scores:
@@ -42,9 +42,7 @@ def figures_of(results: Path) -> Figures:
         cases = sorted(set.union(*map(set, scores.values())))
         if set(scores) != set(SHOWN) or any(set(of) != set(cases) for of in scores.values()):
             raise ValueError(f"{results}: {task.name} lacks cases of {' or '.join(SHOWN)}; run castor-bench run")
-        by_case = {name: [scores[name][case][task.metric] for case in cases] for name in SHOWN}
-        if task.metric in ORACLE:
-            by_case["oracle"] = [scores[SHOWN[0]][case][ORACLE[task.metric]] for case in cases]
+        by_case = {NAMES.get(name, name): [scores[name][case][task.metric] for case in cases] for name in SHOWN}
         rounded = {name: [float(f"{value:.6g}") for value in values] for name, values in by_case.items()}
         tasks.append({"task": task.name, "metric": task.metric, "scores": rounded})
     return {"format": FORMAT, "tasks": tasks}

@@ -2,15 +2,17 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 
 from benchmarks.leaderboard.ranking import Interval, interval, ranks
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.references import CEILING, FLOOR, reference_store
 from benchmarks.results.rows import DECLINED, ResultsStore, Row, UpdateCost
 from benchmarks.scoring.metric import Metric
-from benchmarks.scoring.path_metrics import STANDING_STILL
+from benchmarks.scoring.path_metrics import ATTAINED, STANDING_STILL, attained
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Task, odometry_of
 from castor_envs.vehicles.train import TrainDescription
@@ -57,6 +59,7 @@ class Entry:
 class TaskBoard:
     """The board of a task. of_train: it judges estimators of trains.
 
+    ceiling and floor: the oracle, where the task has one, and standing still; they are no estimators and have no rank.
     missing: why there are no results. declined: estimators that declined every case, with the reason. superseded:
     estimators with the hash and number of rows of their older sources. odometry: on a board of calibration methods
     (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else None.
@@ -75,6 +78,13 @@ class TaskBoard:
     missing: str | None
     superseded: tuple[tuple[str, str, int], ...]
     odometry: str | None = None
+    ceiling: Entry | None = None
+    floor: Entry | None = None
+
+    @property
+    def rows(self) -> tuple[Entry, ...]:
+        """What a table of the board shows: the entries, and below them ceiling and floor."""
+        return (*self.entries, *(entry for entry in (self.ceiling, self.floor) if entry is not None and self.entries))
 
 
 @dataclass(frozen=True)
@@ -117,7 +127,9 @@ def build(
             rows = [row for row in rows if row.case in chosen]
         reason = (missing or {}).get(task.name) or task.missing
         recorded = _recorded(task, {row.case for row in rows}, episodes, refused_episodes)
-        boards.append(_board(task, rows, store, recorded, reason, sources or {}, (left_out or {}).get(task.name, ())))
+        references = reference_store(results).rows(task.name, task.version)
+        left = (left_out or {}).get(task.name, ())
+        boards.append(_board(task, rows, references, store, recorded, reason, sources or {}, left))
     current = {task.name: task.version for task in tasks}
     other_versions = tuple(
         (name, version) for name, version in store.versions() if current.get(name, version) != version
@@ -173,6 +185,7 @@ def _recorded(
 def _board(
     task: Task,
     rows: list[Row],
+    references: Iterable[Row],
     store: ResultsStore,
     recorded: dict[Case, str],
     missing: str | None,
@@ -206,7 +219,12 @@ def _board(
         and not _stands_still(entry_rows)
     }
     placed = ranks(ranking, BOARD_METRICS[task.metric].rounding)
-    entries = [_entry(task, name, entry_rows, placed.get(name), cases, store) for name, entry_rows in newest.items()]
+    whole = _whole(references, {case: recorded[case] for case in cases})
+    entries = [
+        _entry(task, name, _with_attained(task, entry_rows, whole), placed.get(name), cases, store)
+        for name, entry_rows in newest.items()
+    ]
+    beside = {name: _entry(task, name, of, None, cases, store) for name, of in whole.items()}
     entries.sort(key=lambda entry: _entry_order(entry, task.metric))
     return TaskBoard(
         task=task.name,
@@ -222,7 +240,34 @@ def _board(
         missing=missing if not entries else None,
         superseded=tuple(superseded),
         odometry=odometry_of(task),
+        ceiling=beside.get(CEILING),
+        floor=beside.get(FLOOR),
     )
+
+
+def _whole(rows: Iterable[Row], episodes: dict[Case, str]) -> dict[str, list[Row]]:
+    """Return the rows of ceiling and floor, by name, where there is one of every recorded episode (digests by case)."""
+    found: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        if row.failure is None and episodes.get(row.case) == row.episode:
+            found[row.estimator].append(row)
+    return {name: of for name, of in found.items() if len(of) == len(episodes)}
+
+
+def _with_attained(task: Task, rows: list[Row], references: dict[str, list[Row]]) -> list[Row]:
+    """Return an estimator's rows with what each attains between standing still and the oracle, where both are known.
+
+    By the ATE, as on a closed square who stands still ends where the robot does; of snapshots by what ranks.
+    """
+    floor, ceiling = ({row.case: row.scores for row in references.get(name, [])} for name in (FLOOR, CEILING))
+    found = []
+    for row in rows:
+        if row.failure is None and row.case in floor and row.case in ceiling:
+            metric = "ate" if "ate" in row.scores else task.metric
+            part = float(attained(row.scores[metric], floor[row.case][metric], ceiling[row.case][metric]))
+            row = replace(row, scores=row.scores | ({ATTAINED: part} if isfinite(part) else {}))
+        found.append(row)
+    return found
 
 
 def _entry(

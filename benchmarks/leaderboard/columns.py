@@ -33,7 +33,7 @@ class Column:
 
 def board_columns(board: TaskBoard) -> list[Column]:
     """Return all columns that a terminal may be shown: the main metrics, an interval for the ranking one."""
-    entries, primary = board.entries, board.metric
+    entries, primary = board.rows, board.metric
     columns = [
         Column("rank", "rank", tuple("–" if entry.rank is None else str(entry.rank) for entry in entries)),
         Column(

@@ -7,6 +7,7 @@ from rich.console import Console
 from benchmarks.leaderboard.board import Leaderboard, TaskBoard
 from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
 from benchmarks.results.archives import CorruptFileError
+from benchmarks.results.references import CEILING
 from benchmarks.results.rows import DECLINED, older_rows
 
 
@@ -34,6 +35,8 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
     if board.odometry is not None:
         meaning.append(f"odometry with the calibrated robot: {board.odometry}")
     notes = ["; ".join(meaning), *refusals]
+    if board.ceiling is not None:
+        notes.append(f"{CEILING} is told what nobody can know, as a ceiling of what is possible; it is no estimator")
     for entry in board.entries:
         for failed in entry.failed:
             cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")

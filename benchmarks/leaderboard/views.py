@@ -51,30 +51,33 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
         "unit": board.metric.unit,
         "cases": len(board.cases),
         "odometry": board.odometry,
-        "entries": [
-            {
-                "rank": entry.rank,
-                "estimator": entry.estimator,
-                "source_hash": entry.source_hash,
-                "scores": {
-                    BOARD_METRICS[name].key: {"mean": score.mean, "low": score.low, "high": score.high}
-                    for name, score in entry.scores.items()
-                },
-                "mean_update_us": None if entry.cost is None else entry.cost.mean,
-                "worst_update_us": None if entry.cost is None else entry.cost.worst,
-                "cases_done": entry.done,
-                "failed": [{"reason": failed.reason, "cases": list(failed.cases)} for failed in entry.failed],
-                "lacking": list(entry.lacking),
-                "stands_still": entry.stands_still,
-            }
-            for entry in board.entries
-        ],
+        "entries": [_entry_json(entry) for entry in board.entries],
+        "ceiling": None if board.ceiling is None else _entry_json(board.ceiling),
+        "floor": None if board.floor is None else _entry_json(board.floor),
         "declined": [{"estimator": declined.estimator, "reason": declined.reason} for declined in board.declined],
         "missing": board.missing,
         "superseded": [
             {"estimator": name, "source_hash": source_hash, "rows": rows}
             for name, source_hash, rows in board.superseded
         ],
+    }
+
+
+def _entry_json(entry: Entry) -> dict[str, Any]:
+    return {
+        "rank": entry.rank,
+        "estimator": entry.estimator,
+        "source_hash": entry.source_hash,
+        "scores": {
+            BOARD_METRICS[name].key: {"mean": score.mean, "low": score.low, "high": score.high}
+            for name, score in entry.scores.items()
+        },
+        "mean_update_us": None if entry.cost is None else entry.cost.mean,
+        "worst_update_us": None if entry.cost is None else entry.cost.worst,
+        "cases_done": entry.done,
+        "failed": [{"reason": failed.reason, "cases": list(failed.cases)} for failed in entry.failed],
+        "lacking": list(entry.lacking),
+        "stands_still": entry.stands_still,
     }
 
 
@@ -97,7 +100,7 @@ def as_markdown(leaderboard: Leaderboard) -> str:
 def whole_table(board: TaskBoard) -> list[list[str]]:
     """Return a board with all its metrics as text, the header first; its second column is text, the others numbers."""
     metrics = [board.metric, *(metric for metric in _present(board) if metric != board.metric)]
-    return [_header(board, metrics), *(_cells(entry, metrics, board.odometry is None) for entry in board.entries)]
+    return [_header(board, metrics), *(_cells(entry, metrics, board.odometry is None) for entry in board.rows)]
 
 
 def as_csv(leaderboard: Leaderboard) -> str:

@@ -2,6 +2,7 @@
 
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/<case>.npz    a row: metadata, scores, trajectories
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     the CPU time of an update in this task
+    RESULTS/references/...                                                the same; see `references`
     RESULTS/episodes/...                                                  see `episodes`
 
 A row holds for one task version, one estimator's source and one recorded episode (by its digest, which covers the
@@ -120,14 +121,14 @@ _TIME_ADAPTER = TypeAdapter(_TimeMetadata)
 
 
 class ResultsStore:
-    """The rows under a results folder.
+    """The rows under a results folder. kind: the folder in it that holds them (see also `references`).
 
     Reading collects files that cannot be used in `corrupt`, and the formats of rows in older formats in
     `older_formats`.
     """
 
-    def __init__(self, results: Path):
-        self.root = results / "rows"
+    def __init__(self, results: Path, kind: str = "rows"):
+        self.root = results / kind
         self.corrupt: list[CorruptFileError] = []
         self.older_formats: set[str] = set()
 
@@ -236,7 +237,7 @@ def check_results_folder(results: Path, write: bool = True) -> None:
 
 def clean_results_folder(results: Path) -> None:
     """Remove the temporary files of runs that were killed while they wrote; those of a run going on stay."""
-    for part in ("rows/*/*", "episodes/*", "robots"):
+    for part in ("rows/*/*", "references/*/*", "episodes/*", "robots"):
         for folder in results.glob(part):
             remove_leftovers(folder)
 

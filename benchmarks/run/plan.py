@@ -14,7 +14,7 @@ from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import ResultsStore, UpdateCost, check_results_folder, clean_results_folder, older_rows
 from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
-from benchmarks.run.record import record_missing
+from benchmarks.run.record import record_episode, record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task, odometry_of
@@ -151,7 +151,7 @@ class _Run:
             return self.episodes.load(task.name, task.version, case)
         except CorruptFileError as error:
             self.progress.warn(f"{error}; it is recorded again")
-            self.episodes.save(task, case, task.record(case))
+            record_episode(self.results, task, case)
             return self.episodes.load(task.name, task.version, case)
 
     def _time(self, plan: Sequence[Assignment]) -> None:

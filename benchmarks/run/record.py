@@ -6,6 +6,7 @@ from pathlib import Path
 
 from benchmarks.progress import RunProgress
 from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.references import reference_store, save_references
 from benchmarks.tasks.task import Case, Task
 from castor_envs.errors import InputError
 from castor_envs.processes import Done, InOrder, Job, Raised, run_jobs
@@ -39,10 +40,11 @@ def record_missing(
 
 
 def record_episode(results: Path, task: Task, case: Case) -> str | None:
-    """Record and store the episode of a case; returns what is wrong with the task's input, if anything is."""
+    """Record and store the episode of a case, and its references; returns what is wrong with the task's input."""
     try:
         episode = task.record(case)
     except InputError as error:
         return str(error)
     EpisodeStore(results).save(task, case, episode)
+    save_references(reference_store(results), task, case, episode)
     return None

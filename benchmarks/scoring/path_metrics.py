@@ -23,6 +23,9 @@ from castor_envs.geometry.se2 import relative_pose
 STANDING_STILL = "ate_standing_still"
 """The ATE of an estimator that stays at the start; stored, since on a closed path such an estimator can score well."""
 
+ATTAINED = "attained"
+"""Computed by boards (`attained`), as it needs the scores of two references beside the estimator's."""
+
 DRIFT_DISTANCES = (10.0, 20.0, 50.0, 100.0)
 """m, over which the error per distance is taken; as KITTI's, for robots in halls instead of cars on roads."""
 
@@ -138,21 +141,16 @@ def _drift(judged: Judged) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def _ate_of_oracle(judged: Judged) -> np.floating | None:
-    oracles = [(path.true, path.run.oracle) for path in judged.scored if path.run.oracle is not None]
-    return np.mean([absolute_trajectory_error(true, oracle) for true, oracle in oracles]) if oracles else None
+def attained(score: ArrayLike, still: ArrayLike, oracle: ArrayLike) -> Array:
+    """Return how far scores (...) are on the way from that of standing still, 0, to that of the oracle, 1, at most 1.
 
-
-def _attained(judged: Judged) -> float | None:
-    """Return how far an estimator is on the way from standing still, 0, to the oracle, 1, both by the ATE's logarithm.
-
-    Errors of odometry span orders of magnitude: half of the way is the geometric mean of both errors. At most 1.
+    By the logarithm: errors of odometry span orders of magnitude, and half of the way is the geometric mean of both
+    ends. NaN where the oracle is no better than standing still.
     """
-    errors = [compute(judged) for compute in (_ate_standing_still, _ate, _ate_of_oracle)]
-    if any(error is None or not error > 0 for error in errors):
-        return None
-    still, estimator, oracle = np.log(np.array(errors, dtype=float))
-    return float(np.clip((still - estimator) / (still - oracle), 0.0, 1.0)) if still > oracle else None
+    with np.errstate(all="ignore"):
+        still, score, oracle = (np.log(np.asarray(of, dtype=float)) for of in (still, score, oracle))
+        part = np.clip((still - score) / (still - oracle), 0.0, 1.0)
+        return np.where((still > oracle) & np.isfinite(part), part, np.nan)
 
 
 METRICS = (
@@ -202,20 +200,8 @@ METRICS = (
         **MM,
     ),
     Metric(
-        "ate_of_oracle",
-        _ate_of_oracle,
-        key="ate_of_oracle_m",
-        title="ATE of the oracle",
-        short="oracle",
-        description="ATE of odometry that knows the true robot and what disturbs it",
-        place=86,
-        ranks=False,
-        on_boards=False,
-        **MM,
-    ),
-    Metric(
-        "attained",
-        _attained,
+        ATTAINED,
+        lambda judged: None,
         key="attained",
         title="attained",
         short="attained",

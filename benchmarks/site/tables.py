@@ -78,10 +78,10 @@ def board_table(board: TaskBoard, link: Callable[[Entry], str | None] = lambda e
     if board.odometry is None:
         headings += [Heading("update, µs", title="mean CPU time of an update"), Heading("worst, µs")]
     rows = []
-    for entry in board.entries:
+    for entry in board.rows:
         cells = [
             Cell("–" if entry.rank is None else str(entry.rank), "" if entry.rank is None else entry.rank),
-            Cell(entry.estimator, entry.estimator, link=link(entry)),
+            Cell(entry.estimator, entry.estimator, link=link(entry) if entry in board.entries else None),
         ]
         for metric in metrics:
             score = entry.scores.get(metric.name)

@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.tasks.ceilings.robots import with_ceiling
 from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_as_described
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.logs.log import Log
@@ -125,7 +126,7 @@ class KinematicUMBmark:
                 wheel, pivot = encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle)
                 log = Log(t=rolled.t, wheel=wheel, pivot=pivot, reference=rolled.pose)
                 runs.append(Run(log, direction))
-        return Episode(self.described(case), tuple(runs))
+        return Episode(self.described(case), with_ceiling(self.robot, runs, slips=False))
 
 
 def phase_source(case: int) -> np.random.Generator:

@@ -13,6 +13,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
+from benchmarks.tasks.ceilings.robots import with_ceiling
 from benchmarks.tasks.kinematic import CALIBRATED
 from benchmarks.tasks.other_robots import OtherRobot, cannot_roll_square
 from benchmarks.tasks.task import Case, Episode, Run, Task
@@ -113,7 +114,7 @@ class PhysicsUMBmark:
                 seed = int(np.random.SeedSequence([int(case), 2, side, baseline]).generate_state(1)[0])
                 log = drive(self.robot, direction, floor, seed)
                 runs.append(Run(log, direction, baseline=bool(baseline), floor=floor))
-        return Episode(described, tuple(runs))
+        return Episode(described, with_ceiling(self.robot.as_built(), runs))
 
 
 def drive(robot: RobotDescription, direction: Direction, floor: Floor, seed: int) -> Log:

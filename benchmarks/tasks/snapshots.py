@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks.tasks.ceilings.trains import best_configuration
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.geometry.arrays import Array
@@ -212,7 +213,8 @@ def snapshot(truth: Array, belief: Array, relative: Array, sound: tuple[int, ...
         reference=np.tile(truth.ravel(), (rows, 1)),
         rps=np.tile(relative.ravel(), (rows, 1)),
     )
-    return Run(log, belief=belief, sound=sound)
+    ceiling = best_configuration(belief, relative, sound)
+    return Run(log, belief=belief, sound=sound, oracle=ceiling[:, None])
 
 
 def tasks(measured: Path | None) -> tuple[Task, ...]:

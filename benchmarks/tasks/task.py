@@ -147,13 +147,13 @@ class Episode:
 
     @cached_property
     def digest(self) -> str:
-        """A hash of all that estimates and scores depend on, by which an episode is recognised."""
+        """A hash of all that estimates and scores depend on, by which an episode is recognised; oracles are no part."""
         seen = hashlib.sha256(self.robot.hash().encode())
         for run in self.runs:
             seen.update(f"{run.direction} {run.baseline}".encode())
             seen.update(_log_bytes(run.log))
             further = {name: getattr(run.log, name) for name in _FURTHER}
-            for name, array in (further | {"belief": run.belief, "oracle": run.oracle}).items():
+            for name, array in (further | {"belief": run.belief}).items():
                 if array is not None:
                     seen.update(name.encode() + _bytes(array))
             if run.sound:

@@ -15,6 +15,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks.tasks.ceilings.trains import followed_ideally
 from benchmarks.tasks.kinematic import CALIBRATED
 from benchmarks.tasks.task import Case, Episode, Run, Task
 from castor_envs.floor import Cable, Floor, Patch
@@ -99,7 +100,10 @@ class DrivenTrain:
         path = random_path(random)
         floor = self.floor(path, random)
         log = drive(train, path, floor, seed=int(random.integers(2**31)))
-        return Episode(described, (Run(log, floor=floor),))
+        run = Run(log, floor=floor)
+        assert log.reference is not None
+        ceiling = followed_ideally(train, log.reference, run.samples)
+        return Episode(described, (dataclasses.replace(run, oracle=ceiling),))
 
 
 def drive(train: TrainDescription, path: TrainPath, floor: Floor, seed: int) -> Log:

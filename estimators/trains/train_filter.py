@@ -7,7 +7,8 @@ by how well it explains all readings. Evidence that comes late then still decide
 
 State, for N axles and F = N - 1 frames: x, y (m) and psi (rad) of every axle in N; offsets of y (m) and phi (rad) of
 every frame's readings, whose prior is that of its gauges' offsets in the train file; errors of the wheels' radii, part
-of them, with the prior `RADII`. One step is a block of samples (`BLOCK`):
+of them, whose prior is the tolerance that modules of the train file state, `RADII` where they state none. One step is a
+block of samples (`BLOCK`):
 
 1. Prediction. Every axle moves by its odometry, corrected by the radii, and by its slip (along, across, turn), which is
    normal with a mean and a covariance that depend on its mode:
@@ -25,6 +26,9 @@ of them, with the prior `RADII`. One step is a block of samples (`BLOCK`):
    its innovation. The `MOST` heaviest are kept; those with equal modes in the last `LAG` blocks become one, with the
    mean and the covariance of their mixture: to keep the heaviest alone would forget how unsure the filter was. On clean
    floors an axle that grips is thought to slip (probability above 1/2) in 0.4 % of the blocks; the tests allow 1 %.
+
+A reading that repeats the last one bit for bit, while wheels say that the frame bends (`BENDS`), is of a frozen sensor,
+which is as good as none: gauges are noisy, so that a live sensor never does, and no clean log is changed by this test.
 
 A start that contradicts the first block's readings (`WRONG_START`) is no truth, but a belief: then the filter begins at
 the best fit of both, as `inliers` finds it.
@@ -61,8 +65,8 @@ START = np.array([5e-4, 5e-4, 1e-3])
 """Standard deviation of the poses at the start, m and rad: they are given, and taken to be true."""
 
 RADII = 5e-4
-"""Standard deviation of the error of each wheel's radius, part of it: calibrated ones are right to 0.04 % on average
-(Doebbler's Table I)."""
+"""Standard deviation of the error of each wheel's radius, part of it, where nobody states it: calibrated ones are right
+to 0.04 % on average (Doebbler's Table I)."""
 
 WRONG_START = 4.75
 """Standard deviations of a normal variable that one in a million exceeds."""
@@ -109,6 +113,9 @@ MOST, NEGLIGIBLE = 30, 15.0
 
 LAG = 6
 """Blocks after which it no longer counts when an axle began or ceased to slip: such filters become one."""
+
+BENDS = 1e-6
+"""m and rad: a frame bends if odometry moves one of its ends so far as seen from the other. One count moves it more."""
 
 SHAPE, UNSURE = 1.5e-4, 0.03
 """Standard deviation of a frame's length along x, m; and a part of its shortening, as tension bends it, too."""
@@ -165,7 +172,9 @@ class TrainFilter:
         by_gauge = [_by_gauge(frame) for frame in train.frames]
         read = [frame.gauge_noise**2 * by @ by.T for frame, by in zip(train.frames, by_gauge, strict=True)]
         self._noise = np.array(read)
-        covariance = np.diag(np.concatenate([np.tile(START**2, n), np.zeros(2 * f), np.full(2 * n, RADII**2)]))
+        stated = [module.tolerances for module in train.modules]
+        radii = np.repeat([RADII if within is None else within.radius for within in stated], 2)
+        covariance = np.diag(np.concatenate([np.tile(START**2, n), np.zeros(2 * f), radii**2]))
         for k, (frame, by) in enumerate(zip(train.frames, by_gauge, strict=True)):
             at = slice(3 * n + 2 * k, 3 * n + 2 * k + 2)
             covariance[at, at] = frame.gauge_offset**2 * by @ by.T
@@ -190,7 +199,8 @@ class TrainFilter:
         )
         self._times, self._od = np.zeros(0), np.zeros((0, n, 3))
         self._begun, self._od_begun = np.nan, self._odometry.poses.copy()
-        self._taken = np.full(f, -np.inf)
+        self._taken, self._last = np.full(f, -np.inf), np.full((f, 3), np.nan)
+        self._frozen, self._bent = np.zeros(f, dtype=bool), np.zeros((f, 3))
         self._begins_checked = False
         self._readings: list[tuple[Array, Array, Array]] = []
         self._summarise()
@@ -198,7 +208,9 @@ class TrainFilter:
     @property
     def status(self) -> str | None:
         """Which frame's relative pose cannot be used now, and why; None while all can."""
-        return self._odometry.status
+        frozen = [name for name, repeats in zip(self._train.frame_names, self._frozen, strict=True) if repeats]
+        says = f"frame {frozen[0]} repeats its last reading; odometry alone until it moves" if frozen else None
+        return self._odometry.status or says
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the poses (N, 3)."""
@@ -221,13 +233,20 @@ class TrainFilter:
     def _read(self, observation: Observation, time: float) -> None:
         """Keep every frame's new reading, NaN where there is none, with the OD poses of its front and rear axle then.
 
-        A reading that repeats the last one, as a sensor that has stopped gives it, tells nothing new.
+        A reading that repeats the last one tells nothing new: by its age, as a sensor that has stopped gives it, or bit
+        for bit, as a frozen one does.
         """
         f = len(self._taken)
         taken = time - np.asarray(observation["rps_age"], dtype=float)
-        new = self._odometry.usable & (taken > self._taken + SLACK)
-        self._taken = np.where(new, taken, self._taken)
-        reading = np.where(new[:, None], np.asarray(observation["rps"], dtype=float).reshape(f, 3), np.nan)
+        read = np.asarray(observation["rps"], dtype=float).reshape(f, 3)
+        again = taken > self._taken + SLACK
+        bent = se2.relative_pose(self._odometry.poses[1:], self._odometry.poses[:-1])
+        bends = self._frozen | (np.abs(bent - self._bent).max(axis=1) > BENDS)
+        self._frozen = (read == self._last).all(axis=1) & again & bends
+        self._bent = np.where(self._frozen[:, None], self._bent, bent)
+        new = self._odometry.usable & again & ~self._frozen
+        self._taken, self._last = np.where(new, taken, self._taken), read.copy()
+        reading = np.where(new[:, None], read, np.nan)
         then = np.array([[np.interp(taken, self._times, line) for line in axle.T] for axle in self._od.swapaxes(0, 1)])
         frames = np.arange(f)
         self._readings.append((reading, then[frames, :, frames], then[frames + 1, :, frames]))

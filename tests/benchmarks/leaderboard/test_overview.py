@@ -342,3 +342,13 @@ def test_markdown_rows_are_whole():
     assert lines[-1] == "| b | 2.00 | 1/2 | 2.0 · 2.00× | – |"
     (data,) = overviews_json(overviews(boards))
     assert [row["estimator"] for row in data["entries"]] == ["a", "b"]
+
+
+def test_robots_and_trains_of_one_group_stand_in_tables_of_their_own():
+    """Drives of both are in the groups `bursts` and so on; an estimator is compared with its kind alone."""
+    robots = board("bursts-swerve", {"filter": 0.1, "wheel-odometry": 0.2}, group="bursts")
+    trains = board("bursts-train-3", {"train-filter": 0.3, "grpec-xy": 0.4}, group="bursts", of_train=True)
+    first, second = overviews([trains, robots])
+    assert [one.estimator for one in first.entries] == ["filter", "wheel-odometry"]
+    assert [one.estimator for one in second.entries] == ["train-filter", "grpec-xy"]
+    assert [first.groups, second.groups] == [{"bursts": ("bursts-swerve",)}, {"bursts": ("bursts-train-3",)}]

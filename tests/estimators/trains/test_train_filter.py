@@ -245,6 +245,28 @@ def test_a_sensor_that_stops_tells_nothing_new(circling):
     np.testing.assert_allclose(poses, truth[:41], rtol=0, atol=3e-3)
 
 
+@pytest.mark.parametrize("frame", [0, 1])
+def test_a_frozen_sensor_costs_what_a_lost_one_does(frame):
+    """Its readings repeat as if new, while the wheels say that its frame bends: they are left out, and it is said."""
+    random = np.random.default_rng(7200 + frame)
+    train, at = cfmmr(3), slice(3 * frame, 3 * frame + 3)
+    log = driven(train, random_path(random), Floor(), seed=2)
+    assert log.reference is not None
+    assert log.rps is not None
+    truth = log.reference.reshape(len(log), 3, 3)
+    frozen, lost = log.rps.copy(), log.rps.copy()
+    frozen[len(log) // 3 :, at], lost[len(log) // 3 :, at] = log.rps[len(log) // 3 - 1, at], np.nan
+    estimators = [TrainFilter() for _ in range(2)]
+    with pytest.warns(RelativePoseWarning):
+        poses, of_lost = (
+            run(estimator, train, truth[0], dataclasses.replace(log, rps=rps).observations())
+            for estimator, rps in zip(estimators, (frozen, lost), strict=True)
+        )
+    assert estimators[0].status is not None
+    assert f"frame {'AB'[frame]} repeats its last reading" in estimators[0].status
+    np.testing.assert_array_equal(poses, of_lost)
+
+
 @pytest.mark.parametrize("axle", [0, 1, 2])
 def test_a_start_that_is_wrong_is_corrected_by_the_first_readings(axle, circling):
     """Two axles agree with the frames; the third is believed 20 cm and 30 deg away."""

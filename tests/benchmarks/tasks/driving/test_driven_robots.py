@@ -54,7 +54,7 @@ def test_robot_files_state_tolerances_and_not_the_true_robot(robot):
 
 
 @pytest.mark.parametrize("robot", ["prototype", "swerve", "tricycle"])
-def test_the_oracle_beats_odometry_and_attains_everything(robot):
+def test_the_oracle_beats_odometry(robot):
     ratio = []
     for case in range(OTHERS, OTHERS + 4):
         episode = TASKS[f"bursts-{robot}"].record(case)
@@ -64,8 +64,6 @@ def test_the_oracle_beats_odometry_and_attains_everything(robot):
         assert not isinstance(estimates, Failure)
         (run,) = episode.runs
         assert run.oracle is not None
-        assert score(episode, [run.oracle])["attained"] == pytest.approx(1.0)
-        assert score(episode, [np.broadcast_to(run.start, run.truth.shape)])["attained"] == pytest.approx(0.0)
         ratio.append(ate(episode, run.oracle) / ate(episode, estimates[0].poses))
     assert np.median(ratio) < 0.5
 
