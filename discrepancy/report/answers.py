@@ -163,7 +163,9 @@ def _before_after(
     for key, label, unit in rows:
         pairs = [[gap.get(key) for gap in pair] for pair in groups.values()]
         if any(value is not None for pair in pairs for value in pair):
-            cells = [(number(before, scale, 2), number(after, scale, 2), _left(before, after)) for before, after in pairs]
+            cells = [
+                (number(before, scale, 2), number(after, scale, 2), _left(before, after)) for before, after in pairs
+            ]
             shown = [list(zip(columns, group, strict=False)) for group in cells]
             table.append({"label": label, "unit": unit, "cells": shown})
     return {"caption": caption, "groups": list(groups), "columns": columns, "rows": table} if table else None
