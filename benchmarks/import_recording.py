@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, shortened
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
 from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED
@@ -47,6 +47,8 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
     imported = import_log(source, described, ChannelMap.load(channel_map), str(channel_map))
     try:
         write_log(out, imported.log, described, imported.tracked)
+    except InputError as error:
+        raise InputError(f"nothing is written, as the log would be wrong; {error}") from None
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
     log, poses = imported.log, 0 if imported.tracked is None else len(imported.tracked.t)
@@ -72,7 +74,7 @@ def _show(source: Path, robot: str | None) -> None:
     guessed.save(MAP)
     print(f"\n{MAP}: a map, guessed from names; check each line of it")
     for key, column in guessed.columns.items():
-        given = ", ".join(column.channels)
+        given = shortened(", ".join(column.channels))
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({column.unit})'}")
     print(f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {LOG}")
 
@@ -85,7 +87,9 @@ def _print_channels(source: Path, kind: str, clock: Clock, found: Mapping[str, F
     if clock.period is not None:
         by = f" if there is one row every {clock.period:g} s, as nothing says; give the 'period', or 'time', in the map"
     print(f"{source}: {kind}, {(end - start) / 1e9:.1f} s{by}")
-    width = max(len(name) for name in (*found, "channel"))
+    shown = {name: shortened(name) for name in sorted(found)}
+    width = max(len(name) for name in (*shown.values(), "channel"))
     print(f"{'channel':{width}}  readings  a second      lowest     highest")
-    for name, channel in sorted(found.items()):
-        print(f"{name:{width}}  {channel.count:8}  {channel.rate:8.4g}  {channel.low:10.5g}  {channel.high:10.5g}")
+    for name, text in shown.items():
+        channel = found[name]
+        print(f"{text:{width}}  {channel.count:8}  {channel.rate:8.4g}  {channel.low:10.5g}  {channel.high:10.5g}")

@@ -49,9 +49,9 @@ def one_line(error: BaseException) -> str:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean 'x'?"`` for the known word nearest to `word`, or all known words."""
+    """Return ``"; did you mean 'x'?"`` for the known word nearest to `word`, or the known words, of many the first."""
     known = sorted(known)
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     if near:
         return f"; did you mean {near[0]!r}?"
-    return f"; known: {', '.join(known)}"
+    return f"; known: {shortened(', '.join(known), 3 * MOST_SHOWN)}"

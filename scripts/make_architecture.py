@@ -1,7 +1,7 @@
-"""Draw the rooms of the house and their imports into docs/architecture.md: ``python scripts/make_architecture.py``.
+"""Draw the rooms of the house and their imports, docs/architecture.svg: ``python scripts/make_architecture.py``.
 
-A room is a folder of one of the five packages, or a module that stands in none. An arrow means that a room imports
-another one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is left out.
+A room is a folder of one of the five packages, or a module that stands in none. A line means that the upper room imports
+the lower one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is left out.
 Rooms that nearly all import, which hold errors and files, are not drawn.
 """
 
@@ -10,9 +10,17 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "architecture.md"
-START, END = "<!-- picture: made by scripts/make_architecture.py -->\n", "<!-- end of picture -->\n"
-PACKAGES = ("castor_cli", "castor_envs", "estimators", "benchmarks", "discrepancy")
+PICTURE = ROOT / "docs" / "architecture.svg"
+COLORS = {
+    "castor_cli": "#5d636b",
+    "castor_envs": "#00629b",
+    "estimators": "#0a7d5c",
+    "benchmarks": "#a8551a",
+    "discrepancy": "#8d4a9e",
+}
+PACKAGES = tuple(COLORS)
+WIDTH, MARGIN, STEP, HEIGHT, ROUNDS = 1240, 30, 68, 26, 24
+"""Units of the picture: its width, its margin, from layer to layer, of a room; how often layers are put in order."""
 EVERYWHERE = {"errors", "files", "discovery", "processes", "__init__", "__main__", "progress"}
 TOGETHER = {"discrepancy/validation": "discrepancy/hypotheses"}
 """Rooms that import each other, drawn as one."""
@@ -56,20 +64,58 @@ def reduced(graph: dict[str, set[str]]) -> dict[str, set[str]]:
 
 
 def picture() -> str:
-    """Return the picture as a Mermaid flow chart in Markdown."""
+    """Return the picture as SVG: rooms in layers, each above all that it imports, packages side by side as far as that
+    allows."""
     graph = reduced(imports())
-    lines = ["```mermaid", "flowchart BT"]
-    for package in PACKAGES:
-        lines.append(f"  subgraph {package}")
-        lines += [f"    {node(room)}[{title(room)}]" for room in sorted(graph) if room.startswith(f"{package}/")]
-        lines.append("  end")
-    lines += [f"  {node(room)} --> {node(other)}" for room in sorted(graph) for other in sorted(graph[room])]
-    return "\n".join([*lines, "```", ""])
+    layers = ordered(graph)
+    place = {
+        room: (MARGIN + (k + 0.5) * (WIDTH - 2 * MARGIN) / len(layer), MARGIN + (len(layers) - 1 - n) * STEP)
+        for n, layer in enumerate(layers)
+        for k, room in enumerate(layer)
+    }
+    height = 2 * MARGIN + (len(layers) - 1) * STEP + HEIGHT
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height + 40}" font-family="sans-serif">',
+        "<title>Rooms of the four packages, and which imports which</title>",
+        f'<rect width="{WIDTH}" height="{height + 40}" rx="6" fill="#ffffff"/>',
+    ]
+    for room in sorted(graph):
+        for other in sorted(graph[room]):
+            (x, y), (u, v) = place[room], place[other]
+            y += HEIGHT
+            bend = min(60.0, (v - y) / 2)
+            lines.append(
+                f'<path d="M{x:.0f} {y:.0f}C{x:.0f} {y + bend:.0f} {u:.0f} {v - bend:.0f} {u:.0f} {v:.0f}" '
+                f'fill="none" stroke="{COLORS[room.split("/")[0]]}" stroke-width="1.3" stroke-opacity=".55"/>'
+            )
+    for room, (x, y) in sorted(place.items()):
+        wide = 9 * len(title(room)) + 16
+        lines.append(
+            f'<rect x="{x - wide / 2:.0f}" y="{y:.0f}" width="{wide}" height="{HEIGHT}" rx="4" '
+            f'fill="{COLORS[room.split("/")[0]]}"/><text x="{x:.0f}" y="{y + 18:.0f}" text-anchor="middle" '
+            f'font-size="14" fill="#ffffff">{title(room)}</text>'
+        )
+    for k, (package, color) in enumerate(COLORS.items()):
+        lines.append(
+            f'<rect x="{MARGIN + 170 * k}" y="{height}" width="16" height="16" rx="3" fill="{color}"/>'
+            f'<text x="{MARGIN + 24 + 170 * k}" y="{height + 13}" font-size="14" fill="#22262b">{package}</text>'
+        )
+    return "\n".join([*lines, "</svg>", ""])
 
 
-def node(room: str) -> str:
-    """Return a room's name in the chart."""
-    return room.replace("/", "_")
+def ordered(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Return the rooms in layers, those that import nothing first; in a layer each near what it imports and what imports
+    it, by the mean of their places, over and over."""
+    depth: dict[str, int] = {}
+    for room in TopologicalSorter(graph).static_order():
+        depth[room] = 1 + max((depth[other] for other in graph.get(room, ())), default=-1)
+    layers = [sorted(room for room in depth if depth[room] == n) for n in range(max(depth.values()) + 1)]
+    near = {room: set(graph.get(room, ())) | {other for other in graph if room in graph[other]} for room in depth}
+    for _ in range(ROUNDS):
+        for layer in layers:
+            at = {room: (k + 0.5) / len(row) for row in layers for k, room in enumerate(row)}
+            layer.sort(key=lambda room: (sum(at[other] for other in near[room]) / max(len(near[room]), 1), room))
+    return layers
 
 
 def title(room: str) -> str:
@@ -78,11 +124,5 @@ def title(room: str) -> str:
     return ", ".join(name.split("/")[1] for name in rooms)
 
 
-def with_picture(page: str) -> str:
-    """Return the page with a new picture between its marks."""
-    before, rest = page.split(START)
-    return before + START + picture() + END + rest.split(END)[1]
-
-
 if __name__ == "__main__":
-    PAGE.write_text(with_picture(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PICTURE.write_text(picture(), encoding="utf-8")

@@ -134,5 +134,4 @@ def test_the_picture_of_the_architecture_is_up_to_date():
     assert spec.loader is not None
     drawn = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(drawn)
-    page = drawn.PAGE.read_text(encoding="utf-8")
-    assert drawn.with_picture(page) == page, "run: python scripts/make_architecture.py"
+    assert drawn.picture() == drawn.PICTURE.read_text(encoding="utf-8"), "run: python scripts/make_architecture.py"

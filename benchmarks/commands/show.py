@@ -1,5 +1,6 @@
 """The commands of ``castor-bench`` that show: one drive, two estimators side by side, the whole board as pages."""
 
+import json
 import os
 from pathlib import Path
 from typing import Annotated
@@ -28,7 +29,7 @@ from benchmarks.show.page import page_of, write_page
 from benchmarks.show.picture import write_gif, write_png
 from benchmarks.site.compare import compare as compared
 from benchmarks.site.compare import rows_by_task, side_of
-from benchmarks.site.compare_views import print_comparison, write_comparison
+from benchmarks.site.compare_views import as_json, print_comparison, write_comparison
 from benchmarks.site.pages import write_site
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
@@ -119,6 +120,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(help="A new folder for the comparison as pages, with the cases that differ most.")
     ] = None,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-compare/1).")] = False,
     measured: MeasuredData = None,
 ) -> None:
     """Say on which tasks A is better than B, worse, or not distinguishable from it, by stored results."""
@@ -128,6 +130,9 @@ def compare(
     found = compared(a, b, rows, chosen, results)
     if out is not None:
         write_comparison(found, results, out)
+    if as_json_text:
+        print(json.dumps(as_json(found), indent=2, allow_nan=False))
+        return
     print_comparison(found, console())
     if out is not None:
         print(f"{out / 'index.html'}: with the pages of the cases that differ most")

@@ -1,7 +1,8 @@
-"""A comparison for people: in a terminal, and as pages with the cases that differ most."""
+"""A comparison for people, in a terminal and as pages with the cases that differ most, and as data for programs."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
@@ -19,6 +20,7 @@ from castor_envs.files import new_folder, write_atomically
 from castor_envs.rendering.pages.page import render, safe_name, write_assets
 
 FOLDER = Path(__file__).parent
+FORMAT = "castor-compare/1"
 
 
 def print_comparison(found: Sequence[TaskDifference], console: Console) -> None:
@@ -48,6 +50,29 @@ def print_comparison(found: Sequence[TaskDifference], console: Console) -> None:
     console.print(grid, highlight=False, markup=False)
     for note in notes(found):
         say(console, note)
+
+
+def as_json(found: Sequence[TaskDifference]) -> dict[str, Any]:
+    """Return the comparison as plain data; scores and differences, of the first less the second, in SI."""
+    return {
+        "format": FORMAT,
+        "interval_level": LEVEL,
+        "tasks": [
+            {
+                "task": of.task.name,
+                "version": of.task.version,
+                "compared": list(of.labels),
+                "metric": of.metric.key,
+                "unit": of.metric.unit,
+                "verdict": of.verdict.value,
+                "means": list(of.means),
+                "difference": {"mean": of.difference.mean, "low": of.difference.low, "high": of.difference.high},
+                "by_case": {str(case): off for case, off in of.by_case.items()},
+                "failed": list(of.failed),
+            }
+            for of in found
+        ],
+    }
 
 
 def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) -> None:

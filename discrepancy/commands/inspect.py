@@ -51,8 +51,11 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
         yield f"channels that never change: {', '.join(entry['constant'])}"
     broken = [channel["name"] for channel in channels if channel["unit"] == "counts" and not channel["whole"]]
     if broken:
-        yield f"counts that are not whole numbers (radians?): {', '.join(broken)}"
-    table = Table("channel", "smallest", "largest", "largest step", "the robot's limit", box=None)
+        yield (
+            f"counts that are not whole numbers: {', '.join(broken)}; as expected of recorded angles or speeds, else "
+            "look whether the column holds counts"
+        )
+    table = Table("channel", "smallest", "largest", "largest step", "at the robot's limit", box=None)
     for channel in [*channels, *(entry["reference"] or [])]:
         limit = "-" if channel["at_most"] is None else f"{channel['at_most']:.6g}"
         table.add_row(
@@ -64,6 +67,8 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
         yield f"gyro_z {gyro['verdict']} (scale {gyro['scale']:.4g}, bias {gyro['bias']:.3g} rad/s)"
     if parity["note"]:
         yield f"parity: {parity['note']}"
+        if entry["reference_rows"]:
+            yield "next: castor-diagnose with this log compares its encoders with the reference poses"
         return
     yield f"parity residual, {parity['redundancy']} redundant rows, {parity['moving_samples']} moving samples"
     table = Table("row", "rms mm a sample", "from rounding", "ratio", f"over {parity['window']:.3g} s", box=None)

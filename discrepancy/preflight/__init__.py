@@ -60,7 +60,7 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
 def _mistakes(misfits: Misfits, found: Found) -> Iterator[Mistake]:
     """Yield the mistakes found; of a combination each mistake separately."""
     best, yaw = found.best, found.best.misfit.yaw
-    evidence = f"{_contradiction(found.nominal.misfit)}, and by {_parts(best.misfit)} if so"
+    evidence = f"{_contradiction(found.nominal.misfit)}, and once this is undone {_parts(best.misfit)}"
     evidence += f" ({len(best.mistakes)} mistakes together)" if len(best.mistakes) > 1 else ""
     for mistake in best.mistakes:
         alternatives = tuple(_named(rival) for rival in found.alike if mistake not in rival.mistakes)

@@ -235,15 +235,22 @@ def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
     )
 
 
-def replays(before: Replay, after: Replay | None = None) -> Picture:
-    """Return by how much the simulation misses the measurement in every window: motion and encoders."""
+def replays(before: Replay, after: Replay | None = None) -> Picture | None:
+    """Return by how much the simulation misses the measurement in every window: motion and encoders.
+
+    Wheels that are driven by their counts turn as these say, and are left out; None where nothing else is there.
+    """
     shown, posed = _both(before, after), bool(np.isfinite(before.body).any())
     kinds = {"wheels": ("wheels, mm", before.wheel_names), "pivots": ("pivots, mrad", before.pivot_names)}
-    kinds = {kind: told for kind, told in kinds.items() if told[1]}
-    with _drawing(3.4 if posed else 2.0) as figure:
-        rows = figure.add_gridspec(2 if posed else 1, 1)
-        lower = rows[-1].subgridspec(1, len(kinds), width_ratios=[1 + len(names) for _, names in kinds.values()])
-        encoder_axes = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
+    kinds = {kind: told for kind, told in kinds.items() if told[1] and (kind, before.drive) != ("wheels", "counts")}
+    if not posed and not kinds:
+        return None
+    with _drawing(3.4 if posed and kinds else 2.0) as figure:
+        rows = figure.add_gridspec(2 if posed and kinds else 1, 1)
+        encoder_axes = []
+        if kinds:
+            lower = rows[-1].subgridspec(1, len(kinds), width_ratios=[1 + len(names) for _, names in kinds.values()])
+            encoder_axes = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
         top = figure.add_subplot(rows[0]) if posed else encoder_axes[0]
         if posed:
             for replay, color, label in shown:
@@ -266,9 +273,10 @@ def replays(before: Replay, after: Replay | None = None) -> Picture:
     return Picture(
         "replay",
         svg,
-        f"The gap between simulation and measurement in {len(before.start)} windows{_also(after)}, and by encoder.",
-        "How far the simulated robot ends up from the measured one after each window, and what its encoders count "
-        "beyond the measured ones (rms).",
+        f"The gap between simulation and measurement in {len(before.start)} windows{_also(after)}"
+        + (", and by encoder." if kinds else "."),
+        "How far the simulated robot ends up from the measured one after each window"
+        + (", and what its encoders count beyond the measured ones (rms)." if kinds else "."),
     )
 
 

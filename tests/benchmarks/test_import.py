@@ -43,6 +43,15 @@ def test_what_no_importer_knows_is_refused_in_one_line(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_names_in_a_recording_do_not_reach_the_terminal_as_they_are(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left_ticks\x1b[2J,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert code == 0
+    assert "\x1b" not in printed
+    assert "left_ticks?[2J" in printed
+
+
 def test_a_recording_is_shown_and_a_map_is_made_then_a_log(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = [f"{20 * k},{10 * k},{12 * k},{k / 100},0,0" for k in range(50)]

@@ -6,6 +6,7 @@ Each module of this folder is an importer and is found automatically: it defines
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Protocol
 
@@ -13,6 +14,7 @@ from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import TimedPoses
 from castor_envs.vehicles.load import Vehicle, file_name
 
 
@@ -27,6 +29,11 @@ class Session(Protocol):
     @property
     def runs(self) -> Sequence[Log]:
         """The recorded runs, in order."""
+        ...
+
+    @property
+    def tracked(self) -> Sequence[TimedPoses]:
+        """The reference of each run at its own times; none where the data have it at the times of counts."""
         ...
 
 
@@ -82,6 +89,6 @@ def import_sessions(
     for session_name, path in chosen.find(Path(source)).items():
         session, folder = chosen.read(path), Path(out) / session_name
         session.vehicle.save(folder / file_name(session.vehicle))
-        for number, run in enumerate(session.runs, start=1):
-            write_log(folder / f"run-{number}.csv", run, session.vehicle)
+        for number, (run, tracked) in enumerate(zip_longest(session.runs, session.tracked), start=1):
+            write_log(folder / f"run-{number}.csv", run, session.vehicle, tracked)
         yield folder, session

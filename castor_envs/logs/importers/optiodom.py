@@ -36,6 +36,7 @@ from castor_envs.errors import Declined, InputError, did_you_mean
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import TimedPoses
 from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
 from castor_envs.vehicles.axle import AxleCorrection, with_axle
 from castor_envs.vehicles.presets import differential, omni3, tricycle
@@ -70,7 +71,8 @@ class Session:
     """Runs of one robot on one kind of path.
 
     type: "diff", "tricyc" or "omni3". robot: as the session's metadata say, before any calibration. side: of the
-    square, m; None where the path is no square. directions: which way each run turned in all.
+    square, m; None where the path is no square. directions: which way each run turned in all. tracked: the reference of
+    each run at its own times, of raw data alone.
     """
 
     name: str
@@ -79,6 +81,7 @@ class Session:
     runs: tuple[Log, ...]
     side: float | None
     directions: tuple[Literal["cw", "ccw"], ...]
+    tracked: tuple[TimedPoses, ...] = ()
 
     @property
     def vehicle(self) -> RobotDescription:

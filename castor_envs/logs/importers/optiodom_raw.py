@@ -17,8 +17,9 @@ Source: as of `optiodom`, whose robots these are. Beside its synchronised runs t
   its way and `ARM` times its turn. How much longer a cycle took than the odometry says is the robot's: the median of a
   session's runs. Times of a log are the tracker's, from where both begin: a cycle of 50 ms took 51 ms on the
   differential robot, and 63 ms on the tricycle. What is left, some 0.1 s, is for a fit of the clock.
-- The reference at a row is interpolated linearly between the poses around it, 10 ms apart, which misses 1 um at 0.1 m/s
-  and 0.5 rad/s. In gaps of over `GAP` there is none, and beside the tracker's rows neither.
+- Logs that are written hold all poses at their own times. In memory the reference at a row is interpolated linearly
+  between the poses around it, 10 ms apart, which misses 1 um at 0.1 m/s and 0.5 rad/s. In gaps of over `GAP` there is
+  none, and beside the tracker's rows neither.
 """
 
 import csv
@@ -34,7 +35,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.importers import optiodom as synchronised
 from castor_envs.logs.log import Log
-from castor_envs.logs.reference import GAP, interpolated
+from castor_envs.logs.reference import GAP, TimedPoses, interpolated
 from castor_envs.logs.table import complaint, number
 from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.sensors.encoders import castor_angles
@@ -68,9 +69,11 @@ def read_session(folder: str | os.PathLike[str]) -> synchronised.Session:
     cycle = float(np.median([pair.cycle for pair in pairs]))
     runs = [pair.log_at(cycle) for pair in pairs]
     yaw = tracker_yaw(session.robot, runs)
-    runs = [dataclasses.replace(run, reference=run.reference - np.array([0.0, 0.0, yaw])) for run in runs]
+    turned = np.array([0.0, 0.0, yaw])
+    runs = [dataclasses.replace(run, reference=run.reference - turned) for run in runs]
+    tracked = tuple(TimedPoses(t, pose - turned) for t, pose in (pair.tracked_at(cycle) for pair in pairs))
     robot = dataclasses.replace(session.robot, sample_period=round(session.robot.sample_period * cycle, 9))
-    return dataclasses.replace(session, robot=robot, runs=tuple(runs))
+    return dataclasses.replace(session, robot=robot, runs=tuple(runs), tracked=tracked)
 
 
 class _Pair(NamedTuple):
@@ -84,6 +87,17 @@ class _Pair(NamedTuple):
     poses: Array
     moving: Array
 
+    def tracked_at(self, cycle: float) -> TimedPoses:
+        """Return the tracker's poses by the clock of `log_at`, from the last before counts to the first after them."""
+        t = self._times(cycle)
+        first = np.searchsorted(self.seen, t[0], "right") - 1
+        during = slice(max(first, 0), np.searchsorted(self.seen, t[-1]) + 1)
+        return TimedPoses(self.seen[during] - t[0], self.poses[during])
+
+    def _times(self, cycle: float) -> Array:
+        """Return when counts were read, by the tracker's clock."""
+        return self.moving[1, 0] + (self.own - self.moving[0, 0]) * cycle
+
     @property
     def cycle(self) -> float:
         """True time of a second of odometry."""
@@ -91,7 +105,7 @@ class _Pair(NamedTuple):
 
     def log_at(self, cycle: float) -> Log:
         """Return the log at this true time of a second of odometry."""
-        t = self.moving[1, 0] + (self.own - self.moving[0, 0]) * cycle
+        t = self._times(cycle)
         return Log(t=t - t[0], wheel=self.wheel, pivot=self.pivot, reference=resampled(self.seen, self.poses, t))
 
 

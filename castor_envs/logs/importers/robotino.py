@@ -32,6 +32,7 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import TimedPoses
 from castor_envs.logs.table import Line, complaint, number, read_lines
 from castor_envs.vehicles.presets import omni3
 from castor_envs.vehicles.robot import RobotDescription
@@ -59,6 +60,7 @@ class Session:
     name: str
     vehicle: RobotDescription
     runs: tuple[Log, ...]
+    tracked: tuple[TimedPoses, ...] = ()
 
 
 def robotino(sample_period: float) -> RobotDescription:

@@ -14,6 +14,8 @@ WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "coun
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
 SPEED = {"velocity", "vel", "speed", "rpm"}
+RATE = SPEED | {"rate", "omega", "dps", "per", "s", "sec"}
+UNITS = {"rad", "deg", "rev", "m", "s"}
 NEVER = {"effort", "torque", "current", "voltage", "volts", "temperature", "covariance", "heading"}
 TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "tracker", "ref", "reference", "opti"}
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
@@ -41,9 +43,10 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     commanded = {key: _best(key, free, COMMANDED, robot) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
         guessed |= {key: Column(channel=name, unit=_rate_unit(name)) for key, name in commanded.items()}
-    gyros = [name for name in free if _is_gyro(name)]
+    gyros = sorted((name for name in free if _is_gyro(name)), key=_is_angle)  # rates first
     if gyros and columns.gyro[0] not in guessed:
-        guessed[columns.gyro[0]] = Column(channel=gyros[0], unit="deg/s" if _degrees(gyros[0]) else "rad/s")
+        unit = ("deg" if _degrees(gyros[0]) else "rad") + ("" if _is_angle(gyros[0]) else "/s")
+        guessed[columns.gyro[0]] = Column(channel=gyros[0], unit=unit)
     if columns.reference[0] not in guessed:
         guessed |= _reference(columns.reference, free)
     ordered = {key: guessed[key] for part in columns for key in part if key in guessed}
@@ -75,7 +78,7 @@ def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int
         return 0
     match = re.search(r"(\d+)([lr])?$", key)
     number, side = (match[1], match[2]) if match else ("", None)
-    score = 2 if given & words or (words is WHEEL and given <= LEFT | RIGHT) else 0
+    score = 2 if given & words or (words is WHEEL and given <= LEFT | RIGHT | SPEED | UNITS) else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
         score -= 3 if "angle" in given else 0
@@ -102,6 +105,12 @@ def _is_gyro(name: str) -> bool:
     given = words_of(name)
     turning = {"gyro"} & given or {"yaw", "rate"} <= given or {"angular", "velocity"} <= given
     return bool(turning) and not given & (ESTIMATED | COMMANDED | {"x", "y", "linear"})
+
+
+def _is_angle(gyro: str) -> bool:
+    """Return whether a gyro's name says the angle that it has summed, such as the yaw, and not a rate."""
+    given = words_of(gyro)
+    return bool(given & (HEADING | {"angle"})) and not given & RATE
 
 
 def _degrees(name: str) -> bool:

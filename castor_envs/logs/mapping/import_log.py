@@ -14,7 +14,7 @@ from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
 from castor_envs.logs.mapping.series import Track, row_times
-from castor_envs.logs.mapping.units import LENGTHS, counts_in, kind_of, radians_in
+from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Series, heading_of, survey
 from castor_envs.logs.reference import TimedPoses
@@ -50,7 +50,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     counts = _counts(robot, columns, by, tracks)
     t = _rows(counts, tracks.get("gyro_z"), notes)
     part = {key: track.at(t) for key, track in counts.items()}
-    gyro = tracks["gyro_z"].mean_around(t) if "gyro_z" in tracks else None
+    gyro = _gyro(by.columns["gyro_z"], tracks["gyro_z"], t) if "gyro_z" in tracks else None
     tracked = _tracked(columns, by, tracks, t)
     fix, age = _fixes(columns, by, tracks, t)
     log = Log(
@@ -59,7 +59,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
         pivot=_stacked([part[key] for key in columns.pivot], t),
         command=_commands(robot, columns.command, by, tracks, t),
         steering_command=_commands(robot, columns.steering_command, by, tracks, t),
-        gyro=None if gyro is None else gyro * radians_in(by.columns["gyro_z"].unit),
+        gyro=gyro,
         fix=fix,
         fix_age=age,
     )
@@ -131,6 +131,14 @@ def _counts(
         track = tracks[key].scaled(counts_in(by.columns[key].unit, turn))
         found[key] = track.unwrapped(turn) if np.ptp(track.value) <= turn else track
     return found
+
+
+def _gyro(column: Column, track: Track, t: Array) -> Array:
+    """Return yaw rates (K,), rad/s, at the rows' times t (K,), s: read as such, or from the angle that a gyro sums."""
+    read = track.scaled(radians_in(column.unit))
+    if column.unit not in GYRO_ANGLES:
+        return read.mean_around(t)
+    return read.unwrapped(2 * np.pi * column.scale).rate_around(t)
 
 
 def _rows(counts: Mapping[str, Track], gyro: Track | None, notes: list[str]) -> Array:

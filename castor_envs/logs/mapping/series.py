@@ -104,6 +104,15 @@ class Track:
         total = self.integrated() if self.held else replace(self, value=_integral(self.t, self.value), rate=0.0)
         return np.where(np.isfinite(found), np.diff(total.at(edges)) / np.diff(edges), np.nan)
 
+    def rate_around(self, t: Array) -> Array:
+        """Return the values' mean rate (K,), a second, from half a row before to half a row after times t (K,) of rows.
+
+        A value half-way between two rows is the mean of theirs, so that the rates sum to the whole change.
+        """
+        value = self.at(t)
+        at_edges, edges = (np.concatenate([v[:1], (v[1:] + v[:-1]) / 2, v[-1:]]) for v in (value, t))
+        return np.diff(at_edges) / np.diff(edges)
+
 
 def _integral(t: Array, value: Array) -> Array:
     return np.append(0.0, np.cumsum(np.diff(t) * (value[1:] + value[:-1]) / 2))

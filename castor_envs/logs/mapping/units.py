@@ -4,7 +4,7 @@ wheel_...       counts, rev, deg, rad, m (rolled by a wheel of the robot file's 
                 ..., rpm), which are summed over time; the same a row (counts/row ...), which are added up
 pivot_...       counts, rev, deg, rad
 cmd_...         rad/s, deg/s, rev/s, rpm, counts/s; of wheels m/s
-gyro_z          rad/s, deg/s
+gyro_z          rad/s, deg/s; as the angle that a gyro has summed rad, deg, rev
 ref_x, ref_y    m, cm, mm; so are fix_x and fix_y
 ref_psi         rad, deg, quaternion; so is fix_psi
 """
@@ -13,6 +13,7 @@ import math
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 ANGLES = ("counts", "rev", "deg", "rad")
+GYRO_ANGLES = ("rad", "deg", "rev")
 RATE, ROW = "/s", "/row"
 
 
@@ -29,7 +30,7 @@ def units_of(part: str, name: str) -> tuple[str, ...]:
         case "steering_command":
             return ("rad/s", "deg/s", "rev/s", "rpm", "counts/s")
         case "gyro":
-            return ("rad/s", "deg/s")
+            return ("rad/s", "deg/s", *GYRO_ANGLES)
         case _:
             return ("rad", "deg", "quaternion") if name.endswith("_psi") else tuple(LENGTHS)
 

@@ -2,7 +2,8 @@
 
 The header is the line before the first row of numbers; lines above it are left alone. A name that stands twice gets its
 place (``X``, ``X #2``), a column without a name too (``#3``). Cells are separated by commas, semicolons or tabs,
-whichever gives the most of them, or else by blanks. A blank cell is no reading, so one file may hold several rates.
+whichever gives the most of them, or else by blanks. Between semicolons or tabs a number may have a decimal comma. A
+blank cell is no reading, so one file may hold several rates.
 """
 
 import csv
@@ -24,6 +25,7 @@ HEAD = 100
 """Lines in which the first row of numbers must come."""
 
 _TIME = re.compile(r"(?:.*[\s_./])?(?:t|time|times|timestamp|stamp|secs?|seconds)(?:[\s_\[(].*)?", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_IN_NAME: dict[TimeUnit, str] = {
     "ns": r"(^|[\s_\[(])(ns|nsecs?|nanosecs?|nanoseconds)\b",
     "us": r"(^|[\s_\[(])(us|µs|usecs?|microseconds)\b",
@@ -65,8 +67,7 @@ class Table:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        with self._text() as file:
-            head = [line for line in itertools.islice(file, HEAD)]
+        head = [line for _, line in itertools.islice(self._numbered(), HEAD)]
         self._delimiter, self._names, self._header = self._layout(head)
 
     def clock(self) -> Clock:
@@ -112,40 +113,51 @@ class Table:
 
     def _layout(self, head: list[str]) -> tuple[str, list[str], int]:
         """Return the delimiter, the columns' names, and after how many lines the rows begin."""
-        best: tuple[int, str, list[str], int] | None = None
+        best: tuple[tuple[float, int], str, list[str], int] | None = None
         for delimiter in (",", ";", "\t", " "):
-            rows = [_cells(line, delimiter) for line in head]
+            rows = [self._cells(k, line, delimiter) for k, line in enumerate(head, start=1)]
             first = next((k for k, cells in enumerate(rows) if _is_row(cells)), None)
-            if first is not None and (best is None or (delimiter != " " and len(rows[first]) > best[0])):
+            if first is None:
+                continue
+            fits = sum(is_number(cell) or not cell for cell in rows[first]) / len(rows[first]), len(rows[first])
+            if best is None or (delimiter != " " and fits > best[0]):
                 above = [cells for cells in rows[:first] if any(cells)]
                 names = above[-1] if above and len(above[-1]) == len(rows[first]) else [""] * len(rows[first])
-                best = len(rows[first]), delimiter, names, first
+                best = fits, delimiter, names, first
         if best is None:
             raise complaint(self._path, None, None, f"holds no row of numbers in its first {HEAD} lines")
         _, delimiter, names, first = best
         return delimiter, _distinct(names), first
 
     def _lines(self) -> Iterator[Line]:
+        for k, text in self._numbered():
+            if k <= self._header or not text.strip() or text.startswith("#"):
+                continue
+            cells = self._cells(k, text, self._delimiter)
+            if len(cells) != len(self._names):
+                problem = f"has {len(cells)} cells, the header {len(self._names)}; mend or remove the line"
+                raise complaint(self._path, k, None, problem)
+            yield Line(k, cells)
+
+    def _numbered(self) -> Iterator[tuple[int, str]]:
+        """Yield the lines of the file and their numbers, from 1."""
         with self._text() as file:
             try:
-                for k, text in enumerate(file):
-                    if k < self._header or not text.strip() or text.startswith("#"):
-                        continue
-                    cells = _cells(text, self._delimiter)
-                    if len(cells) != len(self._names):
-                        problem = f"has {len(cells)} cells, the header {len(self._names)}; mend or remove the line"
-                        raise complaint(self._path, k + 1, None, problem)
-                    yield Line(k + 1, cells)
+                yield from enumerate(file, start=1)
             except UnicodeDecodeError:
                 raise complaint(self._path, None, None, "is not text in UTF-8; save it as UTF-8") from None
 
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    line = line.strip("\r\n")
-    if delimiter == " ":
-        return line.lstrip("#").split()
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
-    return [cells[0].lstrip("# "), *cells[1:]] if cells else cells
+    def _cells(self, number: int, line: str, delimiter: str) -> list[str]:
+        line = line.strip("\r\n")
+        if delimiter == " ":
+            return line.lstrip("#").split()
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+        except csv.Error as error:
+            raise complaint(self._path, number, None, f"is not CSV ({error}); mend the line") from None
+        if delimiter != ",":
+            cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
+        return [cells[0].lstrip("# "), *cells[1:]] if cells else cells
 
 
 def _is_row(cells: list[str]) -> bool:

@@ -24,10 +24,11 @@ LONGEST = 60
 """Characters of a file name that come from a name; with a digest and a suffix far below what file systems take."""
 
 
-def render(folder: Path, template: str, assets: str | None = None, **context: Any) -> str:
+def render(folder: Path, template: str, assets: str | None = None, scripted: bool = True, **context: Any) -> str:
     """Return the page of a template in `folder` that extends ``base.html``.
 
     assets: where the page finds what `write_assets` wrote, such as ``../assets``; None: the page holds it itself.
+    scripted: whether it has curves and tables to sort; else it has no script and runs none.
     context: what the template names; text in it is escaped. Raises jinja2.UndefinedError for what it lacks.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # slow to import
@@ -42,12 +43,13 @@ def render(folder: Path, template: str, assets: str | None = None, **context: An
         keep_trailing_newline=True,
     )
     environment.filters["data"] = lambda value: Markup(as_data(value))
-    styles = [] if assets is not None else [Markup(_read(name)) for name in STYLES]
-    scripts = [] if assets is not None else [Markup(_script(name)) for name in SCRIPTS]
-    linked = [] if assets is None else [f"{assets}/{Path(name).name}" for name in (*STYLES, *SCRIPTS)]
+    style_names, script_names = (STYLES, SCRIPTS) if scripted else (STYLES[-1:], ())
+    styles = [] if assets is not None else [Markup(_read(name)) for name in style_names]
+    scripts = [] if assets is not None else [Markup(_script(name)) for name in script_names]
+    linked = [] if assets is None else [f"{assets}/{Path(name).name}" for name in (*style_names, *script_names)]
     return environment.get_template(template).render(
         mark=Markup(MARK),
-        policy=_policy(linked=assets is not None),
+        policy=_policy(linked=assets is not None, scripted=scripted),
         styles=styles,
         scripts=scripts,
         style_links=[link for link in linked if link.endswith(".css")],
@@ -108,11 +110,12 @@ def _script(name: str) -> str:
 
 
 @cache
-def _policy(linked: bool) -> str:
+def _policy(linked: bool, scripted: bool) -> str:
     """Return the content security policy: scripts by their hash where they stand in the page, so that no other runs."""
     digests = (b64encode(hashlib.sha256(_script(name).encode()).digest()).decode() for name in SCRIPTS)
     scripts = "'self'" if linked else " ".join(f"'sha256-{digest}'" for digest in digests)
     # uPlot sets styles of its elements, which the policy would refuse without 'unsafe-inline'.
     styles = "'self' 'unsafe-inline'" if linked else "'unsafe-inline'"
-    rules = {"default-src": "'none'", "style-src": styles, "script-src": scripts, "base-uri": "'none'"}
+    runs = scripts if scripted else "'none'"
+    rules = {"default-src": "'none'", "style-src": styles, "script-src": runs, "img-src": "data:", "base-uri": "'none'"}
     return "; ".join(f"{name} {value}" for name, value in rules.items()) + "; form-action 'none'"

@@ -1,5 +1,6 @@
 """Comparisons: verdicts and intervals of known differences, the cases that differ most, and what is left out."""
 
+import json
 import re
 
 import numpy as np
@@ -7,8 +8,17 @@ import pytest
 from scipy.stats import ttest_rel
 
 from benchmarks.site.compare import Verdict, compare, rows_by_task, side_of
-from benchmarks.site.compare_views import notes, signed, write_comparison
+from benchmarks.site.compare_views import as_json, notes, signed, write_comparison
 from castor_envs.errors import InputError
+
+
+def test_a_program_gets_what_people_read(against, results):
+    found = against("worse", "good")
+    data = json.loads(json.dumps(as_json([found]), allow_nan=False))
+    (told,) = data["tasks"]
+    assert (data["format"], told["verdict"], told["compared"]) == ("castor-compare/1", "worse", ["worse", "good"])
+    assert told["means"][0] - told["means"][1] == pytest.approx(told["difference"]["mean"])
+    assert np.mean(list(told["by_case"].values())) == pytest.approx(told["difference"]["mean"])
 
 
 @pytest.fixture

@@ -8,7 +8,8 @@ import pytest
 
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.se2 import compose, relative_pose
-from castor_envs.logs.importers import importer, optiodom
+from castor_envs.logs.csv import read_log
+from castor_envs.logs.importers import import_sessions, importer, optiodom
 from castor_envs.logs.importers.optiodom_raw import find_sessions, read_motive, read_session, tracker_yaw
 from castor_envs.logs.log import Log
 from castor_envs.motion.rolling import roll
@@ -103,6 +104,20 @@ def test_no_pose_is_made_up_where_the_tracker_lost_the_robot(tmp_path):
     lost = np.isnan(run.reference[:, 0])
     assert lost.sum() == pytest.approx(2.0 / (0.05 * CYCLE), abs=2)
     assert (np.diff(np.flatnonzero(lost)) == 1).all()
+
+
+def test_a_log_that_is_written_holds_every_pose_and_reads_back_as_it_was_in_memory(tmp_path):
+    session_with(tmp_path, "diff", lost=slice(1000, 1200))
+    ((folder, session),) = import_sessions(tmp_path, tmp_path / "out", "optiodom-raw")
+    (run,), (tracked,) = session.runs, session.tracked
+    lines = (folder / "run-1.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(run) + len(tracked.t) - np.isin(tracked.t, run.t).sum()
+    read = read_log(folder / "run-1.csv", session.vehicle)
+    np.testing.assert_array_equal(read.wheel, run.wheel)
+    assert run.reference is not None
+    assert read.reference is not None
+    known = np.isfinite(run.reference[:, 0])
+    np.testing.assert_allclose(read.reference[known], run.reference[known], atol=1e-9)
 
 
 def test_the_trackers_yaw_is_found_whatever_it_is(tmp_path):

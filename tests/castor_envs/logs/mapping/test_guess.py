@@ -21,6 +21,8 @@ def guessed(robot, *channels, whole=False):
         ("left_ticks", "right_ticks", "counts"),
         ("encL", "encR", "counts"),
         ("left", "right", "rad"),
+        ("left_rpm", "right_rpm", "rpm"),
+        ("left_speed_m_s", "right_speed_m_s", "m/s"),
         ("LeftEncoderDistance", "RightEncoderDistance", "m"),
         ("NT:/drive/leftPosition_m", "NT:/drive/rightPosition_m", "m"),
         ("wheel speed left [rpm]", "wheel speed right [rpm]", "rpm"),
@@ -58,6 +60,9 @@ def test_a_gyro_and_commands_are_found():
     assert found["gyro_z"] == ("/imu angular_velocity.z", "rad/s")
     assert found["cmd_1l"] == ("cmd_left_rpm", "rpm")
     assert guessed("differential", "left_ticks", "right_ticks", "gyro_z_dps")["gyro_z"] == ("gyro_z_dps", "deg/s")
+    assert guessed("differential", "gyroYawDeg")["gyro_z"] == ("gyroYawDeg", "deg")
+    assert guessed("differential", "NT:/gyro/angle", "NT:/gyro/rate")["gyro_z"] == ("NT:/gyro/rate", "rad/s")
+    assert guessed("differential", "gyro_yaw_rad_per_s")["gyro_z"] == ("gyro_yaw_rad_per_s", "rad/s")
 
 
 def test_a_trackers_pose_is_the_reference_and_odometrys_is_not():

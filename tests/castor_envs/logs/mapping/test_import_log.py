@@ -159,6 +159,20 @@ def test_a_fast_gyro_is_averaged_so_that_its_whole_turn_stays(tmp_path, bag_writ
     assert np.trapezoid(log.gyro, log.t) == pytest.approx(0.5 * 2 + 2**2 / 2, abs=0.01)
 
 
+@pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2 * np.pi), ("rev", 1.0)])
+def test_a_gyro_that_shows_its_angle_gives_rates_that_sum_to_the_whole_turn(tmp_path, unit, turn):
+    """The angle is read as within half a turn, clockwise positive, and turns 1.6 times round."""
+    psi = 5 * T + np.sin(T)
+    shown = -turn * np.angle(np.exp(1j * psi)) / (2 * np.pi)
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, yaw=shown)
+    columns = WHEELS | {"gyro_z": {"channel": "yaw", "unit": unit, "sign": -1}}
+    gyro = import_log(source, ROBOT, mapped(columns)).log.gyro
+    assert gyro is not None
+    np.testing.assert_allclose(gyro[1:-1], 5 + np.cos(T)[1:-1], atol=1e-4)
+    edges = np.concatenate([T[:1], (T[1:] + T[:-1]) / 2, T[-1:]])
+    assert gyro @ np.diff(edges) == pytest.approx(psi[-1] - psi[0], abs=1e-9)
+
+
 def test_two_clocks_agree_by_an_offset(tmp_path):
     """The tracker's clock is 40 s behind; its poses come at times of their own."""
     seen = 0.013 * np.arange(154) - 40.0
@@ -293,7 +307,7 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
         ({"wheel_1l": {"unit": "rad", "source": "other"}}, ["columns.wheel_1l.source", "'other'", "known: main"]),
         ({"ref_psi": None}, ["columns.ref_psi", "is missing"]),
         ({"ref_psi": {"channel": "yaw", "unit": "quaternion"}}, ["columns.ref_psi.channel", "four"]),
-        ({"gyro_z": {"channel": "yaw", "unit": "rad"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
+        ({"gyro_z": {"channel": "yaw", "unit": "m"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
         ({"t": {"unit": "s"}}, ["columns.t", "no column"]),
         ({"fix_age": {"unit": "s"}}, ["columns.fix_age", "no column"]),
         ({"fix_x": {"channel": "x", "unit": "m"}}, ["columns.fix_y", "is missing"]),

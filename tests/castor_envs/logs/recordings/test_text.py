@@ -35,12 +35,25 @@ def read(path, channel, clock=None):
         "left,timestamp\n1,1700000000000000000\n2,1700000000500000000\n",
         "\ufeffleft,time\n1,1700000000.0\n2,1700000000.5\n",
         "title\n,\ntime_us,left\n0,1\n\n500000,2\n",
+        "time (ms);left\n0,0;1,0\n500,0;2,00e0\n",
+        "t\tleft\tright\n0,0\t1,0\t0\n0,5\t2,0\t0\n",
     ],
 )
 def test_delimiter_header_and_time_are_found(tmp_path, text):
     (start, first), (end, second) = read(written(tmp_path, text), "left")
     assert (first, second) == (1.0, 2.0)
     assert end - start == pytest.approx(0.5, abs=1e-6)
+
+
+def test_text_of_another_coding_and_cells_without_end_are_named(tmp_path):
+    path = tmp_path / "run.csv"
+    for head in (b"t,rate (\xb0/s)\n0,1\n", b"t,rate\n" + b"0,1\n" * 5000 + b"1,2 \xb0\n"):
+        path.write_bytes(head)
+        with pytest.raises(InputError, match=r"run\.csv: is not text in UTF-8; save it as UTF-8"):
+            read(path, "rate")
+    written(tmp_path, f"t,left\n0,1\n1,{'9' * 200_000}\n")
+    with pytest.raises(InputError, match=r"run\.csv:3: is not CSV .* mend the line"):
+        read(path, "left")
 
 
 def test_columns_of_one_name_and_of_none_are_told_apart(tmp_path):
