@@ -68,7 +68,7 @@ def fit_states(
         sure, creep = [slipping.sure() for slipping in slips], [slipping.columns() for slipping in slips]
         for model, slipping in zip(models, slips, strict=True):
             model.balance(slipping.stiffness)
-        doubt = [UNEVEN * slipping.by_effects for slipping in slips]
+        doubt = [UNEVEN * slipping.by_effects if log.undone else 0.0 for slipping, log in zip(slips, logs, strict=True)]
         _expect(models, sure, creep, factors, doubt)
         shared = _shared(models, geometry, at, sizes, creep, factors, usual)
         factors = shared.creep
@@ -131,9 +131,9 @@ def _expect(
     sure: Sequence[Array],
     creep: Sequence[Array],
     factors: Array,
-    doubt: Sequence[Array],
+    doubt: Sequence[Array | float],
 ) -> list[Array]:
-    """Set the expected slips of each model, and return them."""
+    """Set the expected slips of each model, with the doubt about those that wrong wiring caused, and return them."""
     expected = [slips + columns @ factors for slips, columns in zip(sure, creep, strict=True)]
     for model, log_expected, log_doubt in zip(models, expected, doubt, strict=True):
         model.expect(log_expected, log_doubt)
