@@ -7,7 +7,7 @@ from castor_envs.errors import InputError
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import separating_drives
 from discrepancy.hypotheses.candidates import without
-from discrepancy.posterior.finder import Diagnosis, diagnose
+from discrepancy.posterior.finder import Diagnosis, diagnose, unexamined
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake
@@ -46,6 +46,8 @@ def examine(
 
 def _posterior(undone: Undone, material: Material) -> RobotDiagnosis:
     logs, held_out, clean = (list(log_set.values()) for log_set in (undone.logs, undone.held_out, undone.clean))
+    if undone.checked.slid:
+        return unexamined(undone.robot, logs)
     return diagnose(undone.robot, logs, held_out, clean, undone.good, material)
 
 

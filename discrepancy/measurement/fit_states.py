@@ -18,7 +18,7 @@ from discrepancy.hypotheses.candidates import Candidate, stacked
 from discrepancy.measurement.design_matrix import PROBES, Shared, joint, schur_complement
 from estimators.calibration.maximum_likelihood.fit import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
-from estimators.likelihood.creep_prediction import DOUBT, Slipping
+from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping
 from estimators.likelihood.disagreement import slip_of_row
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise
 from estimators.likelihood.reduction import Reduced
@@ -69,10 +69,11 @@ def fit_states(
         sure, creep = [slipping.sure() for slipping in slips], [slipping.columns() for slipping in slips]
         for model, slipping in zip(models, slips, strict=True):
             model.balance(slipping.stiffness)
-        _expect(models, sure, creep, factors)
+        doubt = [UNEVEN * slipping.by_effects if log.undone else 0.0 for slipping, log in zip(slips, logs, strict=True)]
+        _expect(models, sure, creep, factors, doubt)
         shared = _shared(models, geometry, at, sizes, creep, factors, usual)
         factors = shared.creep
-        before, expected = expected, _expect(models, sure, creep, factors)
+        before, expected = expected, _expect(models, sure, creep, factors, doubt)
         settled = before is not None and _change(models, geometry, at, least, before, expected) < SETTLED
         left = 0 if settled else left - 1
         at, sizes, _ = fitted(
@@ -127,12 +128,16 @@ def _turned(
 
 
 def _expect(
-    models: Sequence[LogLikelihood], sure: Sequence[Array], creep: Sequence[Array], factors: Array
+    models: Sequence[LogLikelihood],
+    sure: Sequence[Array],
+    creep: Sequence[Array],
+    factors: Array,
+    doubt: Sequence[Array | float],
 ) -> list[Array]:
-    """Set the expected slips of each model, and return them."""
+    """Set the expected slips of each model, with the doubt about those that wrong wiring caused, and return them."""
     expected = [slips + columns @ factors for slips, columns in zip(sure, creep, strict=True)]
-    for model, log_expected in zip(models, expected, strict=True):
-        model.expect(log_expected)
+    for model, log_expected, log_doubt in zip(models, expected, doubt, strict=True):
+        model.expect(log_expected, log_doubt)
     return expected
 
 

@@ -102,6 +102,14 @@ def diagnose(
         return _diagnosed(without(robot, SampleJitter), logs, held_out, clean, before, material)
 
 
+def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> Diagnosis[RobotDescription, Linearised]:
+    """Return the diagnosis of logs in which wheels slid so much that nothing is looked for."""
+    check_seen(robot, logs)
+    with must_fit(robot):
+        seen = linearise(robot, logs, among=()).without_designs()
+    return Diagnosis(robot, "no discrepancy", (), {}, seen, seen, None, seen.creep)
+
+
 def _diagnosed(
     robot: RobotDescription,
     logs: Sequence[Log],

@@ -145,7 +145,7 @@ def linearise(
     at, noise, shared, slips = fit_states(robot, models, logs, begin, creep, LEAST_NOISE)
     predicted = [slipping.sure() + shared.creep[0] * slipping.forced for slipping in slips]
     beyond = tuple(
-        slips_of(robot, model, log, state, log_predicted + slipping.by_effects())
+        slips_of(robot, model, log, state, log_predicted + slipping.by_effects)
         for model, log, state, log_predicted, slipping in zip(models, logs, at.states, predicted, slips, strict=True)
     )
     if among is None:
@@ -175,7 +175,7 @@ def linearise(
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(design.model, design.made.changes, log.t, slipping.by_effects(), steps)
+        Disagreement.of(design.model, design.made.changes, log.t, slipping.by_effects, steps)
         for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
     )
     pulls = tuple(

@@ -54,7 +54,13 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     left = found.best.misfit
     if left.rms > CONTRADICTED and not mistakes:
         reported.append(f"{_contradiction(left)}, which is no mistake of wiring or units alone")
-    return Preflight(tuple(mistakes), tuple(reported))
+    rewired = any(effect.wiring for mistake in mistakes for effect in mistake.effects)
+    if slid := rewired and left.rms > CONTRADICTED:
+        reported.append(
+            f"wheels that were driven by wrong readings slid: with these put right, encoders contradict {_parts(left)} "
+            "of the motion, so nothing else is looked for; correct the wiring, and record again"
+        )
+    return Preflight(tuple(mistakes), tuple(reported), slid)
 
 
 def _mistakes(misfits: Misfits, found: Found) -> Iterator[Mistake]:
@@ -115,7 +121,7 @@ def _contradiction(misfit: Misfit) -> str:
 
 
 def _parts(misfit: Misfit) -> str:
-    shares = {"each other": misfit.parity, "the reference": misfit.reference}
+    shares = {"each other": misfit.parity, "the reference": misfit.reference, "the commands": misfit.commands}
     return " and ".join(f"{whom} by {_percent(share)}" for whom, share in shares.items() if share > 0) or "nothing"
 
 

@@ -24,11 +24,13 @@ class Mistake:
 class Preflight:
     """Gross findings, before any search for small effects.
 
-    remarks: further findings that are no mistakes.
+    remarks: further findings that are no mistakes. slid: whether wheels, driven by wrong readings, slid so much that
+    logs tell nothing else.
     """
 
     mistakes: tuple[Mistake, ...] = ()
     remarks: tuple[str, ...] = ()
+    slid: bool = False
 
     @property
     def fatal(self) -> bool:
@@ -42,7 +44,7 @@ class Preflight:
         taken = [mistake for mistake in self.mistakes if mistake.taken]
         reported = ["; or: ".join((mistake.what, *mistake.alternatives)) for mistake in taken]
         serious = tuple(mistake for mistake in self.mistakes if not mistake.taken)
-        return Preflight(serious, (*reported, *self.remarks))
+        return Preflight(serious, (*reported, *self.remarks), self.slid)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -1,10 +1,10 @@
 """The misfit of a log: the share of the robot's motion that is unexplained if the log is read in a given way.
 
-There are two shares, each of sums of squares. Parity: the part of rolled distances and castor turns that no rigid
+There are three shares, each of sums of squares. Parity: the part of rolled distances and castor turns that no rigid
 motion of the body on these wheels gives (castor_envs.motion.kinematics: rolling, and no side slip), summed over
 windows of 0.4 s. Reference: the part of the motion between poses by which odometry misses them, after fitting where
 the reference is mounted and how it is turned. The worst tenth of the windows is left out: wheels may slide there, or
-poses jump.
+poses jump. Obedience: the part of what motors turn that their commands do not explain (`obedience`).
 """
 
 from collections.abc import Sequence
@@ -19,6 +19,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.motion.mobility import rows_in_use
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.preflight.obedience import Obedience
 from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.stretches import WINDOW, Stretches, stretches_of
 from discrepancy.validation.parity import WINDOWS
@@ -39,21 +40,24 @@ Pivots = tuple[tuple[int, ...], tuple[float, ...], tuple[float, ...]]
 
 
 class Misfit(NamedTuple):
-    """parity, reference: shares of squares, 0 where nothing can be compared. yaw: angle of the reference's heading to
-    the left of the body's direction of motion, rad."""
+    """parity, reference, commands: shares of squares, 0 where nothing can be compared. yaw: angle of the reference's
+    heading to the left of the body's direction of motion, rad. disobedience: mean share of motors
+    (`Obedience.each`)."""
 
     parity: float
     reference: float
     yaw: float
+    commands: float
+    disobedience: float
 
     @property
     def total(self) -> float:
-        """The sum of both shares."""
-        return self.parity + self.reference
+        """The sum of all shares."""
+        return self.parity + self.reference + self.commands
 
     @property
     def rms(self) -> float:
-        """The larger of both shares, as rms."""
+        """The larger of the shares of parity and reference, as rms."""
         return float(np.sqrt(max(self.parity, self.reference)))
 
 
@@ -78,6 +82,7 @@ class Misfits:
         self.length = float(np.sqrt(np.mean(np.sum(geometry.pivot**2, axis=-1)) + np.mean(geometry.lateral**2)))
         self.stretches = stretches_of(logs, geometry.pivot_counts_per_rev[self._sensed])
         self._constraints = lru_cache(maxsize=4)(self._constraints_at)  # most readings differ in wheels alone
+        self._obedience = Obedience(robot, logs, dead)
         self.redundancy = 0
         if self.stretches is not None and len(self._place):
             a, _ = constraint_matrix(geometry, self._angles(self._pivots(channels.nominal()), self.stretches.start[:1]))
@@ -98,14 +103,15 @@ class Misfits:
     def of(self, reading: Reading) -> Misfit:
         """Return the misfit under a reading."""
         parity, (a, inverse, _), measured = 0.0, *self._measured(reading)
+        commands = self._obedience.share(reading), self._obedience.each(reading)
         if self.redundancy > 0:
             left = measured - np.einsum("krq,kq->kr", a, np.einsum("kqr,kr->kq", inverse, measured))
             summed = (part.reshape(-1, WINDOW, part.shape[1]).sum(axis=1) for part in (left, measured))
             parity = _share(*(np.sum(part**2, axis=1) for part in summed))
         if not self.sees_poses:
-            return Misfit(parity, 0.0, 0.0)
+            return Misfit(parity, 0.0, 0.0, *commands)
         squares, way, yaw = self._squared_residuals(reading)
-        return Misfit(parity, _share(squares, way), yaw)
+        return Misfit(parity, _share(squares, way), yaw, *commands)
 
     def residuals(self, reading: Reading) -> tuple[Array, Array]:
         """Return the error of odometry at each pose (V,), and the length of the ways (V,), both in m."""

@@ -20,6 +20,9 @@ more than twice as much (`ALIKE`): wheels then slide at every turn."""
 FLOOR, SAME = 2e-5, 1.2
 """Shares below the first number count as equal; so do shares within the factor."""
 
+OBEDIENT = 0.01
+"""Disobedience of motors that all do as they are told."""
+
 GROSS = 1.5
 """Smaller factors of counts per turn are no gross mistake."""
 
@@ -58,8 +61,12 @@ class Candidate:
         return not self.straight, sum(not mistake.plain for mistake in self.mistakes)
 
     def like(self, rival: "Candidate") -> bool:
-        """Whether it explains about as much as a rival, or more."""
-        return self.left <= ALIKE * rival.left
+        """Whether it explains about as much as a rival, or more, of what encoders contradict, and of what motors do
+        against their commands."""
+        mine, other = self.misfit, rival.misfit
+        contradiction, of_rival = (max(misfit.parity + misfit.reference, FLOOR) for misfit in (mine, other))
+        obeys = mine.disobedience <= ALIKE * max(other.disobedience, OBEDIENT)
+        return contradiction <= ALIKE * of_rival and obeys
 
     def explains(self, rival: "Candidate") -> bool:
         """Whether it explains nearly all that a rival leaves."""
@@ -109,6 +116,7 @@ def search(robot: RobotDescription, misfits: Misfits) -> Found:
             best, chosen = first, [candidate for candidate in pivots if candidate.like(first)]
     if best is nominal:
         return Found(nominal, nominal)
+    chosen = [candidate for candidate in chosen if candidate.like(best)]
     return Found(nominal, best, tuple(candidate for candidate in chosen if candidate is not best))
 
 

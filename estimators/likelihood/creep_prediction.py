@@ -72,6 +72,7 @@ class Slipping:
         disagreeing = self._rows(self._creep) - self.forced
         return np.concatenate([self.forced[..., None], disagreeing[..., None] * np.eye(disagreeing.shape[1])], axis=-1)
 
+    @cached_property
     def by_effects(self) -> Array:
         """Return the predicted creep (K - 1, rows) that the robot's effects cause, and mistakes of wiring (`Log`): the
         difference to that of a robot without them whose encoders read the same."""

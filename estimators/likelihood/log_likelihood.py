@@ -89,6 +89,7 @@ class LogLikelihood(RollingConstraints):
         self._readings = np.sqrt(12 * np.apply_along_axis(_share_of_reading, 0, self._counts))
         self._poses = ReferencePoses(log, self._counts)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
+        self._doubt: Array | float = 0.0
         self._released = np.zeros((len(log) - 1, len(self._used)), dtype=bool)
         self._jitter = 0.0
         self._stiffness: Array | None = None
@@ -97,9 +98,10 @@ class LogLikelihood(RollingConstraints):
         """Subtract a known excess of readings from the counts (K, s + d)."""
         self._counts = self._counts - excess
 
-    def expect(self, slips: Array) -> None:
-        """Set the expected slips (K - 1, rows), m, of steps, instead of 0."""
-        self._expected = slips
+    def expect(self, slips: Array, doubt: Array | float = 0.0) -> None:
+        """Set the expected slips (K - 1, rows), m, of steps, instead of 0; doubt: their standard deviation about what
+        is expected, beyond noise, m."""
+        self._expected, self._doubt = slips, doubt
 
     def jitter(self, duration: float) -> None:
         """Let all encoders be read early or late together, at random with a standard deviation of `duration`, s: the
@@ -273,7 +275,7 @@ class LogLikelihood(RollingConstraints):
         """Return how slips at a state are made independent, each of standard deviation 1."""
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         sizes = np.repeat([noise.along, noise.across], [len(self._rolling), len(self._used) - len(self._rolling)])
-        slip = sizes**2 * farthest[:, None] + FLOOR**2
+        slip = sizes**2 * farthest[:, None] + FLOOR**2 + np.square(self._doubt)
         free = np.where(self._released, farthest[:, None], 0.0)
         weight = 1 / np.sqrt(slip + free**2 + self._unsure(geometry, state) ** 2)
         if self._stiffness is None:

@@ -18,7 +18,7 @@ from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.refit import Sized, refitted
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
-from estimators.likelihood.creep_prediction import Slipping
+from estimators.likelihood.creep_prediction import LEAST_NOISE, Slipping
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 RADIUS = WheelRadius(castor=3, wheel=2, value=-0.1)
@@ -62,10 +62,20 @@ def test_wheels_disagree_as_predicted_where_their_controller_did_not_know_of_exc
     model = LogLikelihood(geometry, mended)
     state = np.column_stack([model.odometry(geometry), model.counts])
     disagreement = model.disagreement(geometry, state)
-    predicted = Slipping(robot, model, mended, state).by_effects()
+    predicted = Slipping(robot, model, mended, state).by_effects
     predicted = predicted - model.explained(geometry, state, predicted)
     assert np.corrcoef(disagreement.ravel(), predicted.ravel())[0, 1] > 0.9
-    assert not Slipping(robot, model, replace(mended, undone=()), state).by_effects().any()
+    assert not Slipping(robot, model, replace(mended, undone=()), state).by_effects.any()
+
+
+def test_doubt_about_expected_slips_is_a_variance_beside_noise():
+    robot, log = preset("asoc-prototype"), driven("asoc-prototype", RADIUS)
+    geometry, slips = Geometry.of(robot.as_built()), np.full((len(log) - 1, 9), 1e-4)
+    model = LogLikelihood(geometry, log)
+    state = model.start(geometry)
+    plain = model.in_deviations(slips, geometry, state, LEAST_NOISE)
+    model.expect(np.zeros_like(slips), slips / plain)  # as large as noise
+    assert model.in_deviations(slips, geometry, state, LEAST_NOISE) == pytest.approx(plain / np.sqrt(2), rel=1e-9)
 
 
 @pytest.mark.parametrize(("name", "effect"), [("asoc-prototype", RADIUS), ("swerve", STEERED)])
@@ -96,7 +106,7 @@ def test_the_creep_that_a_small_effect_causes_is_of_least_power(name, effect):
     (design,) = linearise(preset(name), [log], among=[candidate]).designs
     slipping = Slipping(preset(name).with_effects(effect), design.model, log, design.state)
     linear = effect.value * design.model.masked_by_creep(design.made.changes, slipping.stiffness)[..., 0]
-    predicted = slipping.by_effects()
+    predicted = slipping.by_effects
     product, square = np.sum(linear * predicted), np.sum(linear**2)
     assert product / np.sqrt(square * np.sum(predicted**2)) > 0.97
     assert product / square == pytest.approx(1.0, abs=0.01)

@@ -1,0 +1,123 @@
+"""How far motors do what they are told: what a log's commands say of its encoders' wiring.
+
+A motor turns its own wheel or castor, whatever its encoder is connected to. So an encoder that counts backwards, or
+shows another wheel, contradicts the command, even where the encoders agree with each other as the robot steers by them.
+Motors may fail to do as they are told, as where wheels are driven against each other. So what counts is by how much
+better another encoder, or the same one backwards, would follow the command.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.preflight.checks import GAP
+from discrepancy.preflight.reading import Channels, Reading
+from discrepancy.preflight.stretches import unwrapped
+
+WINDOW = 0.4
+"""s: turns are summed over this long, in which motors follow their commands."""
+
+OBEYED = 0.05
+"""Share of squares by which another encoder may follow better by chance."""
+
+
+class Obedience:
+    """The share of turns that commands explain better of other encoders, under any reading of logs; 0 without any."""
+
+    def __init__(self, robot: RobotDescription, logs: Sequence[Log], dead: frozenset[int] = frozenset()) -> None:
+        """dead: channels that never change and are left out."""
+        channels = Channels(robot)
+        at = [channels.pivot_of.get(i + 1) for i in robot.driven_castors]
+        steered = [(k, channel) for k, channel in enumerate(at) if channel is not None and channel not in dead]
+        driven = [(k, channel) for k, channel in enumerate(channels.wheels) if channel not in dead]
+        self._kinds = [
+            _Kind.of(robot, [(log, log.command) for log in logs if log.command is not None], driven),
+            _Kind.of(robot, [(log, log.steering_command) for log in logs if log.steering_command is not None], steered),
+        ]
+
+    def share(self, reading: Reading) -> float:
+        """Return the share of squares of the turns of wheels, and that of castors, in sum, as far as above `OBEYED`."""
+        shares = (np.sum(left) / np.sum(whole) for left, whole in self._squares(reading))
+        return sum(max(float(share) - OBEYED, 0.0) for share in shares)
+
+    def each(self, reading: Reading) -> float:
+        """Return the mean of the shares of all motors, however little some of them turn."""
+        shares = [left / np.maximum(whole, 1e-12) for left, whole in self._squares(reading)]
+        return float(np.mean(np.concatenate(shares))) if shares else 0.0
+
+    def _squares(self, reading: Reading) -> list[tuple[Array, Array]]:
+        return [kind.squares(reading) for kind in self._kinds if kind is not None]
+
+
+class _Kind:
+    """Turns of all channels, and commands to those that have one, in V windows.
+
+    A motor's command is followed in any proportion above 0, as counts per turn may be wrong, and with any small delay.
+    """
+
+    def __init__(self, turned: Array, told: Array, changed: Array, channels: Sequence[int]) -> None:
+        """turned (V, all channels), rad; told, changed (V, c): angles that motors were told to turn, and the changes of
+        what they were told; channels (c,): those of the motors."""
+        self._turned, self._told, self._changed, self._channels = turned, told, changed, channels
+        self._known: dict[tuple[int, int, float], float] = {}
+
+    @classmethod
+    def of(
+        cls, robot: RobotDescription, logs: Sequence[tuple[Log, Array]], columns: Sequence[tuple[int, int]]
+    ) -> "_Kind | None":
+        """Return this of logs with their commands (K, c), rad/s; columns: of a command, and the channel of its motor.
+        None if nothing was told, or nothing moved."""
+        parts = [_windows(robot, log, command[:, [k for k, _ in columns]]) for log, command in logs]
+        if not parts or not columns:
+            return None
+        turned, told, changed = (np.concatenate(each) for each in zip(*parts, strict=True))
+        seen = np.all(np.isfinite(told) & np.isfinite(changed), axis=1) & np.all(np.isfinite(turned), axis=1)
+        channels = [channel for _, channel in columns]
+        if not np.any(turned[seen][:, channels]) or not np.any(told[seen]):
+            return None
+        return cls(turned[seen], told[seen], changed[seen], channels)
+
+    def squares(self, reading: Reading) -> tuple[Array, Array]:
+        """Return the sums of squares of the turns that each motor's encoder shows under a reading (c,): those that
+        commands explain less than of another encoder, and all."""
+        shown_by = [reading.source.index(channel) for channel in self._channels]
+        left = [self._left(k, at, float(np.sign(reading.gain[at]))) for k, at in enumerate(shown_by)]
+        whole = np.sum(self._turned[:, shown_by] ** 2, axis=0)
+        return np.maximum(np.array(left) - self._least, 0.0) * whole, whole
+
+    @cached_property
+    def _least(self) -> Array:
+        """The least share (c,) that each command leaves of the turns of any motor's encoder, forwards or backwards."""
+        ways = [(channel, sign) for channel in self._channels for sign in (1.0, -1.0)]
+        return np.array([min(self._left(k, *way) for way in ways) for k in range(len(self._channels))])
+
+    def _left(self, k: int, channel: int, sign: float) -> float:
+        """Return the share of squares that command k leaves of the turns of a channel, times this sign."""
+        if (k, channel, sign) not in self._known:
+            turned, by = sign * self._turned[:, channel], np.column_stack([self._told[:, k], self._changed[:, k]])
+            followed = np.linalg.lstsq(by, turned, rcond=None)[0]
+            left = turned - by @ followed if followed[0] > 0 else turned
+            self._known[k, channel, sign] = float(left @ left) / max(float(turned @ turned), 1e-12)
+        return self._known[k, channel, sign]
+
+
+def _windows(robot: RobotDescription, log: Log, command: Array) -> tuple[Array, Array, Array]:
+    """Return turns (V, all channels) of a log, what was told (V, c), and how that changed, summed over windows."""
+    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+    per_wheel = np.array([robot.wheels[k].counts_per_rev or np.nan for k in driven])
+    per_pivot = np.array([robot.castors[i].pivot_counts_per_rev or np.nan for i in sensed])
+    angle = np.column_stack([log.wheel / per_wheel, unwrapped(log.pivot, per_pivot) / per_pivot]) * 2 * np.pi
+    steps = np.diff(log.t)
+    period = float(np.median(steps))
+    told = np.where(steps > GAP * period, np.nan, steps)[:, None] * command[:-1]
+    changed = np.diff(told, axis=0, prepend=told[:1])
+    size = max(1, round(WINDOW / period))
+    whole = len(told) // size * size
+    turned, told, changed = (
+        part[:whole].reshape(-1, size, part.shape[1]).sum(axis=1) for part in (np.diff(angle, axis=0), told, changed)
+    )
+    return turned, told, changed

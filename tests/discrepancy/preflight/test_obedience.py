@@ -1,0 +1,78 @@
+"""What commands say of the encoders' wiring: a motor turns its own wheel or castor, whatever its encoder shows."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.diagnose import posterior_of
+from discrepancy.preflight import preflight
+from discrepancy.preflight.obedience import OBEYED, Obedience
+from discrepancy.preflight.reading import Channels
+from discrepancy.trials.pymunk_generator import drive
+
+WRONG = (
+    ("differential", EncodersSwapped(castor=1)),
+    ("tricycle", EncoderReversed(castor=1, wheel=1)),
+    ("swerve", CastorOrder(castor=2, exchanged_with=3)),
+)
+
+
+@cache
+def driven(name, effect=None):
+    """A log, with commands, of a robot whose controller reads its encoders as they are connected."""
+    robot = preset(name).with_effects(*([] if effect is None else [effect]))
+    sideways = name == "swerve"
+    return drive(robot, wander(np.random.default_rng(7), duration=12.0, holonomic=sideways), 1, duration=12.0)
+
+
+@pytest.mark.parametrize(("name", "effect"), WRONG)
+def test_commands_tell_wrong_wiring_where_encoders_and_reference_leave_it_open(name, effect):
+    found = preflight(preset(name), [driven(name, effect)])
+    (mistake,) = found.mistakes
+    assert (mistake.effects, mistake.alternatives) == ((effect,), ())
+    without = dataclasses.replace(driven(name, effect), command=None, steering_command=None)
+    told = preflight(preset(name), [without]).mistakes
+    assert not any(mistake.effects == (effect,) and not mistake.alternatives for mistake in told)
+
+
+@pytest.mark.parametrize("name", [name for name, _ in WRONG])
+def test_motors_of_a_robot_in_good_order_obey_best_as_it_is_connected(name):
+    robot, log = preset(name), driven(name)
+    obedience, nominal = Obedience(robot, [log]), Channels(robot).nominal()
+    assert (obedience.share(nominal), obedience.each(nominal)) == (0.0, pytest.approx(0.0, abs=1e-9))
+    for channel in range(len(nominal.source)):
+        assert obedience.each(nominal.scaled((channel,), -1.0)) > OBEYED
+
+
+def test_commands_may_be_in_any_unit_and_be_missing_at_times():
+    log = driven("swerve", WRONG[2][1])
+    assert log.command is not None
+    robot, faster = preset("swerve"), log.command * 1000.0
+    gaps = faster.copy()
+    gaps[50:80] = np.nan
+    shares = [
+        Obedience(robot, [each]).share(Channels(robot).nominal())
+        for each in (
+            log,
+            dataclasses.replace(log, command=faster),
+            dataclasses.replace(log, command=gaps),
+        )
+    ]
+    assert shares[1] == pytest.approx(shares[0], rel=1e-6)
+    assert shares[2] == pytest.approx(shares[0], rel=0.3)
+    silent = dataclasses.replace(log, command=None, steering_command=None)
+    assert Obedience(robot, [silent]).share(Channels(robot).nominal()) == 0.0
+
+
+def test_nothing_else_is_looked_for_where_wheels_slid_by_wrong_wiring():
+    name, effect = WRONG[2]
+    mistakes, diagnosis = posterior_of(preset(name), {"log": driven(name, effect)}, {}, {})
+    assert [mistake.effects for mistake in mistakes] == [(effect,)]
+    assert "the commands by" in mistakes[0].what
+    assert diagnosis.answers == ()
+    assert any("record again" in remark for remark in preflight(preset(name), [driven(name, effect)]).remarks)
