@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import write_atomically, writing
 from castor_envs.logs.csv import read_log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.load import load_robot
@@ -58,10 +58,8 @@ def calibrate_logs(
     if report is None:
         report = difference(described, made.calibrate(described, recordings))
     picture = None if scatter is None or side is None else _drawn(described, report.calibrated, recordings, side)
-    try:
+    with writing(f"--out {out}"):
         report.calibrated.save(out)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
     if scatter is not None and picture is not None:
         try:
             write_atomically(scatter, picture)
@@ -89,10 +87,8 @@ def difference(robot: RobotDescription, calibrated: RobotDescription) -> Report:
 
 
 def _check_new(option: str, path: Path, suffix: str) -> None:
-    try:
+    with writing(option):
         exists = path.exists()
-    except OSError as error:
-        raise InputError(f"{option}: cannot be written to ({error.strerror or error})") from None
     if exists:
         raise InputError(f"{option} {path}: is there already; name a new file")
     if path.suffix != suffix:

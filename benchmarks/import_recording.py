@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from castor_envs.errors import InputError, shortened
+from castor_envs.files import writing
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
 from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED
@@ -33,24 +34,26 @@ def import_source(source: Path, robot: str | None, channel_map: Path | None, out
 
 
 def _import_published(source: Path, out: Path) -> None:
-    try:
+    with writing(f"--out {out}"):
         for folder, session in import_sessions(source, out):
             print(f"{folder}: {session.vehicle.name}, {len(session.runs)} runs")
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
 
 
 def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> None:
     described = load_robot(robot)
     if not channel_map.exists():
         raise InputError(f"--map {channel_map}: no such file; without --map one is made to edit")
-    imported = import_log(source, described, ChannelMap.load(channel_map), str(channel_map))
-    try:
-        write_log(out, imported.log, described, imported.tracked)
-    except InputError as error:
-        raise InputError(f"nothing is written, as the log would be wrong; {error}") from None
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+    by = ChannelMap.load(channel_map)
+    others = [source.parent / place.file for place in by.sources.values() if place.file is not None]
+    read = (source, channel_map, Path(robot), *others)
+    if out.exists() and any(path.exists() and out.samefile(path) for path in read):
+        raise InputError(f"--out {out}: is what is read, which would be lost; name another file")
+    imported = import_log(source, described, by, str(channel_map))
+    with writing(f"--out {out}"):
+        try:
+            write_log(out, imported.log, described, imported.tracked)
+        except InputError as error:
+            raise InputError(f"no log is written, for it would be refused: {error}") from None
     log, poses = imported.log, 0 if imported.tracked is None else len(imported.tracked.t)
     print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses} reference poses")
     for note in imported.notes:

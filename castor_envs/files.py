@@ -53,6 +53,15 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 
 
 @contextlib.contextmanager
+def writing(named: str) -> Iterator[None]:
+    """Turn what the system says of a file that cannot be written into an InputError; named: an option and its path."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{named}: cannot be written to ({error.strerror or error})") from None
+
+
+@contextlib.contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
     """Give a folder to fill that becomes `out` at the end; after an error nothing is left of it.
 
@@ -62,12 +71,11 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: is there already; name a new folder")
     partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
     try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        yield partial
-        partial.rename(out)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written to ({error.strerror or error})") from None
+        with writing(f"--out {out}"):
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir(parents=True)
+            yield partial
+            partial.rename(out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

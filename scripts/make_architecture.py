@@ -1,8 +1,8 @@
 """Draw the rooms of the house and their imports, docs/architecture.svg: ``python scripts/make_architecture.py``.
 
-A room is a folder of one of the five packages, or a module that stands in none. A line means that the upper room imports
-the lower one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is left out.
-Rooms that nearly all import, which hold errors and files, are not drawn.
+A room is a folder of one of the five packages, or a module that stands in none. A line means that the upper room
+imports the lower one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is
+left out. Rooms that nearly all import, which hold errors and files, are not drawn.
 """
 
 import ast
@@ -104,8 +104,10 @@ def picture() -> str:
 
 
 def ordered(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Return the rooms in layers, those that import nothing first; in a layer each near what it imports and what imports
-    it, by the mean of their places, over and over."""
+    """Return the rooms in layers, those that import nothing first.
+
+    In a layer each stands near what it imports and what imports it: by the mean of their places, over and over.
+    """
     depth: dict[str, int] = {}
     for room in TopologicalSorter(graph).static_order():
         depth[room] = 1 + max((depth[other] for other in graph.get(room, ())), default=-1)

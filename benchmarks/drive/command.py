@@ -13,6 +13,7 @@ from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks.task import Episode, Run
 from castor_cli import command_line
 from castor_envs.errors import InputError
+from castor_envs.files import writing
 from castor_envs.floor import Floor
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
@@ -80,25 +81,21 @@ def _check_record(record: Path, robot: RobotDescription) -> None:
     beside = record.parent / file_name(robot)
     if beside.exists() and load_vehicle(str(beside)).hash() != robot.hash():
         raise InputError(f"--record {record}: {beside} is another robot; name a new folder")
-    try:
+    with writing(f"--record {record}"):
         record.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--record {record}: cannot be written to ({error.strerror or error})") from None
 
 
 def _write(record: Path, log: Log, robot: RobotDescription, floor: Floor) -> None:
     if len(log) < 2:
         print(f"not written: {record}: nothing was driven")
         return
-    try:
+    with writing(f"--record {record}"):
         write_log(record, log, robot)
         beside = record.parent / file_name(robot)
         if not beside.exists():
             robot.save(beside)
         if floor != Floor():
             floor.save(record.with_name(f"{record.stem}-floor.json"))
-    except OSError as error:
-        raise InputError(f"--record {record}: cannot be written to ({error.strerror or error})") from None
     print(f"written: {record}, {beside}")
 
 

@@ -18,8 +18,8 @@ TITLES = {
 }
 MEANING = (
     "a group's cell: mean rank over its tasks · score as a multiple of the best one (geometric mean over the tasks)",
-    "who share a rank have the mean of its places; n/m: ranked in n of m tasks; a task served without a rank counts as "
-    "the last place, and there is no multiple then",
+    "estimators that share a rank have the mean of its places; n/m: ranked in n of m tasks; a task served without a "
+    "rank counts as the last place, and there is no multiple then",
 )
 MOST_NAMED = 3
 """Most tasks that a note names."""

@@ -15,7 +15,7 @@ from benchmarks.papers.failure_modes import METRICS, RATIOS, SWEEPS, Sweep, ties
 from benchmarks.papers.vogt import selected_axle
 from benchmarks.tasks.static_tests import STATIC_TESTS, StaticTest
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import write_atomically, writing
 from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing import palette
 from estimators.trains import grpec
@@ -46,19 +46,18 @@ AXLES: tuple[Style, ...] = (
 
 def write_figures(folder: Path) -> list[Path]:
     """Write all figures as PNG files and return their paths; raises InputError where they cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        written = []
+    written = []
+    with writing(f"--figures {folder}"):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise InputError(f"--figures {folder}: a file is in the folder's place; name another folder") from None
         for name, figure in _figures():
             buffer = io.BytesIO()
             FigureCanvasAgg(figure)
             figure.savefig(buffer, format="png", metadata={"Software": None})
             write_atomically(folder / name, buffer.getvalue())
             written.append(folder / name)
-    except (FileExistsError, NotADirectoryError):
-        raise InputError(f"--figures {folder}: a file is in the folder's place; name another folder") from None
-    except OSError as error:
-        raise InputError(f"--figures {folder}: cannot be written to ({error.strerror or error})") from None
     return written
 
 

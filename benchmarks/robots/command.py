@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.robots import summary
 from benchmarks.robots.questions import asked
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import write_atomically, writing
 from castor_envs.rendering.layout import layout_figure
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.plausibility import remarks
@@ -51,10 +51,8 @@ def new_robot(file: str, png: Path | None, force: bool) -> None:
     if path.exists() and not force:
         raise InputError(f"{file}: is there already; name a new file, or give --force to replace it")
     robot = asked()
-    try:
+    with writing(file):
         robot.save(path)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written to ({error.strerror or error})") from None
     print(f"written: {file}; what was not asked for has its default (docs/formats.md)\n")
     check_robot(file, png, as_json=False)
 
@@ -65,10 +63,8 @@ def draw(vehicle: Vehicle, png: Path) -> None:
         raise InputError(f"--png {png}: pictures end in .png; name one")
     picture = io.BytesIO()
     layout_figure(vehicle).savefig(picture, format="png", dpi=110)
-    try:
+    with writing(f"--png {png}"):
         write_atomically(png, picture.getvalue())
-    except OSError as error:
-        raise InputError(f"--png {png}: cannot be written to ({error.strerror or error})") from None
 
 
 def _remarked(vehicle: Vehicle) -> list[str]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from benchmarks.show.drives import Drive
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically
+from castor_envs.files import write_atomically, writing
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
@@ -98,4 +98,5 @@ def _save(path: Path, form: str, pictures: list[NDArray[np.uint8]]) -> None:
         flat[0].save(out, form, save_all=True, append_images=flat[1:], duration=1000 // FPS, loop=0, optimize=True)
     else:
         first.save(out, form)
-    write_atomically(path, out.getvalue())
+    with writing(f"--{form.lower()} {path}"):
+        write_atomically(path, out.getvalue())

@@ -71,7 +71,7 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
             yield "next: castor-diagnose with this log compares its encoders with the reference poses"
         return
     yield f"parity residual, {parity['redundancy']} redundant rows, {parity['moving_samples']} moving samples"
-    table = Table("row", "rms mm a sample", "from rounding", "ratio", f"over {parity['window']:.3g} s", box=None)
+    table = Table("row", "rms mm a sample", "from rounding", "ratio", f"ratio over {parity['window']:.3g} s", box=None)
     for kind in ("rolling", "side_slip"):
         for row in parity[kind]:
             ratios = ("-" if row[key] is None else f"{row[key]:.2f}" for key in ("ratio", "drift"))

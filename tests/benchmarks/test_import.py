@@ -43,6 +43,25 @@ def test_what_no_importer_knows_is_refused_in_one_line(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_is_read_is_never_replaced_and_what_cannot_be_written_says_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = "t,wheel_1l,wheel_1r\n0,0,0\n1,1,1\n2,2,2\n"
+    Path("run.csv").write_text(text)
+    assert call(capsys, "import", "run.csv", "--robot", "differential")[0] == 0
+    command = ("import", "run.csv", "--robot", "differential", "--map", "map.json", "--out")
+    for out in ("run.csv", tmp_path / "map.json"):
+        code, _, said = call(capsys, *command, out)
+        assert (code, said) == (2, f"error: --out {out}: is what is read, which would be lost; name another file\n")
+    code, _, said = call(capsys, *command, "run.csv/log.csv")
+    assert (code, said.startswith("error: --out run.csv/log.csv: cannot be written to (")) == (2, True)
+    assert Path("run.csv").read_text() == text
+    Path("run.csv").write_text(text.replace("2,2,2", "2,1e99,2"))
+    code, _, said = call(capsys, *command, "log.csv")
+    assert code == 2
+    assert said.startswith("error: no log is written, for it would be refused: log.csv:4: column 'wheel_1l'")
+    assert not Path("log.csv").exists()
+
+
 def test_names_in_a_recording_do_not_reach_the_terminal_as_they_are(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,left_ticks\x1b[2J,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")

@@ -103,6 +103,7 @@ MISTAKES = {
     "method": (("--task", "arcs", "--method", "pivoting"), "calibration methods are shown in calibration tasks alone"),
     "ending": (("--task", "arcs", "--png", "a.gif"), "--png a.gif: its name must end in .png"),
     "run": (("--task", "arcs", "--run", "3"), "--run 3: there are 2 runs"),
+    "no folder": (("--task", "arcs", "--out", "mine.html/x.html"), "--out mine.html/x.html: cannot be written to ("),
     "other file": (("--task", "arcs", "--out", "mine.html"), "is there already, and no page of this command"),
 }
 

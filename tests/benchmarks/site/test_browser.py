@@ -6,6 +6,8 @@ import pytest
 
 from benchmarks.leaderboard.board import build
 from benchmarks.site.pages import single_page, write_site
+from discrepancy.report.answers import html_of
+from discrepancy.report.pictures import Picture
 
 selenium = pytest.importorskip("selenium", reason="pages are tried in a browser by selenium: pip install '.[test]'")
 
@@ -13,6 +15,21 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 DRIVER = shutil.which("chromedriver")
 PHONE, DESKTOP = 390, 1280
 """Widths, px."""
+LONG = "wheel_radius_" * 12
+DIAGNOSIS = {
+    "robot": "<script>alert(1)</script>",
+    "verdict": "named",
+    "preflight": [f"{LONG} counts backwards", "not whole numbers"],
+    "mistakes": [{"what": LONG}],
+    "answers": [
+        {"verdict": "named", "what": LONG, "probability": 0.9, "check": "Measure the wheel.", "cost": [0.1, 0.1]}
+    ],
+    "gap": [[0.01, 0.01], [0.001, 0.001]],
+    "held_out_gap": [[0.01, 0.01], [0.001, 0.001]],
+    "logs": [f"{LONG}/log.csv"],
+    "effects": [{"name": LONG}],
+}
+"""Of a report with all that may be wide."""
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +56,9 @@ def site(results, tmp_path_factory):
     out = tmp_path_factory.mktemp("site") / "site"
     write_site(board, results.folder, out)
     (out / "single.html").write_text(single_page(board), encoding="utf-8")
+    drawn = '<svg xmlns="http://www.w3.org/2000/svg" width="900" height="90"><rect width="900" height="90"/></svg>'
+    report = html_of(DIAGNOSIS, [Picture("drift", drawn, "a picture", "as far as it goes")])
+    (out / "diagnosis.html").write_text(report, encoding="utf-8")
     return out
 
 
