@@ -52,7 +52,7 @@ def variants(name: str, floor: Floor) -> tuple[Callable[[], None], Callable[[], 
 
     (world, motors), (still, _) = world_of(), world_of()
     command = np.full(motors, 3.0)
-    space, dt = still._simulation.space, still._simulation.dt
+    space, dt = still.simulation.space, still.simulation.dt
 
     def bare() -> None:
         for _ in range(world.substeps):

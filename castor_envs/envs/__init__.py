@@ -11,7 +11,9 @@ from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
-from gymnasium.vector import SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from castor_envs.errors import InputError
 
 
 def _declared(folder: Path) -> dict[str, str]:
@@ -33,14 +35,39 @@ def _declared(folder: Path) -> dict[str, str]:
 ENVIRONMENTS = _declared(Path(__file__).parent)
 
 
-def make_many(entry_point: str, num_envs: int, **arguments: Any) -> SyncVectorEnv:
-    """Return `num_envs` environments with the same arguments: what ``gymnasium.make_vec`` makes.
+def make_many(
+    entry_point: str, num_envs: int, autoreset_mode: str | AutoresetMode = "NextStep", **arguments: Any
+) -> Any:
+    """Return `num_envs` environments: what ``gymnasium.make_vec`` makes.
 
-    They run side by side in one process. Most of a step's time goes into the compiled physics of each robot, so arrays
-    over robots would not make it faster. Seeds, episodes and numbers are those of the single environments, bit for bit.
+    An argument given as a list has one value for each of them; any other is that of all. Environments whose agents
+    drive are stepped as one (`castor_envs.envs.driving.vector`) unless they have effects on sensors, an estimator or a
+    window; others one after the other. Seeds, episodes and numbers are those of single environments, bit for bit.
     """
     kind: Any = load_env_creator(entry_point)
-    return SyncVectorEnv([lambda: kind(**arguments)] * num_envs)
+    several = [name for name, value in arguments.items() if isinstance(value, list)]
+    for name in several:
+        if len(arguments[name]) != num_envs:
+            raise InputError(f"{name}: a list needs a value for each of {num_envs} environments")
+    made = [
+        kind(**{name: value[i] if name in several else value for name, value in arguments.items()})
+        for i in range(num_envs)
+    ]
+    options: Any = {
+        "autoreset_mode": AutoresetMode(autoreset_mode),
+        "observation_mode": "different" if several else "same",
+    }
+    makers = [partial(_given, env) for env in made]
+    if hasattr(kind, "steps_in_fleet"):
+        from castor_envs.envs.driving.vector import TrackingVectorEnv, steps_as_one
+
+        if steps_as_one(made):
+            return TrackingVectorEnv(makers, **options)
+    return SyncVectorEnv(makers, **options)
+
+
+def _given(env: Any) -> Any:
+    return env
 
 
 def __getattr__(name: str) -> Any:

@@ -118,12 +118,12 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
 
     def _next_course(self) -> Course:
         if not self._random:
-            return self._course
+            return self.course
         self.trajectory = self._drawn(self.np_random)
         return self._course_along(self.trajectory)
 
     def _advance(self, commands: Commands, drive: Drive) -> None:
-        self._sensed.advance(commands, drive)
+        self.sensed.advance(commands, drive)
 
 
 def named_trajectory(trajectory: Trajectory | str) -> Trajectory:

@@ -44,7 +44,8 @@ class Course:
 class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
     """A sensed vehicle, a course, and pictures. Environments say what the agent does, and under which ID.
 
-    vehicle: as estimators may know it. _course: what is followed. _sample: how many sample periods of it have passed.
+    vehicle: as estimators may know it. sensed: it and its sensors. course: what is followed. sample: how many sample
+    periods of it have passed. samples: how many it takes.
     """
 
     ID: ClassVar[str]
@@ -52,7 +53,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
 
     def __init__(self, sensed: Sensed, course: Course, longest: float, render_mode: str | None, margin: float) -> None:
         """Take a vehicle and a course. longest: duration of any episode's course, s. margin: m shown around it."""
-        self._sensed, self._course, self._margin = sensed, course, margin
+        self.sensed, self.course, self._margin = sensed, course, margin
         self.vehicle: Vehicle = sensed.described
         self._longest, self.observation_space = longest, sensed.observation_space(longest)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.vehicle.sample_period))}
@@ -63,35 +64,35 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
 
     def reference(self, t: ArrayLike, pose: Array) -> Array:
         """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N): for recorders."""
-        return self._sensed.reference(t, pose)
+        return self.sensed.reference(t, pose)
 
     @property
     def readings(self) -> Observation:
         """What the sensors say now, whatever the agent is shown: for recorders."""
-        return self._sensed.observation
+        return self.sensed.observation
 
     @property
     def longest_episode(self) -> float:
         """How long this episode is unless it ends early, s; where the agent drives, the largest return of it."""
-        return self._samples * self.vehicle.sample_period
+        return self.samples * self.vehicle.sample_period
 
     def _start(self, seed: int | None) -> Observation:
         """Seed, and put the vehicle at rest at the start of the course."""
         super().reset(seed=seed)
         course = self._next_course()
-        self._samples = int(np.ceil(course.duration / self.vehicle.sample_period - 1e-9))
+        self.samples = int(np.ceil(course.duration / self.vehicle.sample_period - 1e-9))
         self._put_at_start()
-        self._sample = 0
-        if course is not self._course:
-            self._course = course
+        self.sample = 0
+        if course is not self.course:
+            self.course = course
             self.close()
         if self._renderer is not None:
             self._renderer.reset()
-        return self._sensed.observation
+        return self.sensed.observation
 
     def _next_course(self) -> Course:
         """Return the course of the episode that begins."""
-        return self._course
+        return self.course
 
     def _put_at_start(self) -> None:
         """Reset the sensed vehicle to where its course starts."""
@@ -119,22 +120,22 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
     def _started_renderer(self) -> Renderer:
         """Return a renderer of as much floor as the course needs: made when it is needed, for most episodes of learning
         are never drawn."""
-        self._line = self._course.line()
+        self._line = self.course.line()
         low, high = self._line[:, :2].min(axis=0) - self._margin, self._line[:, :2].max(axis=0) + self._margin
         arena = (low[0], high[0], low[1], high[1])
         fps = self.metadata["render_fps"]
         mode: Any = self.render_mode
-        return Renderer(self.vehicle, self._sensed.floor, mode, fps, arena=arena)
+        return Renderer(self.vehicle, self.sensed.floor, mode, fps, arena=arena)
 
     def _draw(self) -> Any:
         self._renderer = self._renderer or self._started_renderer()
         return self._renderer.draw(
-            self._sensed.pose,
-            self._sensed.shape,
+            self.sensed.pose,
+            self.sensed.shape,
             estimate=self.shown_estimate(),
             target=self._line,
-            time=self._sensed.world.time,
-            sliding=self._sensed.sliding(),
+            time=self.sensed.world.time,
+            sliding=self.sensed.sliding(),
         )
 
 
@@ -170,7 +171,7 @@ class RobotEnv(VehicleEnv[SensedRobot]):
 
     def _put_at_start(self) -> None:
         first = self.trajectory.runs[0].legs[0].motion
-        self._sensed.reset(self.np_random, trailing_angles(Geometry.of(self.robot), first))
+        self.sensed.reset(self.np_random, trailing_angles(Geometry.of(self.robot), first))
 
     @property
     def _no_commands(self) -> Commands:
@@ -213,12 +214,12 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
     def _next_course(self) -> Course:
         if self._given_path != "random":
-            return self._course
+            return self.course
         self.path = named_path(self._given_path, self.np_random)
         return self._course_along(self.path)
 
     def _put_at_start(self) -> None:
-        self._sensed.reset(self.np_random)
+        self.sensed.reset(self.np_random)
 
 
 def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:

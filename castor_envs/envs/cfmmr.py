@@ -98,4 +98,4 @@ class CFMMREnv(TrackingEnv[SensedTrain], TrainEnv):
         self._track(TrainFollower(self.train), control, estimator, scaled)
 
     def _advance(self, commands: Commands, drive: Drive) -> None:
-        self._sensed.advance(commands.wheel, drive)
+        self.sensed.advance(commands.wheel, drive)

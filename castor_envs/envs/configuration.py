@@ -96,24 +96,24 @@ class ConfigurationEnv(TrainEnv):
         shape = (self.train.n_axles, 3)
         flat = np.ravel(action) if np.shape(action) == shape else action
         estimate = finite(flat, self.action_space.shape, "action (the estimate x, y, psi of every axle)").reshape(shape)
-        self._off = estimate - self._sensed.pose
+        self._off = estimate - self.sensed.pose
         error = float(np.mean(np.hypot(self._off[:, 0], self._off[:, 1])))
         heading_error = float(np.mean(np.abs(self._off[:, 2])))
         reward, self._error = self._error - error, error
 
         command = np.zeros(2 * self.train.n_axles)
-        terminated = self._sample == self._samples
+        terminated = self.sample == self.samples
         if not terminated:
-            seen = self._sensed.observation
-            command = self._driver.commands(self._sensed.world.time, seen["rps"], seen["rps_age"])
-            self._sensed.advance(command)
-            self._sample += 1
+            seen = self.sensed.observation
+            command = self._driver.commands(self.sensed.world.time, seen["rps"], seen["rps_age"])
+            self.sensed.advance(command)
+            self.sample += 1
         self._show()
-        return self._sensed.observation, reward, terminated, False, self._info(command, heading_error)
+        return self.sensed.observation, reward, terminated, False, self._info(command, heading_error)
 
     def _info(self, command: NDArray[np.float64], heading_error: float) -> dict[str, Any]:
         return {
-            "pose": self._sensed.pose,
+            "pose": self.sensed.pose,
             "position_error": self._error,
             "heading_error": heading_error,
             "command": command,
@@ -122,4 +122,4 @@ class ConfigurationEnv(TrainEnv):
     def shown_estimate(self) -> NDArray[np.float64] | None:
         """Return the last estimate, moved along."""
         # The estimate is one sample older than the train that is drawn: it is moved along, so that its error shows.
-        return None if self._off is None else self._sensed.pose + self._off
+        return None if self._off is None else self.sensed.pose + self._off

@@ -48,7 +48,7 @@ class SensedVehicle(ABC):
         self.vehicle, self.floor = vehicle, floor
         self.described = vehicle.as_described()
         self._bodies, self._built = bodies, [Geometry.of(body) for body in built]
-        self._encoders = Encoders(self._built, 0.0)
+        self.encoders = Encoders(self._built, 0.0)
         self.observation: Observation = {}
 
     @property
@@ -75,16 +75,16 @@ class SensedVehicle(ABC):
 
     def _start_encoders(self, random: np.random.Generator) -> None:
         """Draw the phases of the wheel encoders."""
-        self._encoders = self._encoders.started(random)
-        self._models = [sensor_model_of(body) if body.effects else None for body in self._bodies]
-        self._counts: Array | None = None
+        self.encoders = self.encoders.started(random)
+        self.models = [sensor_model_of(body) if body.effects else None for body in self._bodies]
+        self.counts: Array | None = None
 
     def _read(self, wheels: Array, castors: Array) -> tuple[Array, Array]:
         """Return all wheel and castor angles, rad, with effects on sensors, before encoders round them."""
-        if not any(self._models):
+        if not any(self.models):
             return wheels, castors
         t, read, wheel, castor = np.array([self.world.time]), [], 0, 0
-        for body, model in zip(self._bodies, self._models, strict=True):
+        for body, model in zip(self._bodies, self.models, strict=True):
             wheel_end, castor_end = wheel + len(body.wheels), castor + len(body.castors)
             angles = wheels[None, wheel:wheel_end], castors[None, castor:castor_end]
             read.append(angles if model is None else model(t, *angles))
@@ -93,10 +93,16 @@ class SensedVehicle(ABC):
 
     def _increments(self, wheel_angles: Array) -> Array:
         """Return how far the wheel encoders have counted since they were read last."""
-        counts = self._encoders.wheel(wheel_angles)
-        before = counts if self._counts is None else self._counts
-        self._counts = counts
+        counts = self.encoders.wheel(wheel_angles)
+        before = counts if self.counts is None else self.counts
+        self.counts = counts
         return counts - before
+
+    @property
+    def steps_in_fleet(self) -> bool:
+        """Whether many of it can be moved and seen as one: no effect changes what its encoders see, or its radii."""
+        models = [sensor_model_of(body) for body in self._bodies if body.effects]
+        return not models and not self.world.changing_radii
 
     def sliding(self) -> NDArray[np.bool_]:
         """Return which wheels (w,) slide: their force is at the friction limit."""
@@ -152,7 +158,7 @@ class SensedRobot(SensedVehicle):
 
     def reset(self, random: np.random.Generator, theta: Array) -> None:
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
-        self._random = random
+        self.random = random
         self._start_encoders(random)
         self.world.restart(theta)
         self._sense()
@@ -180,8 +186,8 @@ class SensedRobot(SensedVehicle):
         world, gyro = self.world, self._robot.gyro
         self.sensed_angles = self._read(world.wheel_angles, world.castor_angles)
         wheel, castor = self.sensed_angles
-        yaw_rate = None if gyro is None else world.twist[2] + gyro.bias + gyro.noise * self._random.standard_normal()
-        pivot = self._encoders.pivot(castor)
+        yaw_rate = None if gyro is None else world.twist[2] + gyro.bias + gyro.noise * self.random.standard_normal()
+        pivot = self.encoders.pivot(castor)
         self.observation = observation(self._increments(wheel), world.time, pivot=pivot, gyro=yaw_rate)
 
     def measured_castor_angles(self) -> Array:
@@ -211,7 +217,7 @@ class SensedTrain(SensedVehicle):
     def reset(self, random: np.random.Generator) -> None:
         """Put the train straight, its front axle at the origin, at rest; draws encoder phases and gauge offsets."""
         self._start_encoders(random)
-        self._sensors = PostureSensors(self._built_train, random)
+        self.sensors = PostureSensors(self._built_train, random)
         self.world.restart()
         self._sense()
 
@@ -236,7 +242,7 @@ class SensedTrain(SensedVehicle):
 
     def _sense(self) -> None:
         wheels, _ = self._read(self.world.wheel_angles, self._fixed)
-        rps, age = self._sensors.read(self.world.joint_angles, self.world.time)
+        rps, age = self.sensors.read(self.world.joint_angles, self.world.time)
         self.observation = observation(self._increments(wheels), self.world.time, rps=rps.ravel(), rps_age=age)
 
     def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:

@@ -112,24 +112,24 @@ class UMBmarkEnv(RobotEnv):
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
-        self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self._sensed.pose
+        self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self.sensed.pose
         error, heading_error = float(np.hypot(self._off[0], self._off[1])), float(self._off[2])
         reward, self._error = self._error - error, error
 
         commands = self._no_commands
-        terminated = self._sample == self._samples
+        terminated = self.sample == self.samples
         if not terminated:
-            middle = (self._sample + 0.5) * self.robot.sample_period
+            middle = (self.sample + 0.5) * self.robot.sample_period
             twist = self.trajectory.twist_at(middle)
-            commands = self._controller.commands(self._sensed.measured_castor_angles(), twist)
-            self._sensed.advance(commands)
-            self._sample += 1
+            commands = self._controller.commands(self.sensed.measured_castor_angles(), twist)
+            self.sensed.advance(commands)
+            self.sample += 1
         self._show()
-        return self._sensed.observation, reward, terminated, False, self._info(commands, heading_error)
+        return self.sensed.observation, reward, terminated, False, self._info(commands, heading_error)
 
     def _info(self, commands: Commands, heading_error: float) -> dict[str, Any]:
         return {
-            "pose": self._sensed.pose,
+            "pose": self.sensed.pose,
             "position_error": self._error,
             "heading_error": heading_error,
             "command": commands.wheel,
@@ -139,4 +139,4 @@ class UMBmarkEnv(RobotEnv):
     def shown_estimate(self) -> ArrayLike | None:
         """Return the last estimate, moved along."""
         # The estimate is one sample older than the robot that is drawn: it is moved along, so that its error shows.
-        return None if self._off is None else self._sensed.pose + self._off
+        return None if self._off is None else self.sensed.pose + self._off

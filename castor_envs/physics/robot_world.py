@@ -51,19 +51,19 @@ class RobotWorld:
         self.geometry = Geometry.of(self.robot)
         self.wheels = wheel_records(self.robot, self.floor)
         self.wheels["creep_compliance"] = creep_compliance_of(robot)
-        self._radii = radii_of(robot)
-        self._driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
-        castor_number = np.array(self.robot.wheel_castors)[self._driven_wheels] + 1
-        self._held_wheels = self._driven_wheels[castor_number == held]
-        if held is not None and not self._held_wheels.size:
+        self.changing_radii = radii_of(robot)
+        self.driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
+        castor_number = np.array(self.robot.wheel_castors)[self.driven_wheels] + 1
+        self.held_wheels = self.driven_wheels[castor_number == held]
+        if held is not None and not self.held_wheels.size:
             raise InputError(f"robot {self.robot.name!r} has no castor {held} with driven wheels to hold")
-        self._castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
+        self.castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
 
-        self._mass, self._inertia, self._center = chassis(self.robot)
+        self._mass, self._inertia, self.center = chassis(self.robot)
         motion, self.wheels["speed"] = self._start(pose, castor_angles, twist)
         bodies, joints = self._build(motion)
         self._steers = len(self.robot.driven_castors)
-        self._simulation = Simulation(
+        self.simulation = Simulation(
             f"robot {self.robot.name!r}",
             bodies,
             joints,
@@ -81,7 +81,7 @@ class RobotWorld:
         angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
         theta = np.where(self.geometry.fixed, self.geometry.angle, angles)
         rates = np.nan_to_num(castor_rates(self.geometry, theta, twist))
-        motion = [motion_of(pose[:2], pose[2], twist, self._center)]
+        motion = [motion_of(pose[:2], pose[2], twist, self.center)]
         for i, castor in enumerate(self.robot.castors):
             if castor.steering != "fixed":
                 pivot = np.array(castor.pivot)
@@ -99,7 +99,7 @@ class RobotWorld:
             if castor.steering == "fixed":
                 continue
             body = pymunk.Body(castor.mass, castor.inertia)
-            joint = PivotJoint(base, body, tuple(np.array(castor.pivot) - self._center), (castor.offset, 0.0))
+            joint = PivotJoint(base, body, tuple(np.array(castor.pivot) - self.center), (castor.offset, 0.0))
             joint.error_bias = 0.0  # all of a joint's drift is corrected in the next step
             joints.append(joint)
             if castor.steering == "driven":
@@ -112,7 +112,7 @@ class RobotWorld:
     def restart(self, castor_angles: ArrayLike) -> None:
         """Start again at rest at the origin, castors at these angles (n,), as if made anew."""
         motion, speed = self._start((0.0, 0.0, 0.0), castor_angles, (0.0, 0.0, 0.0))
-        self._simulation.restart(motion)
+        self.simulation.restart(motion)
         self.wheels["speed"] = speed
 
     def advance(self, wheel_command: ArrayLike, steering_command: ArrayLike = 0.0, drive: Drive = "servo") -> None:
@@ -124,52 +124,52 @@ class RobotWorld:
         """
         robot = self.robot
         limit = robot.max_wheel_speed if drive == "servo" else 1.0
-        self._simulation.command(self._driven_wheels, wheel_command, limit, drive)
-        if self._held_wheels.size:
-            self._simulation.command(self._held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
+        self.simulation.command(self.driven_wheels, wheel_command, limit, drive)
+        if self.held_wheels.size:
+            self.simulation.command(self.held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
         if self._steers:
             most = robot.max_steering_speed
             rates = np.broadcast_to(np.minimum(np.maximum(steering_command, -most), most), self._steers)
-            self._simulation.steer(rates, 0.0 if drive == "off" else robot.max_steering_torque)
-        if self._radii is not None:
-            self.wheels["radius"] = self._radii(self._half_on()[None])[0]
-        self._simulation.advance()
+            self.simulation.steer(rates, 0.0 if drive == "off" else robot.max_steering_torque)
+        if self.changing_radii is not None:
+            self.wheels["radius"] = self.changing_radii(self._half_on()[None])[0]
+        self.simulation.advance()
 
     @property
     def time(self) -> float:
         """Since the start, s."""
-        return self._simulation.time
+        return self.simulation.time
 
     @property
     def substeps(self) -> int:
         """Substeps a sample period."""
-        return self._simulation.substeps
+        return self.simulation.substeps
 
     @property
     def dt(self) -> float:
         """Length of a substep, s."""
-        return self._simulation.dt
+        return self.simulation.dt
 
     @property
     def pose(self) -> Array:
         """Pose of B in N: x, y (m), psi (rad, unwrapped)."""
-        return pose_of(self._simulation.motion[0], self._center)
+        return pose_of(self.simulation.motion[0], self.center)
 
     @property
     def twist(self) -> Array:
         """Velocity of B's origin in B and turning rate: v_x, v_y (m/s), omega (rad/s)."""
-        return twist_of(self._simulation.motion[0], self._center)
+        return twist_of(self.simulation.motion[0], self.center)
 
     @property
     def castor_angles(self) -> Array:
         """Theta of each castor (n,), rad, unwrapped."""
-        angles = self._simulation.motion[:, 2]
-        return np.where(self.geometry.fixed, self.geometry.angle, angles[self._castor_bodies] - angles[0])
+        angles = self.simulation.motion[:, 2]
+        return np.where(self.geometry.fixed, self.geometry.angle, angles[self.castor_bodies] - angles[0])
 
     def _half_on(self) -> Array:
         """Return the castor angles (n,) half a sample period ahead at their present rates, rad."""
-        rate = self._simulation.motion[:, 5]
-        turning = np.where(self.geometry.fixed, 0.0, rate[self._castor_bodies] - rate[0])
+        rate = self.simulation.motion[:, 5]
+        turning = np.where(self.geometry.fixed, 0.0, rate[self.castor_bodies] - rate[0])
         return self.castor_angles + turning * self.robot.sample_period / 2
 
     @property
@@ -179,4 +179,4 @@ class RobotWorld:
 
     def energy(self) -> float:
         """Return all mechanical energy, J."""
-        return self._simulation.energy()
+        return self.simulation.energy()

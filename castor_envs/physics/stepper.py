@@ -36,7 +36,7 @@ WORLD = np.dtype(
     ],
     align=True,
 )
-_ADVANCE = Kernel(
+ADVANCE = Kernel(
     "castor_envs.physics.compiled_loop",
     "advance",
     (
@@ -44,7 +44,7 @@ _ADVANCE = Kernel(
         *(array(law.WHEEL, 1), array(float, 2), array(float, 2), array(float, 2), array(float, 2), array(float, 2)),
     ),
 )
-_DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
+DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
 
 
 class Simulation:
@@ -53,7 +53,7 @@ class Simulation:
     name: of what is simulated, for errors. bodies: in the order in which wheels count them. wheels (w,): records
     (`castor_envs.physics.tyre.WHEEL`). iterations: of the solver. stepper: "compiled", or "reference" (plain Python,
     and pymunk for the bodies). motion (b, 6): of each body x, y, angle, v_x, v_y, angular velocity, of its centre of
-    mass in N.
+    mass in N. layout: of each joint its kind and its two bodies.
     """
 
     def __init__(
@@ -84,8 +84,8 @@ class Simulation:
         self.masses = np.array([(body.mass, body.moment) for body in bodies])
         self.joints = joint_records(bodies, joints, self.dt)
         self._fresh = wheels.copy(), self.joints.copy()
-        self._order = solving_order(tuple(self.joints[["kind", "a", "b"]].tolist()), iterations)
-        self._patches, self._cables = floor.patch_array(), floor.cable_array()
+        self.iterations, self.layout = iterations, tuple(self.joints[["kind", "a", "b"]].tolist())
+        self.patches, self.cables = floor.patch_array(), floor.cable_array()
 
     @property
     def space(self) -> pymunk.Space:
@@ -101,30 +101,35 @@ class Simulation:
         for row, body in zip(self.motion, self._bodies, strict=True):
             row[:] = *body.position, body.angle, *body.velocity, body.angular_velocity
 
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What a record of `WORLD` begins with: substeps, climbing, a substep's length (s), gravity downhill (m/s2)."""
+        return self.substeps, self.floor.climbing, self.dt, *self.floor.downhill_gravity
+
     @cached_property
     def _run_substeps(self) -> Callable[[], None]:
         """The compiled loop over the substeps of a sample period."""
-        bodies, joints, wheels = len(self.motion), len(self.joints), len(self.wheels)
-        turns, patches, cables = len(self._order), len(self._patches), len(self._cables)
-        rows = (0, bodies, 0, joints, 0, turns, 0, wheels, 0, patches, 0, cables)
-        world = np.array(
-            [(self.substeps, self.floor.climbing, self.dt, *self.floor.downhill_gravity, *rows)], dtype=WORLD
-        )
+        order, bodies = solving_order(self.layout, self.iterations), len(self.motion)
+        ends = bodies, len(self.joints), len(order), len(self.wheels), len(self.patches), len(self.cables)
+        world = np.array([(*self.settings, *(place for end in ends for place in (0, end)))], dtype=WORLD)
         scratch = np.empty((bodies, 3)), np.empty((bodies, 5)), np.empty((bodies, 5))
-        there = self.wheels, self._patches, self._cables
-        return _ADVANCE.bind(world, self.motion, 1.0 / self.masses, self.joints, self._order, *there, *scratch)
+        there = self.wheels, self.patches, self.cables
+        return ADVANCE.bind(world, self.motion, 1.0 / self.masses, self.joints, order, *there, *scratch)
 
     def restart(self, motion: Array) -> None:
         """Start again, bodies in `motion` (b, 6), as if made anew. Compiled ones only: pymunk's joints remember."""
         if self._stepper != "compiled":
             raise ValueError("a world of the reference stepper cannot start again; make a new one")
-        self.motion[:] = motion
-        self.wheels[:], self.joints[:] = self._fresh
-        self.time, self._shown = 0.0, False
+        self.resume(motion, *self._fresh, 0.0)
+
+    def resume(self, motion: Array, wheels: NDArray[np.void], joints: NDArray[np.void], time: float) -> None:
+        """Take a state: motion (b, 6), records of wheels and joints, time (s)."""
+        self.motion[:], self.wheels[:], self.joints[:] = motion, wheels, joints
+        self.time, self._shown = time, False
 
     def command(self, wheels: NDArray[np.intp], command: ArrayLike, limit: ArrayLike, drive: Drive) -> None:
         """Set the mode of some wheels' motors, and their command within +-limit."""
-        self.wheels["drive"][wheels] = _DRIVES[drive]
+        self.wheels["drive"][wheels] = DRIVES[drive]
         self.wheels["command"][wheels] = np.minimum(np.maximum(command, -np.asarray(limit)), limit)
 
     def steer(self, rates: ArrayLike, most: float) -> None:
@@ -147,16 +152,20 @@ class Simulation:
             self._advance_by_pymunk()
         self.time += self.sample_period
         if not np.abs(self.motion[:, 3:]).max() < FASTEST:
-            raise InputError(
-                f"{self.name}: its physics became unstable at {self.time:.2f} s; a mass, an inertia, a stiffness or "
-                "the contact is out of proportion to the others"
-            )
+            raise self.unstable(self.time)
+
+    def unstable(self, time: float) -> InputError:
+        """Return the error for physics that became unstable at a time, s."""
+        return InputError(
+            f"{self.name}: its physics became unstable at {time:.2f} s; a mass, an inertia, a stiffness or "
+            "the contact is out of proportion to the others"
+        )
 
     def _advance_by_pymunk(self) -> None:
         """Run the substeps in plain Python: the same laws for wheels, pymunk for bodies and joints."""
         records, loads = self.wheels.view(np.recarray), np.empty((len(self.motion), 3))
         middle, end = np.empty((2, len(self.motion), 5))
-        there = self._patches, self._cables, self.floor.climbing
+        there = self.patches, self.cables, self.floor.climbing
         for _ in range(self.substeps):
             places_ahead(self.motion, 0.5 * self.dt, middle)
             places_ahead(self.motion, self.dt, end)
@@ -176,7 +185,7 @@ class Simulation:
         middle, end = np.empty((2, len(motion), 5))
         places_ahead(motion, 0.5 * self.dt, middle)
         places_ahead(motion, self.dt, end)
-        there, unused = (self._patches, self._cables, self.floor.climbing), np.zeros((len(motion), 3))
+        there, unused = (self.patches, self.cables, self.floor.climbing), np.zeros((len(motion), 3))
         law.wheel_forces(motion, middle, end, after.view(np.recarray), *there, self.dt, unused)
         masses, inertias = self.masses.T
         kinetic = 0.5 * np.sum(masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2)
@@ -202,5 +211,5 @@ class Simulation:
             x, y = middle[wheel.body, :2]
             arm_x, arm_y, _, _ = law.contact_at(wheel, middle[wheel.body])
             place = x + arm_x, y + arm_y
-            energy += wheel.load * law.rise_between(*place, *place, wheel.radius, self._cables)[0]
+            energy += wheel.load * law.rise_between(*place, *place, wheel.radius, self.cables)[0]
         return float(energy)

@@ -52,7 +52,7 @@ class TrainWorld:
 
         ahead, behind = [None, *frames], [*frames, None]
         records = []
-        self._centers, bodies = [], []
+        self.centers, bodies = [], []
         for i, module in enumerate(self.train.modules):
             clamped = [frame for frame in (ahead[i], behind[i]) if frame is not None]
             carried = sum(0.5 * frame.linear_density * frame.length for frame in clamped)
@@ -68,7 +68,7 @@ class TrainWorld:
             wheels["y"] += shift[1]
             wheels["body"] = i
             records.append(wheels)
-            self._centers.append(center)
+            self.centers.append(center)
             bodies.append(body)
         self.wheels = np.concatenate(records)
         needed = [enough_substeps(module, wheels) for module, wheels in zip(self.train.modules, records, strict=True)]
@@ -81,15 +81,15 @@ class TrainWorld:
             )
 
         joints: list[Constraint] = []
-        self._frame_bodies = []
+        self.frame_bodies = []
         for f, (frame, bend) in enumerate(zip(frames, bends, strict=True)):
-            rear, front = (Clamp(bodies[i], -self._centers[i]) for i in (f + 1, f))
+            rear, front = (Clamp(bodies[i], -self.centers[i]) for i in (f + 1, f))
             links, frame_joints = chain(frame, rear, front, self.train.sample_period / substeps, bend)
-            self._frame_bodies.append(np.array([f + 1, *range(len(bodies), len(bodies) + len(links)), f]))
+            self.frame_bodies.append(np.array([f + 1, *range(len(bodies), len(bodies) + len(links)), f]))
             bodies += links
             joints += frame_joints
-        self._limits = np.repeat([module.max_wheel_speed for module in self.train.modules], 2)
-        self._simulation = Simulation(
+        self.limits = np.repeat([module.max_wheel_speed for module in self.train.modules], 2)
+        self.simulation = Simulation(
             f"train {self.train.name!r}",
             bodies,
             joints,
@@ -101,39 +101,41 @@ class TrainWorld:
             stepper=stepper,
         )
         self._n = n
-        self._start = self._simulation.motion.copy()
+        self._start = self.simulation.motion.copy()
+
+    changing_radii = None
 
     def restart(self) -> None:
         """Start again where it was put, as if made anew."""
-        self._simulation.restart(self._start)
+        self.simulation.restart(self._start)
 
     def advance(self, wheel_command: ArrayLike, drive: Drive = "servo") -> None:
         """Run one sample period with constant commands (2N,), axle by axle, left first; as `RobotWorld.advance`."""
-        limits = self._limits if drive == "servo" else np.ones_like(self._limits)
-        self._simulation.command(np.arange(2 * self._n), wheel_command, limits, drive)
-        self._simulation.advance()
+        limits = self.limits if drive == "servo" else np.ones_like(self.limits)
+        self.simulation.command(np.arange(2 * self._n), wheel_command, limits, drive)
+        self.simulation.advance()
 
     @property
     def time(self) -> float:
         """Since the start, s."""
-        return self._simulation.time
+        return self.simulation.time
 
     @property
     def substeps(self) -> int:
         """Substeps a sample period."""
-        return self._simulation.substeps
+        return self.simulation.substeps
 
     @property
     def poses(self) -> Array:
         """Poses of the axles in N, (N, 3), front first; psi unwrapped."""
-        motion = self._simulation.motion
-        return np.array([pose_of(motion[i], center) for i, center in enumerate(self._centers)])
+        motion = self.simulation.motion
+        return np.array([pose_of(motion[i], center) for i, center in enumerate(self.centers)])
 
     @property
     def twists(self) -> Array:
         """Twists of the axles, each in its own frame, (N, 3)."""
-        motion = self._simulation.motion
-        return np.array([twist_of(motion[i], center) for i, center in enumerate(self._centers)])
+        motion = self.simulation.motion
+        return np.array([twist_of(motion[i], center) for i, center in enumerate(self.centers)])
 
     @property
     def relative_poses(self) -> Array:
@@ -144,8 +146,8 @@ class TrainWorld:
     @property
     def joint_angles(self) -> list[Array]:
         """Of each frame the angles (links,) of its joints, from the rear, rad."""
-        angle = self._simulation.motion[:, 2]
-        return [np.diff(angle[bodies]) for bodies in self._frame_bodies]
+        angle = self.simulation.motion[:, 2]
+        return [np.diff(angle[bodies]) for bodies in self.frame_bodies]
 
     @property
     def frame_shapes(self) -> list[Array]:
@@ -163,4 +165,4 @@ class TrainWorld:
 
     def energy(self) -> float:
         """Return all mechanical energy, J."""
-        return self._simulation.energy()
+        return self.simulation.energy()

@@ -33,6 +33,24 @@ class Encoders:
         drawn._phase = random.uniform(size=len(self._driven))
         return drawn
 
+    @classmethod
+    def stacked(cls, members: Sequence["Encoders"]) -> "Encoders":
+        """Return the encoders of several vehicles of one layout, along one new leading axis; `take` changes phases."""
+        joined = copy.copy(members[0])
+        for name in ("_zero", "_steps", "_turn"):
+            setattr(joined, name, np.stack([getattr(member, name) for member in members]))
+        joined._phase = np.zeros(joined.shape)
+        return joined
+
+    def take(self, row: int, member: "Encoders") -> None:
+        """Let a row of stacked encoders stand as those of a single vehicle."""
+        self._phase[row] = member._phase
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """That of the wheel counts (..., driven wheels)."""
+        return self._steps.shape
+
     @staticmethod
     def random_phase(geometry: Geometry, random: np.random.Generator, *axes: int) -> Array:
         """Draw phases (*axes, driven wheels) uniformly."""

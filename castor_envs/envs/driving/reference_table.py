@@ -31,12 +31,17 @@ class ReferenceTable:
 
     def at(self, sample: int) -> Reference:
         """Return the reference of a sample, counted from 0; its arrays are not to be changed."""
-        block, row = divmod(sample, ROWS)
+        places, twist = self.block(sample)
+        return Reference(places[sample % ROWS], twist[sample % ROWS])
+
+    def block(self, sample: int) -> Reference:
+        """Return the references of the `ROWS` samples, from a multiple of it, among which a sample is."""
+        block = sample // ROWS
         if block != self._block:
             now = np.arange(block * ROWS, (block + 1) * ROWS) * self._period
             shown = self._course.target(now[:, None] + self._ahead)
             goal = np.broadcast_to(self._goal, (ROWS, 1, *self._goal.shape))
-            self._places = np.concatenate([shown, goal], axis=1)
-            self._twist = self._course.twist(now + 0.5 * self._period)
+            places = np.concatenate([shown, goal], axis=1)
+            self._rows = Reference(places, self._course.twist(now + 0.5 * self._period))
             self._block = block
-        return Reference(self._places[row], self._twist[row])
+        return self._rows

@@ -65,12 +65,12 @@ class Scaling:
         return spaces.Box(-LIMIT, LIMIT, (size,), dtype=np.float32)
 
     def __call__(self, observation: Observation) -> NDArray[np.float32]:
-        """Return an observation as a vector."""
+        """Return an observation, or a stack of them, as a vector (...)."""
         parts = [observation[name] / scale for name, scale in self.scales.items()]
         if self.geometry is not None:
-            theta = castor_angles(self.geometry, observation["pivot"])[self.geometry.sensed]
+            theta = castor_angles(self.geometry, observation["pivot"])[..., self.geometry.sensed]
             parts += [np.cos(theta), np.sin(theta)]
-        vector = np.clip(np.concatenate(parts), -LIMIT, LIMIT)
+        vector = np.minimum(np.maximum(np.concatenate(parts, axis=-1), -LIMIT), LIMIT)
         return np.nan_to_num(vector, copy=False, nan=0.0).astype(np.float32)
 
 

@@ -54,19 +54,35 @@ class TrackingEnv(VehicleEnv[Sensed]):
         """Take what all constructors share, after that of the vehicle."""
         if control not in get_args(Control):
             raise InputError(f"unknown control {control!r}{did_you_mean(str(control), get_args(Control))}")
-        self.follower, self._control = follower, control
+        self.follower, self.control = follower, control
         self._estimator_class = _estimator_class(estimator)
         size = (follower.corrections if control == "residual" else follower.fastest).shape
         self.action_space = spaces.Box(-1.0, 1.0, size, dtype=np.float32)
-        bodies = self._course.target(0.0).size // 3
+        bodies = self.course.target(0.0).size // 3
         far = np.tile([FAR, FAR, np.pi], bodies)
         most = {"reference": np.tile(far, len(AHEAD)), "reference_twist": np.full(3 * bodies, FAST), "goal": far}
         shown = {name: spaces.Box(-bound, bound, dtype=np.float64) for name, bound in most.items()}
         readings: Any = self.observation_space
         self.observation_space = spaces.Dict(readings.spaces | shown)
-        self._scaling = Scaling.of(self.vehicle, self._longest, AHEAD) if scaled else None
-        if self._scaling is not None:
-            self.observation_space = self._scaling.space
+        self.scaling = Scaling.of(self.vehicle, self._longest, AHEAD) if scaled else None
+        if self.scaling is not None:
+            self.observation_space = self.scaling.space
+
+    @property
+    def drive(self) -> Drive:
+        """How motors take commands."""
+        return "voltage" if self.control == "voltage" else "servo"
+
+    @property
+    def steps_in_fleet(self) -> bool:
+        """Whether many of it can be stepped as one: no effects on sensors, no estimator, no window."""
+        return self._estimator_class is None and self.render_mode is None and self.sensed.steps_in_fleet
+
+    def resume(self, sample: int, unscaled: Observation) -> None:
+        """Be at a sample of the course with its observation, not scaled, after the vehicle has been moved there."""
+        self.sample, self.unscaled = sample, unscaled
+        self.sensed.observation = {name: unscaled[name] for name in self.sensed.observation}
+        self._believed = self.sensed.pose
 
     @abstractmethod
     def _advance(self, commands: Commands, drive: Drive) -> None:
@@ -75,29 +91,29 @@ class TrackingEnv(VehicleEnv[Sensed]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Put the vehicle at the start of its course."""
         self._start(seed)
-        self._table = ReferenceTable(self._course, self.vehicle.sample_period, AHEAD)
+        self.table = ReferenceTable(self.course, self.vehicle.sample_period, AHEAD)
         self._estimator = None if self._estimator_class is None else self._estimator_class()
         if self._estimator is not None:
-            self._estimator.reset(self.vehicle, self._sensed.pose)
+            self._estimator.reset(self.vehicle, self.sensed.pose)
         return self._after(self._commands(np.zeros_like(self.follower.fastest)))
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Command the motors for one sample period."""
         fraction = np.minimum(np.maximum(finite(action, self.action_space.shape, "action"), -1.0), 1.0)
         commands = self._commands(self._motors(fraction))
-        self._advance(commands, "voltage" if self._control == "voltage" else "servo")
-        self._sample += 1
+        self._advance(commands, self.drive)
+        self.sample += 1
         observation, info = self._after(commands)
-        reward = self.vehicle.sample_period * quality(info["position_error"], info["heading_error"])
-        lost, over = info["position_error"] > LOST, self._sample >= self._samples
+        reward = self.vehicle.sample_period * float(quality(info["position_error"], info["heading_error"]))
+        lost, over = info["position_error"] > LOST, self.sample >= self.samples
         return observation, reward, lost, over, info
 
     def _motors(self, fraction: Array) -> Array:
         """Return what an action tells the motors (m,): speeds, or voltages of wheels as a fraction of the full one."""
         fastest, wheels = self.follower.fastest, self.follower.wheels
-        if self._control == "residual":
-            return self.follower.corrected(self._unscaled, fraction)
-        if self._control == "voltage":
+        if self.control == "residual":
+            return self.follower.corrected(self.unscaled, fraction)
+        if self.control == "voltage":
             return np.concatenate([fraction[:wheels], fraction[wheels:] * fastest[wheels:]])
         return fraction * fastest
 
@@ -106,15 +122,15 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     def _after(self, commands: Commands) -> tuple[Any, dict[str, Any]]:
         """Return observation and information of the newest sample; in human mode, draw it."""
-        pose, reference = self._sensed.pose, self._table.at(self._sample)
+        pose, reference = self.sensed.pose, self.table.at(self.sample)
         target = reference.places[0].copy()
         self._believed = pose
         if self._estimator is not None:
-            self._believed = finite(self._estimator.update(self._sensed.observation), pose.shape, "estimator's pose")
+            self._believed = finite(self._estimator.update(self.sensed.observation), pose.shape, "estimator's pose")
         self._show()
-        self._unscaled = self._sensed.observation | self._seen(reference)
-        observation = self._unscaled if self._scaling is None else self._scaling(self._unscaled)
-        position_error, heading_error = tracking_error(pose, target)
+        self.unscaled = self.sensed.observation | seen_from(self._believed, reference)
+        observation = self.unscaled if self.scaling is None else self.scaling(self.unscaled)
+        position_error, heading_error = map(float, tracking_error(pose, target))
         return observation, {
             "pose": pose,
             "target": target,
@@ -124,20 +140,25 @@ class TrackingEnv(VehicleEnv[Sensed]):
             "steering_command": commands.steering,
         }
 
-    def _seen(self, reference: Reference) -> Observation:
-        """Return what is seen of the course from where the agent believes to be."""
-        seen = relative_pose(self._believed, reference.places)
-        seen[..., :2] = np.minimum(np.maximum(seen[..., :2], -FAR), FAR)
-        seen[..., 2] = wrap(seen[..., 2])
-        return {
-            "reference": seen[:-1].ravel(),
-            "reference_twist": np.minimum(np.maximum(reference.twist.ravel(), -FAST), FAST),
-            "goal": seen[-1].ravel(),
-        }
-
     def shown_estimate(self) -> ArrayLike | None:
         """Return where the agent believes to be, if an estimator tells it."""
         return None if self._estimator is None else self._believed
+
+
+def seen_from(believed: Array, reference: Reference, *many: int) -> Observation:
+    """Return what is seen of a course from where the agent believes to be, (3,), or (N, 3) of a train.
+
+    many: B for B vehicles; then `believed` and the twist have it as their first axis, and the places as their second.
+    """
+    seen = relative_pose(believed, reference.places)
+    seen[..., :2] = np.minimum(np.maximum(seen[..., :2], -FAR), FAR)
+    seen[..., 2] = wrap(seen[..., 2])
+    ahead = np.moveaxis(seen[:-1], 0, 1) if many else seen[:-1]
+    return {
+        "reference": ahead.reshape(*many, -1),
+        "reference_twist": np.minimum(np.maximum(reference.twist.reshape(*many, -1), -FAST), FAST),
+        "goal": seen[-1].reshape(*many, -1),
+    }
 
 
 def _estimator_class(given: EstimatorClass | str | None) -> EstimatorClass | None:

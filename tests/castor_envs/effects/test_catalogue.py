@@ -90,7 +90,7 @@ def drive(robot, samples=40, seed=3):
     """Drive open loop in castor/ASOC-v1; return its SensedRobot, observations, true angles and sensed angles."""
     env = gym.make("castor_envs:castor/ASOC-v1", robot=robot, trajectory="figure-eight")
     observation, info = env.reset(seed=seed)
-    sensed = env.unwrapped._sensed
+    sensed = env.unwrapped.sensed
     random = np.random.default_rng(7)
     rows = []
     for k in range(samples):
@@ -301,10 +301,10 @@ def test_the_simulated_sensors_and_the_prediction_are_one(name):
         moved = np.abs(np.hstack([predicted_wheel - wheel, predicted_castor - castor]))
         assert np.max(moved) > 1e-5
     count = np.cumsum([observation["wheel"] for observation in observations], axis=0)
-    expected = sensed._encoders.wheel(predicted_wheel)
+    expected = sensed.encoders.wheel(predicted_wheel)
     np.testing.assert_array_equal(count, expected - expected[0])
     np.testing.assert_array_equal(
-        [observation["pivot"] for observation in observations], sensed._encoders.pivot(predicted_castor)
+        [observation["pivot"] for observation in observations], sensed.encoders.pivot(predicted_castor)
     )
 
 
@@ -617,7 +617,7 @@ def test_a_controller_sees_what_the_sensors_report():
         env.reset(seed=0)
         for _ in range(60):
             env.step(np.zeros(3))
-        ends.append(env.unwrapped._sensed.world.pose)
+        ends.append(env.unwrapped.sensed.world.pose)
     assert np.max(np.abs(ends[1] - ends[0])) > 1e-4
 
 

@@ -47,7 +47,7 @@ def test_a_robot_follows_a_drive_from_a_file(tmp_path, robot, trajectory):
     env.reset(seed=1)
     pose, over, info = [], False, {}
     for velocity in rows[:-1, 4:]:
-        castors = env.unwrapped._sensed.measured_castor_angles()  # type: ignore[attr-defined]
+        castors = env.unwrapped.sensed.measured_castor_angles()  # type: ignore[attr-defined]
         commands = controller.commands(castors, velocity)
         wheel = np.asarray(commands.wheel) / known.max_wheel_speed
         action = np.concatenate([wheel, commands.steering / known.max_steering_speed]).astype(np.float32)

@@ -64,7 +64,7 @@ def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
         world.advance(0.3 * random.uniform(-1, 1, len(robot.driven_wheels)) * robot.max_wheel_speed)
     weight, contact = 9.80665 / math.sqrt(1 + slope @ slope), robot.contact
     expected, half = 0.0, 0.5 * robot.sample_period / 1000
-    for body in world._simulation.space.bodies:
+    for body in world.simulation.space.bodies:
         speed, spin = body.velocity.length, body.angular_velocity
         expected += 0.5 * body.mass * speed**2 + 0.5 * body.moment * spin**2
         expected += body.mass * weight * float(slope @ (np.array(body.position) + half * np.array(body.velocity)))
@@ -75,7 +75,7 @@ def test_energy_is_that_of_bodies_spins_bristles_and_height(name, seed):
         expected += 0.5 * along * state["stretch_long"] ** 2 + 0.5 * across * state["stretch_lat"] ** 2
     assert world.energy() == pytest.approx(expected, rel=2e-5, abs=2e-5)
     mass = robot.mass + sum(castor.mass for castor in robot.castors)
-    assert sum(body.mass for body in world._simulation.space.bodies) == pytest.approx(mass)
+    assert sum(body.mass for body in world.simulation.space.bodies) == pytest.approx(mass)
 
 
 def test_rolling_downhill_turns_height_into_motion_and_little_else():
@@ -93,7 +93,7 @@ def test_rolling_downhill_turns_height_into_motion_and_little_else():
 def momentum(world):
     """Linear momentum and angular momentum about the origin of N."""
     total = np.zeros(3)
-    for body in world._simulation.space.bodies:
+    for body in world.simulation.space.bodies:
         (x, y), (vx, vy) = body.position, body.velocity
         total += body.mass * np.array([vx, vy, x * vy - y * vx])
         total[2] += body.moment * body.angular_velocity
@@ -117,12 +117,12 @@ def test_on_ice_momentum_stays_whatever_the_motors_do(name):
 
 
 def center_of_mass(world):
-    bodies = world._simulation.space.bodies
+    bodies = world.simulation.space.bodies
     return np.average([body.position for body in bodies], axis=0, weights=[body.mass for body in bodies])
 
 
 def pivots(world):
-    return [joint for joint in world._simulation.space.constraints if isinstance(joint, PivotJoint)]
+    return [joint for joint in world.simulation.space.constraints if isinstance(joint, PivotJoint)]
 
 
 @pytest.mark.parametrize("friction", [0.8, 0.05])

@@ -117,7 +117,7 @@ def contact_points(robot, world):
 
 
 def momentum(world):
-    return np.sum([body.mass * np.array(body.velocity) for body in world._simulation.space.bodies], axis=0)
+    return np.sum([body.mass * np.array(body.velocity) for body in world.simulation.space.bodies], axis=0)
 
 
 @pytest.mark.parametrize("name", CIRCLE_ROBOTS)

@@ -60,7 +60,7 @@ def waves(n, t, speed=0.2, sharpest=1.2):
 
 
 def pivots(world):
-    return [joint for joint in world._simulation.space.constraints if isinstance(joint, PivotJoint)]
+    return [joint for joint in world.simulation.space.constraints if isinstance(joint, PivotJoint)]
 
 
 def gap(joints):
@@ -78,7 +78,7 @@ def test_wheels_carry_all_weight_each_pair_its_module_and_half_of_its_frames(n, 
     modules = [module.mass + module.castors[0].mass for module in train.modules]
     carried = [module + (frames[i] + frames[i + 1]) / 2 for i, module in enumerate(modules)]
     np.testing.assert_allclose(world.wheels["load"], np.repeat(carried, 2) / 2 * across)
-    assert sum(body.mass for body in world._simulation.space.bodies) == pytest.approx(sum(modules) + sum(frames))
+    assert sum(body.mass for body in world.simulation.space.bodies) == pytest.approx(sum(modules) + sum(frames))
 
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (1.0, -2.0, 2.5)])
@@ -101,7 +101,7 @@ def test_a_train_starts_at_rest_where_it_is_put(pose):
 
 def test_wheels_stand_at_the_ends_of_their_axle_however_heavy_the_frames_on_it():
     world = TrainWorld(changed(lopsided(3), {"linear_density": 20.0}), pose=(0.3, 0.1, 0.8), bends=[0.4, -0.7])
-    bodies = list(world._simulation.space.bodies)
+    bodies = list(world.simulation.space.bodies)
     for wheel, left in zip(world.wheels, [True, False] * 3, strict=True):
         place = bodies[wheel["body"]].local_to_world((float(wheel["x"]), float(wheel["y"])))
         axle = world.poses[wheel["body"]]
@@ -332,7 +332,7 @@ def test_energy_of_a_train_at_rest_is_what_bent_frames_hold():
 def momentum(world):
     """Linear momentum, angular momentum about the origin of N; and the centre of mass."""
     total, place, mass = np.zeros(3), np.zeros(2), 0.0
-    for body in world._simulation.space.bodies:
+    for body in world.simulation.space.bodies:
         (x, y), (vx, vy) = body.position, body.velocity
         total += body.mass * np.array([vx, vy, x * vy - y * vx])
         total[2] += body.moment * body.angular_velocity
@@ -344,7 +344,7 @@ def momentum(world):
 def test_on_ice_momentum_stays_whatever_motors_and_frames_do(n):
     random = np.random.default_rng(1)
     world = TrainWorld(lopsided(n), ICE, bends=0.8 * (-1.0) ** np.arange(n - 1))
-    bodies = world._simulation.space.bodies
+    bodies = world.simulation.space.bodies
     for body in bodies:  # in flight, turning about the origin, as one
         x, y = body.position
         body.velocity, body.angular_velocity = (0.5 - 0.4 * y, 0.3 + 0.4 * x), 0.4

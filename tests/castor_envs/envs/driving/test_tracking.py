@@ -169,7 +169,7 @@ def test_the_reference_is_the_target_seen_from_the_vehicle(name):
     going = np.exp(1j * target[:, 2]) * (twist[:, 0] + 1j * twist[:, 1])
     np.testing.assert_allclose(place[1] - place[0], 0.25 * going, atol=0.02)
     end = in_world(observation["goal"].reshape(pose.shape))[0]
-    for _ in range(env._samples - 30):
+    for _ in range(env.samples - 30):
         observation, _, _, truncated, info = env.step(scripted(env, observation))
     assert truncated
     last = np.atleast_2d(info["target"])
@@ -235,7 +235,7 @@ def test_a_gyro_is_scaled_too_and_a_missing_reading_is_zero():
 
 
 def course(env):
-    return env._course.target(np.linspace(0.0, 15.0, 40))
+    return env.course.target(np.linspace(0.0, 15.0, 40))
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -278,9 +278,9 @@ def test_a_correction_changes_the_velocity_of_the_body(robot):
     action = np.array([0.4, 0.2, 0.5])[[0, 1, 2] if size == 3 else [0, 2]]
     for _ in range(6):
         env.step(action)
-    went = env._sensed.world.twist
+    went = env.sensed.world.twist
     expected = np.array([0.1, 0.05 if size == 3 else 0.0, 0.25])
-    seen = env._unscaled["reference"][:3]  # what the scripted driver adds to get back
+    seen = env.unscaled["reference"][:3]  # what the scripted driver adds to get back
     back = seen if size == 3 else 0.0 * seen
     np.testing.assert_allclose(went[2], expected[2] + back[2], atol=0.02)
     assert np.hypot(*went[:2]) == pytest.approx(np.hypot(*(expected[:2] + back[:2])), abs=0.03)
@@ -356,7 +356,7 @@ def test_nothing_is_drawn_before_a_picture_is_asked_for():
 def test_the_table_of_a_course_holds_what_the_course_says_of_each_sample(name):
     env = made(name)
     env.reset(seed=4)
-    course, period = env._course, env.vehicle.sample_period
+    course, period = env.course, env.vehicle.sample_period
     table = ReferenceTable(course, period, AHEAD)
     for sample in (0, 1, ROWS - 1, ROWS, 2 * ROWS + 5, 3):
         places, twist = table.at(sample)
