@@ -100,9 +100,8 @@ class SensedVehicle(ABC):
 
     @property
     def steps_in_fleet(self) -> bool:
-        """Whether many of it can be moved and seen as one: no effect changes what its encoders see, or its radii."""
-        models = [sensor_model_of(body) for body in self._bodies if body.effects]
-        return not models and not self.world.changing_radii
+        """Whether many of it can be moved and seen as one: no body has effects of its own."""
+        return not any(body.effects for body in self._bodies)
 
     def sliding(self) -> NDArray[np.bool_]:
         """Return which wheels (w,) slide: their force is at the friction limit."""

@@ -11,10 +11,10 @@ from castor_envs.physics import solver, tyre
 from castor_envs.physics.solver import places_ahead, step_bodies
 from castor_envs.physics.tyre import wheel_forces
 
-for _module in (tyre, solver):
-    for _name, _law in list(vars(_module).items()):
-        if getattr(_law, "__module__", None) == _module.__name__ and _law.__annotations__.get("return", None) is None:
-            register_jitable(_law)
+_WHEELS = tyre.friction_at, tyre.rise_between, tyre.slack_on_circle, tyre.turn_wheel, tyre.contact_at, wheel_forces
+_BODIES = places_ahead, step_bodies, solver.prepare, solver.twist, solver.push, solver.hold
+for _law in (*_WHEELS, *_BODIES):
+    register_jitable(_law)
 
 
 def advance(

@@ -9,10 +9,10 @@ from castor_envs.effects.catalogue import creep_compliance_of, floor_of, radii_o
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.bodies import motion_of, pose_of, twist_of
 from castor_envs.geometry.se2 import rotate_single
 from castor_envs.motion.kinematics import Geometry, castor_rates, inverse
-from castor_envs.physics.bodies import motion_of, move, pose_of, twist_of
-from castor_envs.physics.stepper import Drive, Simulation, Stepper
+from castor_envs.physics.stepper import Drive, Simulation, Stepper, move
 from castor_envs.physics.wheel_state import enough_substeps, wheel_records
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.weight import castor_center, chassis

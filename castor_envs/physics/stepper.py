@@ -15,7 +15,6 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.kernels.arguments import array
 from castor_envs.kernels.kernel import Kernel
 from castor_envs.physics import tyre as law
-from castor_envs.physics.bodies import move
 from castor_envs.physics.solver import JOINT, MOTOR, SPRING, joint_records, places_ahead, solving_order
 
 Drive = Literal["servo", "voltage", "off"]
@@ -45,6 +44,13 @@ ADVANCE = Kernel(
     ),
 )
 DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
+
+
+def move(body: pymunk.Body, motion: Array) -> None:
+    """Let a body of pymunk move like this (6,)."""
+    x, y, angle, v_x, v_y, spin = motion.tolist()
+    body.angle, body.position = angle, (x, y)
+    body.velocity, body.angular_velocity = (v_x, v_y), spin
 
 
 class Simulation:

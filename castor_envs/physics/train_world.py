@@ -10,10 +10,10 @@ from pymunk.constraints import Constraint
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.bodies import motion_of, pose_of, twist_of
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
 from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
-from castor_envs.physics.bodies import motion_of, move, pose_of, twist_of
-from castor_envs.physics.stepper import Drive, Simulation, Stepper
+from castor_envs.physics.stepper import Drive, Simulation, Stepper, move
 from castor_envs.physics.wheel_state import MOST_SUBSTEPS, enough_substeps, wheel_records
 from castor_envs.vehicles.train import TrainDescription
 from castor_envs.vehicles.weight import chassis, combined
@@ -102,8 +102,6 @@ class TrainWorld:
         )
         self._n = n
         self._start = self.simulation.motion.copy()
-
-    changing_radii = None
 
     def restart(self) -> None:
         """Start again where it was put, as if made anew."""

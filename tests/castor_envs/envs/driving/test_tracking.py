@@ -183,7 +183,7 @@ def test_scaled_observations_are_within_about_one_when_driven_well(name, floor):
     env = made(name, scaled=True, floor=floor)
     _, observations, *_ = driven(name, floor, scripted)
     assert all(made(name).observation_space.contains(seen) for seen in observations[::20])
-    vectors = np.array([env._scaling(seen) for seen in observations])
+    vectors = np.array([env.scaling(seen) for seen in observations])
     assert all(env.observation_space.contains(vector) for vector in vectors)
     largest = np.abs(vectors).max(axis=0)
     if floor is None:
@@ -209,7 +209,7 @@ def test_a_distance_at_which_an_episode_ends_is_the_limit_of_scaled_numbers():
     seen, _ = made("castor/ASOC-v1").reset(seed=0)
     for distance in (LOST, 2 * LOST):
         seen["reference"][0] = -distance
-        assert np.min(env._scaling(seen)) == -LIMIT
+        assert np.min(env.scaling(seen)) == -LIMIT
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -231,7 +231,7 @@ def test_a_gyro_is_scaled_too_and_a_missing_reading_is_zero():
     assert np.count_nonzero(vector == 0.5) == 1
     train = made("castor/CFMMR-v1", scaled=True)
     observation, _ = made("castor/CFMMR-v1").reset(seed=0)
-    assert np.all(np.isfinite(train._scaling({**observation, "rps": np.full(6, np.nan)})))
+    assert np.all(np.isfinite(train.scaling({**observation, "rps": np.full(6, np.nan)})))
 
 
 def course(env):

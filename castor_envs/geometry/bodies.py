@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pymunk
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate_single
@@ -17,13 +16,6 @@ def motion_of(at: Array, angle: float, twist: Array, center: Array) -> Array:
     velocity = rotate_single(np.array([twist[0] - twist[2] * center[1], twist[1] + twist[2] * center[0]]), angle)
     position = at + rotate_single(center, angle)
     return np.array([position[0], position[1], angle, velocity[0], velocity[1], twist[2]])
-
-
-def move(body: pymunk.Body, motion: Array) -> None:
-    """Let a body of pymunk move like this (6,)."""
-    x, y, angle, v_x, v_y, spin = motion.tolist()
-    body.angle, body.position = angle, (x, y)
-    body.velocity, body.angular_velocity = (v_x, v_y), spin
 
 
 def pose_of(motion: Array, center: Array) -> Array:
