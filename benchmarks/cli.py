@@ -18,6 +18,7 @@ class BenchCommands(Commands):
         "import": "benchmarks.commands.logs:import_data",
         "drive": "benchmarks.commands.drive:drive_by_hand",
         "robot": "benchmarks.commands.robot:robot_file",
+        "speed": "benchmarks.commands.speed:speed",
         "list": "benchmarks.commands.known:list_known",
         "show": "benchmarks.commands.show:show",
         "compare": "benchmarks.commands.show:compare",

@@ -9,7 +9,6 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-import castor_envs  # noqa: F401  (every effect is known before schemas are made)
 from castor_envs import floor
 from castor_envs.description import schema_of
 from castor_envs.vehicles import robot, train

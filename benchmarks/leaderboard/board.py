@@ -10,7 +10,7 @@ from benchmarks.leaderboard.ranking import Interval, interval, ranks
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.references import CEILING, FLOOR, reference_store
-from benchmarks.results.rows import DECLINED, ResultsStore, Row, UpdateCost
+from benchmarks.results.rows import DECLINED, ResultsStore, RowSummary, UpdateCost
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.path_metrics import ATTAINED, STANDING_STILL, attained
 from benchmarks.scoring.registry import BOARD_METRICS
@@ -121,13 +121,13 @@ def build(
     store, episodes, refused_episodes = ResultsStore(results), EpisodeStore(results), []
     boards = []
     for task in tasks:
-        rows = [row for row in store.rows(task.name, task.version) if _usable(task, row, store)]
+        rows = [row for row in store.summaries(task.name, task.version) if _usable(task, row, store)]
         if cases is not None:
             chosen = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
             rows = [row for row in rows if row.case in chosen]
         reason = (missing or {}).get(task.name) or task.missing
         recorded = _recorded(task, {row.case for row in rows}, episodes, refused_episodes)
-        references = reference_store(results).rows(task.name, task.version)
+        references = reference_store(results).summaries(task.name, task.version)
         left = (left_out or {}).get(task.name, ())
         boards.append(_board(task, rows, references, store, recorded, reason, sources or {}, left))
     current = {task.name: task.version for task in tasks}
@@ -145,7 +145,7 @@ def build(
     )
 
 
-def _usable(task: Task, row: Row, store: ResultsStore) -> bool:
+def _usable(task: Task, row: RowSummary, store: ResultsStore) -> bool:
     """Return whether a task's board can use a row; a row that it cannot use is marked as refused in `store`."""
     reason = None
     if row.failure is None and task.metric not in row.scores:
@@ -184,15 +184,15 @@ def _recorded(
 
 def _board(
     task: Task,
-    rows: list[Row],
-    references: Iterable[Row],
+    rows: list[RowSummary],
+    references: Iterable[RowSummary],
     store: ResultsStore,
     recorded: dict[Case, str],
     missing: str | None,
     current: Mapping[str, str],
     left_out: Sequence[DeclinedEstimator],
 ) -> TaskBoard:
-    by_source: dict[str, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
+    by_source: dict[str, dict[str, list[RowSummary]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
         if row.episode == recorded.setdefault(row.case, row.episode):
             by_source[row.estimator][row.source_hash].append(row)
@@ -200,7 +200,7 @@ def _board(
     for name, sources in sorted(by_source.items()):
         latest = current.get(name)
         if latest not in sources:
-            latest = max(sources, key=lambda source: max(row.origin.created for row in sources[source]))
+            latest = max(sources, key=lambda source: max(row.created for row in sources[source]))
         newest[name] = sources[latest]
         superseded += [(name, source, len(source_rows)) for source, source_rows in sources.items() if source != latest]
     declining = [name for name, entry_rows in newest.items() if all(row.refusal is not None for row in entry_rows)]
@@ -245,16 +245,16 @@ def _board(
     )
 
 
-def _whole(rows: Iterable[Row], episodes: dict[Case, str]) -> dict[str, list[Row]]:
+def _whole(rows: Iterable[RowSummary], episodes: dict[Case, str]) -> dict[str, list[RowSummary]]:
     """Return the rows of ceiling and floor, by name, where there is one of every recorded episode (digests by case)."""
-    found: dict[str, list[Row]] = defaultdict(list)
+    found: dict[str, list[RowSummary]] = defaultdict(list)
     for row in rows:
         if row.failure is None and episodes.get(row.case) == row.episode:
             found[row.estimator].append(row)
     return {name: of for name, of in found.items() if len(of) == len(episodes)}
 
 
-def _with_attained(task: Task, rows: list[Row], references: dict[str, list[Row]]) -> list[Row]:
+def _with_attained(task: Task, rows: list[RowSummary], references: dict[str, list[RowSummary]]) -> list[RowSummary]:
     """Return an estimator's rows with what each attains between standing still and the oracle, where both are known.
 
     By the ATE, as on a closed square who stands still ends where the robot does; of snapshots by what ranks.
@@ -271,7 +271,7 @@ def _with_attained(task: Task, rows: list[Row], references: dict[str, list[Row]]
 
 
 def _entry(
-    task: Task, name: str, rows: list[Row], rank: int | None, cases: tuple[Case, ...], store: ResultsStore
+    task: Task, name: str, rows: list[RowSummary], rank: int | None, cases: tuple[Case, ...], store: ResultsStore
 ) -> Entry:
     good = sorted((row for row in rows if row.failure is None), key=lambda row: _case_order(row.case))
     reasons: dict[str, list[Case]] = defaultdict(list)
@@ -300,7 +300,7 @@ def _entry(
     )
 
 
-def _stands_still(rows: list[Row]) -> bool:
+def _stands_still(rows: list[RowSummary]) -> bool:
     """Return whether the paths of scored rows are, on the whole, no nearer to the truth than the start pose is."""
     return (
         sum(row.scores.get("ate", 0.0) - row.scores.get(STANDING_STILL, float("inf")) for row in rows) >= 0 < len(rows)

@@ -2,9 +2,9 @@
 
 import json
 import re
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,18 +109,18 @@ class EpisodeStore:
         """
         path = self.path(task, version, case)
         try:
-            metadata = read_metadata(path, FORMAT, _ADAPTER)
-        except (FileNotFoundError, OlderFormatError):
+            status = path.stat()
+            stored = _stored(path, status.st_mtime_ns, status.st_size)
+        except (OSError, OlderFormatError):
             return None
-        _check_place(path, metadata, task, version, case)
+        _check_place(path, stored, task, version, case)
         try:
-            calibration = metadata.calibration
-            current = metadata.origin.world == world_digest() and (
-                calibration is None or calibration.odometry_source == _source_now(calibration.odometry)
+            current = stored.world == world_digest() and (
+                stored.odometry is None or stored.odometry_source == _source_now(stored.odometry)
             )
         except InputError as error:
             raise CorruptFileError(path, str(error)) from None
-        return metadata.digest if current else None
+        return stored.digest if current else None
 
     def load(self, task: str, version: int, case: Case) -> Episode:
         """Return a stored episode; raises CorruptFileError if it is damaged, FileNotFoundError if it is not there."""
@@ -226,6 +226,27 @@ def write_floor(folder: Path, name: str, run: Run) -> None:
         run.floor.save(folder / f"{name}-floor.json")
 
 
+class _Stored(NamedTuple):
+    """What says whether a stored episode is current."""
+
+    task: str
+    task_version: int
+    case: Case
+    digest: str
+    world: str
+    odometry: str | None
+    odometry_source: str | None
+
+
+@lru_cache(maxsize=100_000)  # a run asks for each episode when it plans, when it works, and for the board
+def _stored(path: Path, changed: int, size: int) -> _Stored:
+    """Return what a file says that was changed at this time (ns) and has this size."""
+    metadata = read_metadata(path, FORMAT, _ADAPTER)
+    odometry = metadata.calibration
+    of = (None, None) if odometry is None else (odometry.odometry, odometry.odometry_source)
+    return _Stored(metadata.task, metadata.task_version, metadata.case, metadata.digest, metadata.origin.world, *of)
+
+
 @cache
 def _source_now(odometry: str) -> str:
     return load_estimator(odometry).source_hash
@@ -235,7 +256,7 @@ def _log(arrays: dict[str, Any], name: str) -> Log:
     return Log(**{part: arrays[f"{name}.{part}"] for part in _PARTS if f"{name}.{part}" in arrays})
 
 
-def _check_place(path: Path, metadata: _Metadata, task: str, version: int, case: Case) -> None:
+def _check_place(path: Path, metadata: _Metadata | _Stored, task: str, version: int, case: Case) -> None:
     """Raise CorruptFileError for an episode that is stored under the name of another."""
     if (metadata.task, metadata.task_version, metadata.case) != (task, version, case):
         held = f"{metadata.task} version {metadata.task_version}, case {metadata.case!r}"

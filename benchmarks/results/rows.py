@@ -3,6 +3,7 @@
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/<case>.npz    a row: metadata, scores, trajectories
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     the CPU time of an update in this task
     RESULTS/references/...                                                the same; see `references`
+    RESULTS/rows/<task>@<version>/summary.json  what boards need of its rows, made from them: it may be deleted
     RESULTS/episodes/...                                                  see `episodes`
 
 A row holds for one task version, one estimator's source and one recorded episode (by its digest, which covers the
@@ -10,10 +11,13 @@ robot); if any of these differs, it is another row. Files are written whole or n
 leaves only whole files, and the next run computes what is missing.
 """
 
+import contextlib
+import json
 import os
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
+from datetime import UTC
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -28,15 +32,38 @@ from benchmarks.results.provenance import Origin, provenance
 from benchmarks.tasks.task import Case
 from castor_envs.description import CONFIG, Duration
 from castor_envs.errors import InputError
-from castor_envs.files import remove_leftovers, write_json
+from castor_envs.files import remove_leftovers, write_atomically, write_json
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.uncertainty import invalid
 
 ROW_FORMAT = "castor-row/2"
 TIME_FORMAT = "castor-time/3"
+SUMMARY, SUMMARY_FORMAT = "summary.json", "castor-summary/1"
 DECLINED = "declined: "
 """Beginning of a row's failure where the estimator declined the robot; the estimator's reason follows."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowSummary:
+    """What boards and plans need of a row: fields as of `Row`, and when it was made."""
+
+    task: str
+    version: int
+    estimator: str
+    source_hash: str
+    case: Case
+    episode: str
+    robot_hash: str
+    failure: str | None
+    timeout: float | None
+    scores: dict[str, float]
+    created: str
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the estimator declined the robot, None if it did not."""
+        return refusal_of(self.failure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +96,19 @@ class Row:
     @property
     def refusal(self) -> str | None:
         """Why the estimator declined the robot, None if it did not."""
-        if self.failure is None or not self.failure.startswith(DECLINED):
-            return None
-        return self.failure.removeprefix(DECLINED)
+        return refusal_of(self.failure)
+
+    @property
+    def summary(self) -> RowSummary:
+        """The row without its trajectories."""
+        what = self.task, self.version, self.estimator, self.source_hash, self.case, self.episode, self.robot_hash
+        created = self.origin.created.astimezone(UTC).isoformat()
+        return RowSummary(*what, self.failure, self.timeout, self.scores, created)
+
+
+def refusal_of(failure: str | None) -> str | None:
+    """Return why an estimator declined a robot, by the failure of its row; None if it did not."""
+    return failure.removeprefix(DECLINED) if failure is not None and failure.startswith(DECLINED) else None
 
 
 class UpdateCost(NamedTuple):
@@ -175,6 +212,29 @@ class ResultsStore:
                 if row is not None:
                     yield row
 
+    def summaries(self, task: str, version: int) -> list[RowSummary]:
+        """Return all rows of a task version without their trajectories, estimator by estimator.
+
+        A file is opened once: what it says is kept beside (`summary.json`), and holds as long as its size and time of
+        change stay the same.
+        """
+        folder = self.root / f"{task}@{version}"
+        kept, found = _kept_summaries(folder / SUMMARY), {}
+        for place in sorted(path for path in folder.glob("*") if path.is_dir()):
+            for file in sorted(os.scandir(place), key=lambda file: file.name):
+                if not file.name.endswith(".npz") or file.name.startswith("."):
+                    continue
+                key, status = f"{place.name}/{file.name}", file.stat()
+                stamp = [status.st_mtime_ns, status.st_size]
+                if key in kept and kept[key][0] == stamp:
+                    found[key] = kept[key]
+                elif (row := self._read(Path(file.path), task, version)) is not None:
+                    found[key] = [stamp, *astuple(row.summary)[2:]]
+        if found != kept:
+            with contextlib.suppress(OSError):  # of a folder that may only be read
+                write_atomically(folder / SUMMARY, json.dumps({"format": SUMMARY_FORMAT, "rows": found}))
+        return [RowSummary(task, version, *stored) for _, *stored in found.values()]
+
     def versions(self) -> list[tuple[str, int]]:
         """Return the names and versions of all tasks that have rows."""
         found = [re.fullmatch(r"(.+)@(\d+)", path.name) for path in sorted(self.root.glob("*"))]
@@ -222,6 +282,15 @@ class ResultsStore:
         return None
 
 
+def _kept_summaries(path: Path) -> dict[str, list[Any]]:
+    """Return what is kept of rows by their files, nothing if it is not there or cannot be used."""
+    try:
+        stored = json.loads(path.read_bytes())
+        return stored["rows"] if stored["format"] == SUMMARY_FORMAT else {}
+    except (OSError, ValueError, TypeError, LookupError):
+        return {}
+
+
 def check_results_folder(results: Path, write: bool = True) -> None:
     """Raise InputError if a results folder cannot be one, or (write) cannot be written to; writes nothing."""
     if results.is_symlink() and not results.exists():
@@ -237,7 +306,7 @@ def check_results_folder(results: Path, write: bool = True) -> None:
 
 def clean_results_folder(results: Path) -> None:
     """Remove the temporary files of runs that were killed while they wrote; those of a run going on stay."""
-    for part in ("rows/*/*", "references/*/*", "episodes/*", "robots"):
+    for part in ("rows/*", "rows/*/*", "references/*", "references/*/*", "episodes/*", "robots"):
         for folder in results.glob(part):
             remove_leftovers(folder)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import overload
 
@@ -146,8 +147,12 @@ def entries_named(specs: Sequence[str], timeout: float, load: Load) -> tuple[Com
 def builtin_entries(task: Task) -> tuple[Competitor, ...]:
     """Return the built-in estimators, or calibration methods, that a task judges."""
     if odometry_of(task) is not None:
-        return tuple(load_calibration(name) for name in CALIBRATION.built_in)
-    return tuple(load_estimator(name) for name in builtin_names(task.robot))
+        return tuple(_method(name) for name in CALIBRATION.built_in)
+    return tuple(_estimator(name) for name in builtin_names(task.robot))
+
+
+_estimator, _method = cache(load_estimator), cache(load_calibration)
+"""Load a built-in one once for all tasks."""
 
 
 def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dict[str, list[boards.DeclinedEstimator]]:

@@ -6,13 +6,21 @@ Only what is missing is computed, so the next run continues a run that was stopp
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
-from benchmarks.results.rows import ResultsStore, UpdateCost, check_results_folder, clean_results_folder, older_rows
+from benchmarks.results.rows import (
+    ResultsStore,
+    RowSummary,
+    UpdateCost,
+    check_results_folder,
+    clean_results_folder,
+    older_rows,
+)
 from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
 from benchmarks.run.record import record_episode, record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
@@ -121,13 +129,19 @@ class _Run:
         """Return whether a row is to be computed: missing, of another episode, or stopped by a shorter time limit."""
         key = (task.name, task.version, entry.name, entry.source_hash, case)
         if key not in self.found:
-            row = self.rows.load(*key)
+            row = self._stored(task).get(key[2:]) or self.rows.load(*key)
             usable = row is not None and (row.failure is not None or task.metric in row.scores)
             self.found[key] = (row.episode, row.timeout) if row is not None and usable else None
         found = self.found[key]
         if found is None or (episode is not None and found[0] != episode):
             return True
         return found[1] is not None and found[1] < self.timeout
+
+    @cache  # noqa: B019 - as long as the run
+    def _stored(self, task: Task) -> dict[tuple[str, str, Case], RowSummary]:
+        """Return the rows of a task that are there when the run begins."""
+        summaries = ResultsStore(self.results).summaries(task.name, task.version)
+        return {(row.estimator, row.source_hash, row.case): row for row in summaries}
 
     def _works(self, task: Task, lacking: dict[Case, list[Competitor]]) -> Iterator[Work]:
         """Yield the work in a task, a few cases at a time so that few episodes are in memory at once."""

@@ -1,0 +1,79 @@
+"""The table of speed: its shape, how variants take turns, and that the page shows the stored figures."""
+
+import importlib.util
+import json
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+from benchmarks import cli
+from benchmarks.speed import diagnosis, first_second, steps, updates
+from benchmarks.speed import figures as measuring
+from benchmarks.speed.figures import Effort, by_turns, process_cpu, ratio
+from castor_cli import command_line
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_variants_take_turns_and_the_first_rounds_do_not_count(monkeypatch):
+    clock, order = [0.0], []
+    monkeypatch.setattr(measuring.time, "process_time", lambda: clock[0])
+
+    def taking(name, seconds):
+        def work():
+            order.append(name)
+            clock[0] += seconds
+
+        return work
+
+    times = by_turns({"a": taking("a", 3.0), "b": taking("b", 2.0)}, 2, lambda: order.append("-"))
+    assert "".join(order) == "-ba-ab-ba-ab"
+    assert times == {"a": [3.0, 3.0], "b": [2.0, 2.0]}
+    assert ratio(times, "a", "b") == 1.5
+
+
+def test_processes_that_fail_are_named():
+    assert process_cpu(["-c", "pass"], 1) > 0
+    with pytest.raises(RuntimeError, match="NameError"):
+        process_cpu(["-c", "unknown"], 1)
+
+
+def test_the_table_has_every_group(monkeypatch, capsys):
+    monkeypatch.setattr(first_second, "PROCESSES", {"nothing": ["-c", "pass"]})
+    monkeypatch.setattr(first_second, "RUN", ["-c", "pass"])
+    monkeypatch.setattr(steps, "DRIVEN", {"differential": steps.DRIVEN["differential"]})
+    monkeypatch.setattr(updates, "ROBOTS", 3)
+    with pytest.raises(SystemExit) as leaving:
+        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--no-diagnosis", "--json"])
+    assert leaving.value.code == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["format"] == "castor-speed/1"
+    groups = {group["title"]: group["figures"] for group in told["groups"]}
+    assert list(groups) == ["Diagnosis", "The first second", "Steps", "Updates of estimators"]
+    assert groups["Diagnosis"] == []
+    for figure in chain.from_iterable(groups.values()):
+        assert figure["value"] > 0, figure
+        assert figure["unit"] in ("ns", "us", "ms", "s", "x"), figure
+    names = {figure["name"] for figure in groups["Steps"]}
+    assert {"step of differential", "step of differential, of 50 bare steps", "reset of differential"} <= names
+
+
+def test_a_square_of_a_side_is_diagnosed(monkeypatch):
+    def logs_in(arguments, processes):
+        return float(len(list(Path(arguments[-1]).glob("*.csv"))))
+
+    monkeypatch.setattr(diagnosis, "process_cpu", logs_in)
+    (figure,) = diagnosis.figures(Effort(sides=(0.2,)))
+    assert 0 < figure.value < 1
+
+
+def test_the_page_shows_the_stored_figures():
+    spec = importlib.util.spec_from_file_location("make_speed_table", ROOT / "scripts" / "make_speed_table.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    page, stored = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
+    assert stored["format"] == "castor-speed/1"
+    assert script.with_table(page, stored) == page, "run python scripts/make_speed_table.py"
