@@ -72,6 +72,10 @@ class Estimator(Protocol):
         With a robot (`RobotDescription` or `Geometry`) at `pose` (..., 3) = x, y (m) and psi (rad) of the body in N;
         with a train (`TrainDescription`) at `pose` (N, 3), those of its axles, front first. Raises `Declined`
         (`castor_envs.errors`) where the estimator does not serve this robot or train; any other exception is a fault.
+
+        A `reset` (or a smoother's `estimate`) with a further parameter `covariance`, None by default, also gets that of
+        the start pose, (..., 3, 3), of a train (N, 3, 3), m and rad: 0 where it is the true pose, as on all boards but
+        those of snapshots, where axles start from a belief. Environments do not tell it.
         """
         ...
 

@@ -134,6 +134,7 @@ class EpisodeStore:
                     direction=entry.direction,
                     baseline=entry.baseline,
                     belief=arrays.get(f"{k}.belief"),
+                    belief_covariance=arrays.get(f"{k}.belief_covariance"),
                     sound=entry.sound,
                     oracle=arrays.get(f"{k}.oracle"),
                     floor=None if entry.floor is None else Floor.from_dict(entry.floor, str(path)),
@@ -180,8 +181,12 @@ class EpisodeStore:
             for part in _PARTS
             if getattr(log, part) is not None
         }
-        arrays |= {f"{k}.belief": run.belief for k, run in enumerate(episode.runs) if run.belief is not None}
-        arrays |= {f"{k}.oracle": run.oracle for k, run in enumerate(episode.runs) if run.oracle is not None}
+        arrays |= {
+            f"{k}.{part}": array
+            for k, run in enumerate(episode.runs)
+            for part in ("belief", "belief_covariance", "oracle")
+            if (array := getattr(run, part)) is not None
+        }
         write_archive(self.path(task.name, task.version, case), _ADAPTER, metadata, arrays)
 
 

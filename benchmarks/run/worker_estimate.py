@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle, islice
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from castor_envs.sensors.observation import OPTIONAL, Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
-from estimators.plugins.uncertainty import covariance_of, has_status, invalid
+from estimators.plugins.uncertainty import covariance_of, has_status, invalid, takes_covariance
 from estimators.robots.cast import SmallTurnWarning
 from estimators.trains.relative_poses import RelativePoseWarning
 
@@ -38,18 +38,22 @@ FEWEST_TIMED = 50
 class ObservedRun:
     """What a worker gets of a run: the vehicle, where it starts, the observations, which poses to return.
 
-    start: (3,), of a train (N, 3).
+    start: (3,), of a train (N, 3), and its covariance (3, 3) or (N, 3, 3); None where it is the true pose.
     """
 
     robot: Vehicle
     start: Array
     observations: Observations
     samples: NDArray[np.intp]
+    start_covariance: Array | None = None
 
 
 def observed_runs(episode: Episode) -> list[ObservedRun]:
     """Return what estimators may see of an episode."""
-    return [ObservedRun(episode.robot, run.start.copy(), run.log.observations(), run.samples) for run in episode.runs]
+    return [
+        ObservedRun(episode.robot, run.start.copy(), run.log.observations(), run.samples, run.belief_covariance)
+        for run in episode.runs
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,7 @@ def estimate_singly(spec: str, source_hash: str, runs: Sequence[ObservedRun]) ->
     for number, run in enumerate(runs, start=1):
         try:
             entry = loaded(load_estimator, spec, source_hash)
-            followed = _follow(entry, run.robot, run.start, run.observations, run.samples)
+            followed = _follow(entry, run.robot, _Start.of(run), run.observations, run.samples)
         except FailedError as failure:
             return Failure(f"{failure} of run {number}" if "at sample" in str(failure) else str(failure))
         if (wrong := _wrong(followed, run.samples)) is not None:
@@ -107,7 +111,7 @@ def estimate_stacked(
     failures: dict[int, tuple[int, Failure]] = {}
     for members in groups.values():
         geometry = Geometry.of([_robot_of(run) for _, _, run in members])
-        start = np.stack([run.start for _, _, run in members])
+        start = _Start(*map(np.stack, zip(*(_Start.of(run) for _, _, run in members), strict=True)))
         observations = Observations.stack([run.observations for _, _, run in members])
         watched = np.unique(np.concatenate([run.samples for _, _, run in members]))
         try:
@@ -137,7 +141,7 @@ def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> Up
             passes: list[list[int]] = [[], []]
             for times in passes:
                 entry = loaded(load_estimator, spec, source_hash)
-                _follow(entry, run.robot, run.start, run.observations, spent=times)
+                _follow(entry, run.robot, _Start.of(run), run.observations, spent=times)
             cheaper = list(map(min, *passes))
             spent += cheaper[1:] or cheaper
             if len(spent) >= FEWEST_TIMED:
@@ -209,6 +213,23 @@ class _Followed:
         )
 
 
+class _Start(NamedTuple):
+    """Where runs start: pose (..., 3) and its covariance (..., 3, 3)."""
+
+    pose: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, run: ObservedRun) -> "_Start":
+        """Return the start of a run."""
+        exactly = np.zeros((*run.start.shape, 3))
+        return cls(run.start, exactly if run.start_covariance is None else run.start_covariance)
+
+    def told_to(self, function: Callable[..., Any]) -> dict[str, Array]:
+        """Return the covariance as an argument for an estimator's function that has a parameter of this name."""
+        return {"covariance": self.covariance.copy()} if takes_covariance(function) else {}
+
+
 def _wrong(followed: _Followed, samples: NDArray[np.intp]) -> str | None:
     """Return what is wrong with what an estimator gave on a run, and at which sample; None if nothing is."""
     bad = np.argwhere(~np.isfinite(followed.poses).all(axis=-1))[:, -1]
@@ -225,20 +246,20 @@ def _wrong(followed: _Followed, samples: NDArray[np.intp]) -> str | None:
 def _follow(
     entry: EstimatorEntry,
     robot: Vehicle | Geometry,
-    start: Array,
+    start: _Start,
     observations: Observations,
     watched: NDArray[np.intp] | None = None,
     spent: list[int] | None = None,
 ) -> _Followed:
     """Return what a new estimator makes of a run; append the CPU time of each update, ns, to `spent`.
 
-    robot: a single vehicle, or the geometry of a stack of robots. start (..., 3): the leading axes are those of the
-    stack, or a train's axles. watched: the samples at which its covariance and status are asked for; None: at none.
+    robot: a single vehicle, or the geometry of a stack of robots. start: its leading axes are those of the stack, or a
+    train's axles. watched: the samples at which its covariance and status are asked for; None: at none.
     Warnings of estimators about unusable relative poses or small turns are not shown.
     """
-    followed = _Followed(np.empty((*start.shape[:-1], len(observations), 3)), {}, {})
+    followed = _Followed(np.empty((*start.pose.shape[:-1], len(observations), 3)), {}, {})
     asked = frozenset(() if watched is None else watched.tolist())
-    stack = start.shape[:-1] if isinstance(robot, Geometry) else ()
+    stack = start.pose.shape[:-1] if isinstance(robot, Geometry) else ()
     stage = "when constructed"
     try:
         with warnings.catch_warnings():
@@ -247,17 +268,17 @@ def _follow(
             estimator = entry.factory()
             if entry.smoother:
                 stage, began = "in estimate", time.process_time_ns()
-                answer = estimator.estimate(robot, start.copy(), observations)
+                answer = estimator.estimate(robot, start.pose.copy(), observations, **start.told_to(estimator.estimate))
                 end_if_forked()
                 if spent is not None:
                     spent += [(time.process_time_ns() - began) // len(observations)] * len(observations)
-                poses = _pose(answer, (len(observations), *start.shape), stage)
+                poses = _pose(answer, (len(observations), *start.pose.shape), stage)
                 followed.poses[...] = np.moveaxis(poses, 0, -2)
                 followed.covariance.update(dict.fromkeys(asked))
                 followed.stated.update(dict.fromkeys(asked))
                 return followed
             stage = "in reset"
-            estimator.reset(robot, start.copy())
+            estimator.reset(robot, start.pose.copy(), **start.told_to(estimator.reset))
             end_if_forked()
             for k in range(len(observations)):
                 stage = f"in update at sample {k}"
@@ -267,11 +288,11 @@ def _follow(
                 end_if_forked()
                 if spent is not None:
                     spent.append(time.process_time_ns() - began)
-                followed.poses[..., k, :] = _pose(answer, start.shape, stage)
+                followed.poses[..., k, :] = _pose(answer, start.pose.shape, stage)
                 if k in asked:
                     stage = f"at sample {k}"
                     try:
-                        followed.covariance[k] = covariance_of(estimator, start.shape)
+                        followed.covariance[k] = covariance_of(estimator, start.pose.shape)
                         followed.stated[k] = has_status(estimator, stack)
                     except ValueError as error:
                         raise FailedError(f"{message_of(error)} {stage}") from None

@@ -42,6 +42,14 @@ class Noise:
         """Return errors of poses, (*shape, 3)."""
         return random.standard_normal((*shape, 3)) * [self.position, self.position, self.heading]
 
+    def covariance(self, axles: int) -> Array:
+        """Return the covariance (N, 3, 3) of the poses of so many axles."""
+        return np.tile(np.diag([self.position, self.position, self.heading]) ** 2, (axles, 1, 1))
+
+
+ODOMETRY = Noise(0.01, np.radians(1.0))
+"""Of odometry, as belief_covariance tells estimators: that of axles that have not slipped, which nobody knows."""
+
 
 @dataclass(frozen=True)
 class StaticTests:
@@ -76,7 +84,7 @@ class StaticTests:
         off = np.abs(test.odometry - truth)
         agrees = (np.hypot(off[:, 0], off[:, 1]) <= AGREES[0]) & (off[:, 2] <= AGREES[1])
         sound = tuple(int(axle) + 1 for axle in np.flatnonzero(agrees))
-        return Episode(self.robot, (snapshot(truth, test.odometry, test.relative, sound),))
+        return Episode(self.robot, (snapshot(truth, test.odometry, test.relative, sound, ODOMETRY),))
 
 
 @dataclass(frozen=True)
@@ -96,7 +104,7 @@ class DeviantAxles:
     distance: tuple[float, float]
     turn: float
     stream: int
-    odometry: Noise = Noise(0.01, np.radians(1.0))
+    odometry: Noise = ODOMETRY
     sensors: Noise = Noise(0.02, np.radians(2.0))
     metric: str = "mean_axle_position"
     group: str = "snapshots"
@@ -128,7 +136,7 @@ class DeviantAxles:
         turn = random.uniform(-self.turn, self.turn, self.deviant)
         belief[deviant] += np.stack([distance * np.cos(direction), distance * np.sin(direction), turn], axis=-1)
         sound = tuple(axle for axle in range(1, self.axles + 1) if axle - 1 not in deviant)
-        return snapshot(truth, belief, relative + self.sensors.draw(random, self.axles - 1), sound)
+        return snapshot(truth, belief, relative + self.sensors.draw(random, self.axles - 1), sound, self.odometry)
 
 
 @dataclass(frozen=True)
@@ -179,6 +187,7 @@ class OppositeBends:
                     aligned + self.odometry.draw(random, 3),
                     relative + self.sensors.draw(random, 2),
                     sound=(2,),
+                    odometry=self.odometry,
                 )
                 for _ in range(RUNS)
             ),
@@ -203,8 +212,11 @@ def configuration(relative: Array, pose: Array, axle: int) -> Array:
     return np.array(poses)
 
 
-def snapshot(truth: Array, belief: Array, relative: Array, sound: tuple[int, ...]) -> Run:
-    """Return a run of two rows in which nothing moves; truth, belief (N, 3) in N, relative (N - 1, 3)."""
+def snapshot(truth: Array, belief: Array, relative: Array, sound: tuple[int, ...], odometry: Noise) -> Run:
+    """Return a run of two rows in which nothing moves; truth, belief (N, 3) in N, relative (N - 1, 3).
+
+    odometry: how exact the belief of sound axles is.
+    """
     rows = len(TIMES)
     log = Log(
         t=np.array(TIMES),
@@ -214,7 +226,8 @@ def snapshot(truth: Array, belief: Array, relative: Array, sound: tuple[int, ...
         rps=np.tile(relative.ravel(), (rows, 1)),
     )
     ceiling = best_configuration(belief, relative, sound)
-    return Run(log, belief=belief, sound=sound, oracle=ceiling[:, None])
+    covariance = odometry.covariance(len(truth))
+    return Run(log, belief=belief, belief_covariance=covariance, sound=sound, oracle=ceiling[:, None])
 
 
 def tasks(measured: Path | None) -> tuple[Task, ...]:

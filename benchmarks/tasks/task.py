@@ -34,8 +34,8 @@ class Run:
     systematic error that the extended UMBmark subtracts (the same square on the clean floor); it is not scored itself.
 
     belief: of a snapshot, the axles' poses (N, 3) that a train's estimator starts from instead of the true ones; the
-    run is then scored at its last sample alone. sound: the axles, from 1 at the front, whose belief is right, where the
-    task knows.
+    run is then scored at its last sample alone. belief_covariance (N, 3, 3): how exact it is said to be, m and rad; a
+    true start has none. sound: the axles, from 1 at the front, whose belief is right, where the task knows.
 
     oracle: poses at `samples` of an estimator that knows what nobody can know, as a ceiling of what is possible: the
     true vehicle and what disturbs it. None where the task has none.
@@ -47,6 +47,7 @@ class Run:
     direction: Literal["cw", "ccw"] | None = None
     baseline: bool = False
     belief: NDArray[np.float64] | None = None
+    belief_covariance: NDArray[np.float64] | None = None
     sound: tuple[int, ...] = ()
     oracle: NDArray[np.float64] | None = None
     floor: Floor | None = None
@@ -59,6 +60,10 @@ class Run:
             if self.axles is None or belief.shape != (self.axles, 3) or not np.isfinite(belief).all():
                 raise ValueError(f"a belief holds a finite pose for each axle of a train, got {belief.shape}")
             object.__setattr__(self, "belief", belief)
+        if self.belief_covariance is not None and (
+            self.belief is None or self.belief_covariance.shape != (*self.belief.shape, 3)
+        ):
+            raise ValueError(f"the covariance of a belief is one for each axle, got {self.belief_covariance.shape}")
         if self.oracle is not None and self.oracle.shape != self.truth.shape:
             raise ValueError(f"an oracle's poses are those at `samples`, {self.truth.shape}, got {self.oracle.shape}")
         if any(not 1 <= axle <= (self.axles or 0) for axle in self.sound):
@@ -153,7 +158,7 @@ class Episode:
             seen.update(f"{run.direction} {run.baseline}".encode())
             seen.update(_log_bytes(run.log))
             further = {name: getattr(run.log, name) for name in _FURTHER}
-            for name, array in (further | {"belief": run.belief}).items():
+            for name, array in (further | {"belief": run.belief, "belief covariance": run.belief_covariance}).items():
                 if array is not None:
                     seen.update(name.encode() + _bytes(array))
             if run.sound:

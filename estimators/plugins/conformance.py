@@ -29,7 +29,7 @@ from estimators.plugins import drives as check_drives
 from estimators.plugins import train_drives
 from estimators.plugins.drives import Drive, Observations, with_pivot_counts_unwrapped
 from estimators.plugins.registry import EstimatorEntry, declines, reset_at_origin
-from estimators.plugins.uncertainty import covariance_of, has_status, invalid
+from estimators.plugins.uncertainty import covariance_of, has_status, invalid, takes_covariance
 
 TOLERANCE = 1e-9
 """m and rad: largest difference allowed after a change of frame or of batch size."""
@@ -260,6 +260,26 @@ def _survives_silence(subject: _Subject) -> None:
         )
 
 
+def _takes_covariance(subject: _Subject) -> None:
+    """Check that an estimator that wants the covariance of the start gets on with a true one and with an unsure one."""
+    smoother, seen = subject.entry.smoother, subject.winding.observations
+    start = se2.compose(STARTS[1], subject.winding.pose[0])
+    for variance in (0.0, 1e-4):
+        estimator = subject.entry.factory()
+        if not takes_covariance(estimator.estimate if smoother else estimator.reset):
+            return
+        covariance = np.broadcast_to(variance * np.eye(3), (*start.shape, 3)).copy()
+        if smoother:
+            poses = estimator.estimate(
+                subject.vehicle, start.copy(), SampledObservations.of(seen), covariance=covariance
+            )
+            _pose(poses, None, (len(seen), *start.shape))
+            continue
+        estimator.reset(subject.vehicle, start.copy(), covariance=covariance)
+        for k, row in enumerate(seen):
+            _pose(estimator.update(_copy(row)), k, start.shape)
+
+
 def _moves_with_start(subject: _Subject) -> None:
     at_origin = subject.estimate(subject.winding, STARTS[0])
     for k, start in enumerate(STARTS[1:], start=1):
@@ -392,6 +412,7 @@ _CHECKS: dict[str, Callable[[_Subject], None]] = {
     "forgets all at reset": _is_reset,
     "leaves its input alone": _leaves_input_alone,
     "says how sure it is, if it does": _says_how_sure_it_is,
+    "takes the start's covariance, if it wants it": _takes_covariance,
 }
 
 _BRIEF: dict[str, Callable[[_Subject], None]] = {

@@ -1,5 +1,7 @@
 """What an estimator may say beside its pose: the attributes `covariance` and `status` after an update, checked."""
 
+import inspect
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -62,3 +64,11 @@ def has_status(estimator: Any, stack: tuple[int, ...] = ()) -> Array | None:
     if statuses.shape not in ((), stack) or any(not isinstance(one, str | None) for one in statuses.ravel()):
         raise ValueError(f"status is of type {type(given).__name__}: None or a text")
     return np.array(np.broadcast_to(np.vectorize(lambda one: one is not None, otypes=[bool])(statuses), stack))
+
+
+def takes_covariance(function: Callable[..., Any]) -> bool:
+    """Return whether an estimator's `reset` or `estimate` has a parameter `covariance`, for that of the start pose."""
+    try:
+        return "covariance" in inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return False

@@ -244,7 +244,7 @@ def test_a_wrong_covariance_or_status_is_found(kind, words):
 def test_careful_plugin_passes(robot):
     findings = check(entry(Careful), robot and preset(robot))
     assert all(finding.passed and not finding.message for finding in findings)
-    assert len(findings) == 13
+    assert len(findings) == 14
 
 
 @pytest.mark.parametrize(
@@ -310,7 +310,7 @@ def test_what_is_right_is_not_blamed(kind):
 def test_builtins_pass(spec, robot):
     findings = check(load_estimator(spec), robot and preset(robot))
     assert [finding for finding in findings if not finding.passed] == []
-    assert len(findings) == 14
+    assert len(findings) == 15
 
 
 def test_a_robot_that_the_estimator_does_not_serve_is_reported():

@@ -1,0 +1,33 @@
+"""Estimators for tests that want the covariance of their start."""
+
+import numpy as np
+
+from estimators import TrainOdometry, WheelOdometry
+
+
+class Started:
+    """Odometry; before the first update its covariance is that of the start, and stays so."""
+
+    def reset(self, robot, pose, covariance=None):
+        self.covariance = np.zeros((*np.shape(pose), 3)) if covariance is None else np.array(covariance)
+        self._odometry = TrainOdometry() if hasattr(robot, "modules") else WheelOdometry()
+        self._odometry.reset(robot, pose)
+
+    def update(self, observation):
+        return self._odometry.update(observation)
+
+
+class Demanding(Started):
+    """Cannot do without."""
+
+    def reset(self, robot, pose, covariance):
+        super().reset(robot, pose, covariance)
+
+
+class Divides(Started):
+    """Has not thought of a true start."""
+
+    def reset(self, robot, pose, covariance=None):
+        super().reset(robot, pose, covariance)
+        if covariance is not None:
+            np.linalg.inv(covariance)
