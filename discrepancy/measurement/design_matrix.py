@@ -218,6 +218,7 @@ def reestimated_noise(logs: Sequence[Columns], chosen: Sequence[Candidate], shar
         best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
         moved: Array = (-best / scale[:, None]).astype(np.float64)
         left = [reduced.finish(moved[at])[2] for reduced, at in zip(reductions, numbers, strict=True)]
+        del reductions  # 6 KB a sample, which the next round would hold twice
         last, found = found, resized(found, left)
         changes = [new / old - 1 for new, old in zip(astuple(found), astuple(last), strict=True)]
         if max(abs(change) for change in changes) < SAME:

@@ -16,12 +16,19 @@ MOST = 10e3
 """Bytes a sample: 720 MB for an hour at 20 Hz."""
 
 
-def peak_of(robot, minutes):
-    """Return the number of samples of a log, and the bytes that its linearisation takes at most."""
+AGAIN = 12e3
+"""The same where noise is estimated anew, in rounds that need 6 KB a sample each: one at a time is held."""
+
+
+def peak_of(robot, minutes, again=False):
+    """Return the number of samples of a log, and the bytes that its linearisation takes at most; again: with noise
+    estimated anew beside two effects."""
     log = log_of(robot, wander(np.random.default_rng(3), duration=60.0 * minutes), "all")
     tracemalloc.start()
     try:
-        linearise(robot, [log])
+        seen = linearise(robot, [log])
+        if again:
+            seen.reestimate_noise([candidate for candidate in seen.candidates if candidate.kinds][:2])
         return len(log), tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -31,3 +38,8 @@ def test_memory_grows_by_no_more_than_ten_kilobytes_a_sample():
     """As arrays, the columns of the robot's 240 amplitudes and of what creep masks of each took many times as much."""
     (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes) for minutes in (2, 4))
     assert most - least < MOST * (long - short)
+
+
+def test_noise_is_estimated_anew_one_round_at_a_time():
+    (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes, again=True) for minutes in (2, 4))
+    assert most - least < AGAIN * (long - short)
