@@ -41,7 +41,7 @@ def make_many(
     """Return `num_envs` environments: what ``gymnasium.make_vec`` makes.
 
     An argument given as a list has one value for each of them; any other is that of all. Environments whose agents
-    drive are stepped as one (`castor_envs.envs.driving.vector`) unless they have effects on sensors, an estimator or a
+    drive are stepped as one (`castor_envs.envs.driving.vector`) unless they have effects, an estimator or a
     window; others one after the other. Seeds, episodes and numbers are those of single environments, bit for bit.
     """
     kind: Any = load_env_creator(entry_point)

@@ -75,7 +75,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     @property
     def steps_in_fleet(self) -> bool:
-        """Whether many of it can be stepped as one: no effects on sensors, no estimator, no window."""
+        """Whether many of it can be stepped as one: no effects, no estimator, no window."""
         return self._estimator_class is None and self.render_mode is None and self.sensed.steps_in_fleet
 
     def resume(self, sample: int, unscaled: Observation) -> None:
