@@ -1,20 +1,9 @@
-"""The loop over the substeps of a sample period, to be compiled: wheel forces, and the bodies on their joints.
-
-Imported to be compiled only (`castor_envs.kernels`).
-"""
+"""The loop over the substeps of a sample period, to be compiled: wheel forces, and the bodies on their joints."""
 
 from typing import Any
 
-from numba.extending import register_jitable
-
-from castor_envs.physics import solver, tyre
 from castor_envs.physics.solver import places_ahead, step_bodies
 from castor_envs.physics.tyre import wheel_forces
-
-_WHEELS = tyre.friction_at, tyre.rise_between, tyre.slack_on_circle, tyre.turn_wheel, tyre.contact_at, wheel_forces
-_BODIES = places_ahead, step_bodies, solver.prepare, solver.twist, solver.push, solver.hold
-for _law in (*_WHEELS, *_BODIES):
-    register_jitable(_law)
 
 
 def advance(
