@@ -19,13 +19,13 @@ def speed(
     processes: Annotated[
         int, typer.Option(help="Processes that are started for each figure of one.")
     ] = Effort.processes,
-    diagnosis: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Diagnose logs too (minutes).")] = True,
+    quick: Annotated[bool, typer.Option("--quick", help="Diagnose no logs, which takes minutes.")] = False,
     as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-speed/1).")] = False,
 ) -> None:
     """Measure how fast everything is on this machine, beside the peers that are installed: CPU times, medians."""
     at_least("--rounds", rounds, 1)
     at_least("--processes", processes, 1)
-    effort = Effort(rounds, processes) if diagnosis else Effort(rounds, processes, ())
+    effort = Effort(rounds, processes, ()) if quick else Effort(rounds, processes)
     shown, groups = console(), []
     for group in offers("benchmarks.speed", "GROUP"):
         figures = list(group.figures(effort))

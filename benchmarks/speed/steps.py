@@ -74,7 +74,7 @@ def _steps(env: Any) -> Work:
 def _bare(name: str) -> Work:
     vehicle = load_vehicle(name)
     world = RobotWorld(vehicle, Floor()) if isinstance(vehicle, RobotDescription) else TrainWorld(vehicle, Floor())
-    space, dt = world._simulation.space, world._simulation.dt
+    space, dt = world.simulation.space, world.simulation.dt
 
     def steps() -> None:
         for _ in range(BARE * STEPS):

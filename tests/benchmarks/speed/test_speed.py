@@ -45,7 +45,7 @@ def test_the_table_has_every_group(monkeypatch, capsys):
     monkeypatch.setattr(steps, "DRIVEN", {"differential": steps.DRIVEN["differential"]})
     monkeypatch.setattr(updates, "ROBOTS", 3)
     with pytest.raises(SystemExit) as leaving:
-        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--no-diagnosis", "--json"])
+        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--quick", "--json"])
     assert leaving.value.code == 0
     told = json.loads(capsys.readouterr().out)
     assert told["format"] == "castor-speed/1"
