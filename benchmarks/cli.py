@@ -1,7 +1,7 @@
 """``castor-bench``: run the benchmark, show the leaderboard, check an estimator."""
 
-from castor_cli import command_line
-from castor_cli.commands import Commands
+from castor_envs.cli import command_line
+from castor_envs.cli.commands import Commands
 
 
 class BenchCommands(Commands):

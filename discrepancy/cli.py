@@ -4,8 +4,8 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-from castor_cli import command_line
-from castor_cli.commands import Commands
+from castor_envs.cli import command_line
+from castor_envs.cli.commands import Commands
 
 
 class SeveralEach(TyperCommand):

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("castor_cli", "castor_envs", "estimators", "benchmarks", "discrepancy")
+PACKAGES = ("castor_envs", "estimators", "benchmarks", "discrepancy")
 
 
 def changed(revision: str) -> list[Path]:

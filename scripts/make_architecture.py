@@ -1,6 +1,6 @@
 """Draw the rooms of the house and their imports, docs/architecture.svg: ``python scripts/make_architecture.py``.
 
-A room is a folder of one of the five packages, or a module that stands in none. A line means that the upper room
+A room is a folder of one of the four packages, or a module that stands in none. A line means that the upper room
 imports the lower one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is
 left out. Rooms that nearly all import, which hold errors and files, are not drawn.
 """
@@ -12,7 +12,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs" / "architecture.svg"
 COLORS = {
-    "castor_cli": "#5d636b",
     "castor_envs": "#00629b",
     "estimators": "#0a7d5c",
     "benchmarks": "#a8551a",

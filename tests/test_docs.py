@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.presets import preset

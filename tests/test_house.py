@@ -11,11 +11,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
-    "castor_cli": {"castor_envs"},
     "castor_envs": set(),
     "estimators": {"castor_envs"},
-    "benchmarks": {"castor_cli", "castor_envs", "estimators"},
-    "discrepancy": {"castor_cli", "castor_envs", "estimators"},
+    "benchmarks": {"castor_envs", "estimators"},
+    "discrepancy": {"castor_envs", "estimators"},
 }
 
 MOST = 10
@@ -57,9 +56,9 @@ def test_importing_the_world_imports_nothing_heavy():
 
 @pytest.mark.parametrize("command", ["benchmarks", "discrepancy"])
 def test_help_imports_nothing_heavy_and_no_command(command):
-    code = f"from {command}.cli import app\nfrom castor_cli.command_line import run\n"
+    code = f"from {command}.cli import app\nfrom castor_envs.cli.command_line import run\n"
     code += "try:\n    run(app, ['--help'])\nexcept SystemExit:\n    pass\n"
-    assert loaded_by(code).isdisjoint({*HEAVY, "numpy", "gymnasium", "castor_envs", "estimators"})
+    assert loaded_by(code).isdisjoint({*HEAVY, "rich", "estimators"})
 
 
 def test_the_first_step_draws_nothing():

@@ -28,7 +28,7 @@ from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import choose, declining_everything, failed_rows
 from benchmarks.run.plan import run as run_plan
 from benchmarks.tasks.other_robots import OtherRobot
-from castor_cli import command_line
+from castor_envs.cli import command_line
 
 MOST_NAMED = 5
 """Most failures that are named in the last line of a run, so that it fits in one or two lines."""

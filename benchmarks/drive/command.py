@@ -11,7 +11,7 @@ from benchmarks.drive.robot import HandDrivenEnv
 from benchmarks.drive.window import DriveWindow, Events
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks.task import Episode, Run
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.errors import InputError
 from castor_envs.files import writing
 from castor_envs.floor import Floor

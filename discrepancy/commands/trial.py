@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trials import folder as trials

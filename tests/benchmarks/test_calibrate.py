@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log

@@ -16,7 +16,7 @@ from benchmarks.commands import run as run_command
 from benchmarks.leaderboard import board as boards
 from benchmarks.run import choose
 from benchmarks.tasks import official_tasks
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.robot import RobotDescription
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, preset

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.effects.catalogue import readings
 from castor_envs.effects.clocks import EncoderLatency
 from castor_envs.effects.wiring import EncodersSwapped

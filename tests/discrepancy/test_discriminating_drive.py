@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.effects.dimensions import CountsPerRev, WheelRadius
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.trajectory_files import read_drive

@@ -12,7 +12,7 @@ from benchmarks.drive.follower import Follower
 from benchmarks.drive.keys import Keyboard
 from benchmarks.drive.robot import HandDrivenEnv
 from benchmarks.drive.window import DriveWindow
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, Patch
 from castor_envs.logs.csv import read_log

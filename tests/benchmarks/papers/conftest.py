@@ -5,7 +5,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.commands import tables
 from benchmarks.papers.comparison import compute_tables
-from castor_cli import command_line
+from castor_envs.cli import command_line
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks import cli
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.vehicles.load import load_robot, load_vehicle
 from castor_envs.vehicles.presets import preset
 

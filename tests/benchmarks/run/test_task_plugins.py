@@ -12,7 +12,7 @@ from benchmarks.cli import app
 from benchmarks.run import task_plugins
 from benchmarks.run.task_plugins import load_task, with_plugged
 from benchmarks.tasks import official_tasks
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.errors import InputError
 
 ADDING = (Path(__file__).parents[3] / "docs" / "adding.md").read_text(encoding="utf-8")

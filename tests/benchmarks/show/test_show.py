@@ -13,7 +13,7 @@ from benchmarks.results.rows import ResultsStore
 from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
 from benchmarks.show.command import Following, show_case
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.logs.csv import write_log
 from castor_envs.vehicles.presets import differential

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.cli import app
 from benchmarks.leaderboard.board import build
 from benchmarks.site.pages import write_site
-from castor_cli.commands import imported
+from castor_envs.cli.commands import imported
 from castor_envs.errors import InputError
 from castor_envs.rendering.pages.page import FOLDER, LICENCE
 

@@ -11,7 +11,7 @@ from benchmarks import cli
 from benchmarks.speed import diagnosis, first_second, steps, updates
 from benchmarks.speed import figures as measuring
 from benchmarks.speed.figures import Effort, by_turns, process_cpu, ratio
-from castor_cli import command_line
+from castor_envs.cli import command_line
 
 ROOT = Path(__file__).parents[3]
 

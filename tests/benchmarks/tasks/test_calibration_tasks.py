@@ -31,7 +31,7 @@ from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks
 from benchmarks.tasks.calibration import SLIP, MeasuredCalibration, SquaresCalibration, TurnsCalibration
 from benchmarks.tasks.task import Episode, odometry_of
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription

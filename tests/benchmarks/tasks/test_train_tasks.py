@@ -19,7 +19,7 @@ from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import snapshots
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from benchmarks.tasks.task import Episode, Run
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr, preset

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import LearnedTerm
 from castor_envs.effects.wiring import EncoderReversed

@@ -7,7 +7,7 @@ from io import StringIO
 
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.effects.train import DeadGauge, SensorStops
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import write_log

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.errors import InputError
 from discrepancy import cli
 from discrepancy.trials import folder as trials

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from castor_cli import command_line
+from castor_envs.cli import command_line
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import cfmmr

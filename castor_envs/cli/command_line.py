@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from castor_cli.commands import Commands
+from castor_envs.cli.commands import Commands
 
 TRACEBACK = "--traceback"
 INTERRUPTED = 130
@@ -51,7 +51,7 @@ def new_app(commands: type[Commands]) -> typer.Typer:
         cls=commands,
         no_args_is_help=True,
         add_completion=False,
-        rich_markup_mode="markdown",
+        rich_markup_mode=None,
         pretty_exceptions_enable=False,
     )
 

@@ -14,8 +14,8 @@ from typer.main import get_command
 
 import benchmarks.cli
 import discrepancy.cli
-from castor_cli import command_line
-from castor_cli.commands import imported
+from castor_envs.cli import command_line
+from castor_envs.cli.commands import imported
 from castor_envs.errors import InputError
 
 SCRIPTS = Path(sys.executable).parent
@@ -120,7 +120,7 @@ def test_output_that_has_no_room_is_one_line(command):
 def test_help_is_alike(app):
     """One style for both, every command and option explained, and options of one name in the same words."""
     group = get_command(app)
-    assert getattr(group, "rich_markup_mode") == "markdown"  # noqa: B009 - a group, which the type does not show
+    assert getattr(group, "rich_markup_mode") is None  # noqa: B009 - a group, which the type does not show
     for name, command in imported(app).items():
         assert command.help, name
         for option in command.params:

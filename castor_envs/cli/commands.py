@@ -29,7 +29,8 @@ class Commands(TyperGroup):
         """Return what help of the group shows of a command, without its parameters; None for an unknown name."""
         if cmd_name not in self.table:
             return None
-        return TyperCommand(cmd_name, help=_docstring(self.table[cmd_name]), rich_markup_mode=self.rich_markup_mode)
+        said = " ".join(_docstring(self.table[cmd_name]).partition("\n\n")[0].split())
+        return TyperCommand(cmd_name, short_help=said, rich_markup_mode=self.rich_markup_mode)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command that is run, imported."""
