@@ -138,7 +138,7 @@ def calibrate(
         robot_with(robot, parameters, at.found)
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
-    strange = _strange(sizes, at.mount, described)
+    strange = _strange(Noise() if noise else sizes, at.mount, described)  # noise that is known is no finding
     if strange:
         raise InputError(CONTRADICTION.format(robot.name, f" but with {', '.join(strange)}"))
     if not solution.seen.any():
