@@ -245,7 +245,8 @@ def signatures_of(
         np.array([step for _, _, step in built]),
         SparseColumns.joined([excess for _, excess, _ in read], counts.shape),
         SparseColumns.joined([slips for _, _, slips in read], (len(counts) - 1, slip_rows)),
-        *(np.array([_per_unit(of, candidate) for candidate in of_columns]) for of in (rate_of, gyro_scale_of)),
+        np.array([_per_unit(rate_of, candidate) for candidate in of_columns]),
+        np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
         tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
 

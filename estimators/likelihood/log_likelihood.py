@@ -280,8 +280,8 @@ class LogLikelihood(RollingConstraints):
         log_evidence += slipping.log_density + self._log_volume(geometry, state)
 
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
-            *moved, left = found.finish(moved_by, part)
-            return *moved, self._gyro.with_described(left, noise.gyro)
+            state, clock, left = found.finish(moved_by, part)
+            return state, clock, self._gyro.with_described(left, noise.gyro)
 
         return found._replace(log_evidence=log_evidence, finish=finish)
 

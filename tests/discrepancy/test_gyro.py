@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import Track, WheelRadius
-from castor_envs.effects.gyro import GyroScale
+from castor_envs.effects.reference import GyroScale
 from castor_envs.errors import InputError
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from castor_envs.effects.gyro import GyroScale
+from castor_envs.effects.reference import GyroScale
 from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Gyro
 
-T = np.arange(4001) * 0.05
+T = np.arange(4001) * np.float64(0.05)
 
 
 def readings(rate, *effects, **gyro):

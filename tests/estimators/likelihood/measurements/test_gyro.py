@@ -16,7 +16,7 @@ from castor_envs.motion.trajectories import Leg, Run, Trajectory
 from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Gyro
-from estimators.calibration.drives import logged
+from estimators.calibration.drives import Poses, logged
 from estimators.calibration.maximum_likelihood.calibrate import calibrate
 from estimators.likelihood.log_likelihood import Noise
 from estimators.likelihood.measurements.gyro import GyroRates
@@ -42,7 +42,7 @@ ROLLED = roll(differential(wider=WIDER), TURNS)
 RATE = TURNS.at(ROLLED.t)[1][:, 2]
 
 
-def log_of(seed=0, poses="none", **gyro):
+def log_of(seed=0, poses: Poses = "none", **gyro):
     """Return a log of the robot with the wider track, and a gyro of such bias and walk."""
     log = logged(differential(wider=WIDER), ROLLED, poses)
     sensor = GyroSensor(Gyro(noise=SIGMA, **gyro), 1.0, np.random.default_rng(seed))
@@ -112,6 +112,7 @@ def test_a_gyro_that_tells_nothing_is_like_none():
 
 def test_readings_that_are_missing_tell_nothing():
     robot, log = differential(Gyro(noise=SIGMA)), log_of()
+    assert log.gyro is not None
     half = np.arange(len(log)) < len(log) // 2
     cut = dataclasses.replace(log, gyro=np.where(half, log.gyro, np.nan))
     told, of_cut = (track_over_radius(calibrate(robot, [one], noise=KNOWN)) for one in (log, cut))
@@ -172,6 +173,7 @@ def test_derivatives_are_those_of_finite_differences():
     change = random.normal(size=state.shape)
     by_state = rows.by_state(every, change[..., None])[..., 0]
     assert by_state == pytest.approx(values(state + change, own) - values(state, own), abs=1e-6 * abs(by_state).max())
+    assert rows.numbers is not None
     by_numbers = rows.numbers(every)
     assert not by_numbers[..., 1:4].any()
     by_scale = values(state, own, 0.1 + 0.5) - values(state, own)
