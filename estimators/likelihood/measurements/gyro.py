@@ -85,7 +85,7 @@ class GyroRates:
 
     def weights(self, noise: float) -> Array:
         """Return one over the standard deviation of every equation (S, 1), s/rad. noise: of a reading, rad/s."""
-        return np.asarray(1 / np.hypot(noise, self._uneven)[:, None], dtype=np.float64)
+        return (1 / np.hypot(noise, self._uneven)).astype(np.float64)[:, None]
 
     def numbers(self, state: Array, weights: Array) -> Array:
         """Return the most likely numbers (q,) of the log at a state (K, m)."""
