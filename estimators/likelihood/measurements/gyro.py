@@ -74,9 +74,8 @@ class GyroRates:
         deviation = np.array([max(bias, 1e-9), *walks.tolist(), LATENCY])
         self._prior = Prior(np.zeros(len(deviation)), deviation)
         # the turn within a piece strays from a line's by as much as white noise of this size would make it
-        self._uneven = np.hypot(
-            _kinks(log.gyro, layout.gyro.noise)[steps], float(within.max()) / np.sqrt(12 * self._duration)
-        )
+        kinks, strays = _kinks(log.gyro, layout.gyro.noise)[steps], float(within.max()) / np.sqrt(12 * self._duration)
+        self._uneven: Array = np.sqrt(kinks**2 + strays**2)
 
     @property
     def prior(self) -> Prior:
@@ -85,13 +84,15 @@ class GyroRates:
 
     def weights(self, noise: float) -> Array:
         """Return one over the standard deviation of every equation (S, 1), s/rad. noise: of a reading, rad/s."""
-        return (1 / np.hypot(noise, self._uneven)).astype(np.float64)[:, None]
+        weight: Array = 1 / np.sqrt(noise**2 + self._uneven**2)
+        return weight[:, None]
 
     def numbers(self, state: Array, weights: Array) -> Array:
         """Return the most likely numbers (q,) of the log at a state (K, m)."""
         columns = weights * self._columns
         information = columns.T @ columns + np.diag(self._prior.deviation**-2.0)
-        return -np.linalg.solve(information, columns.T @ (weights[:, 0] * self._off(state)))
+        found: Array = np.linalg.solve(information, -columns.T @ (weights[:, 0] * self._off(state))).astype(np.float64)
+        return found
 
     def off(self, state: Array, numbers: Array) -> Array:
         """Return by how much the rates of a state (K, m) exceed those read (S, 1), rad/s, with these numbers (q,)."""
