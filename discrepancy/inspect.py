@@ -10,8 +10,8 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.checks import wheel_steps
 from discrepancy.preflight.stretches import poses_taken
-from discrepancy.validation.gyro_check import gyro_against_wheels
 from discrepancy.validation.parity import BLIND, Parity, parity_residual
+from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
 FORMAT = "castor-inspect/1"
 

@@ -1,12 +1,13 @@
 """Every effect there is, and what all effects of a robot do together.
 
 Effects change the vehicle that the physics builds (`as_built`), or radii as castors turn (`radii_of`), or what the
-encoders make of true angles (`readings`), or when and of which point the reference is taken (`reference`), or the floor
-(`floor_of`), or how contacts creep (`creep_compliance_of`). `slip_of` predicts by how much they make contacts slip in a
-known motion.
+encoders make of true angles (`readings`), or the gyro of a turn (`gyro_gain_of`), or when and of which point the
+reference is taken (`reference`), or the floor (`floor_of`), or how contacts creep (`creep_compliance_of`). `slip_of`
+predicts by how much they make contacts slip in a known motion.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,11 @@ def floor_of(robot: RobotDescription, floor: Floor) -> Floor:
 def creep_compliance_of(robot: RobotDescription) -> float:
     """Return how fast (m/s) each contact of the robot slips for every N on it, in addition to its creep in rolling."""
     return sum(effect.creep_compliance() for effect in robot.effects)
+
+
+def gyro_gain_of(effects: Sequence[Effect[Any]]) -> float:
+    """Return what a gyro with these effects reads of a body that turns at 1 rad/s, but for its bias, rad/s."""
+    return math.prod(effect.gyro_gain() for effect in effects)
 
 
 def radii_of(robot: RobotDescription) -> Callable[[Array], Array] | None:

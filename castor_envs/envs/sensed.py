@@ -18,6 +18,7 @@ from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.stepper import Drive
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.sensors.observation import Observation, observation
 from castor_envs.sensors.posture import PostureSensors
 from castor_envs.vehicles.load import Vehicle
@@ -157,8 +158,8 @@ class SensedRobot(SensedVehicle):
 
     def reset(self, random: np.random.Generator, theta: Array) -> None:
         """Put the robot at the origin, at rest, castors at theta (n,); encoder phases are drawn from `random`."""
-        self.random = random
         self._start_encoders(random)
+        self.gyro = GyroSensor.of(self._robot, random)
         self.world.restart(theta)
         self._sense()
 
@@ -182,10 +183,10 @@ class SensedRobot(SensedVehicle):
         return reference(self._robot, t, pose)
 
     def _sense(self) -> None:
-        world, gyro = self.world, self._robot.gyro
+        world = self.world
         self.sensed_angles = self._read(world.wheel_angles, world.castor_angles)
         wheel, castor = self.sensed_angles
-        yaw_rate = None if gyro is None else world.twist[2] + gyro.bias + gyro.noise * self.random.standard_normal()
+        yaw_rate = None if self.gyro is None else self.gyro.read(world.time, float(world.twist[2]))
         pivot = self.encoders.pivot(castor)
         self.observation = observation(self._increments(wheel), world.time, pivot=pivot, gyro=yaw_rate)
 

@@ -155,6 +155,10 @@ class Effect(Generic[V]):
         """Return the poses (K, 3) that the reference shows of a body that truly stands at `pose` (K, 3)."""
         return pose
 
+    def gyro_gain(self) -> float:
+        """Return what the gyro reads of a body that turns at 1 rad/s, but for its bias, rad/s."""
+        return 1.0
+
     def floor(self, vehicle: V, floor: Floor, /) -> Floor:
         """Return the floor as it really is under this vehicle, given how it is described."""
         return floor

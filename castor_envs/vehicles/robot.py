@@ -139,13 +139,21 @@ class Contact:
 class Gyro:
     """A yaw-rate gyro.
 
-    noise: white, one standard deviation a sample, rad/s. bias: constant, rad/s.
+    noise: white, one standard deviation a sample, rad/s. bias: constant, rad/s. bias_tolerance: standard deviation of
+    the true bias about it, as a data sheet states it, rad/s; None where nobody says. bias_walk: by how much the bias
+    wanders, one standard deviation after 1 s, rad/s; after t seconds it is sqrt(t) times that. scale_tolerance:
+    standard deviation of how much too far the gyro says that the body turns, as a part; 0: it is exact.
 
-    The bounds of both are far above those of any gyro; a reading stays within the 100 rad/s of observation spaces.
+    The bounds of noise and bias are far above those of any gyro; a reading stays within the 100 rad/s of observation
+    spaces.
     """
 
     noise: Annotated[float, Field(ge=0, le=5)] = 0.0
     bias: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    # Files that say nothing of these, and so their hashes, are as they were before they could.
+    bias_tolerance: Annotated[float | None, Field(ge=0, le=10, exclude_if=lambda value: value is None)] = None
+    bias_walk: Annotated[float, Field(ge=0, le=1, exclude_if=lambda value: value == 0)] = 0.0
+    scale_tolerance: Annotated[float, Field(ge=0, le=0.3, exclude_if=lambda value: value == 0)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)

@@ -7,12 +7,12 @@ smoothed, as signatures from differences of single counts would resemble each ot
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from castor_envs.effects.catalogue import catalogue
+from castor_envs.effects.catalogue import catalogue, gyro_gain_of
 from castor_envs.effects.encoders import PivotEccentricity
 from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
@@ -139,13 +139,19 @@ def rate_of(effects: Sequence[Effect]) -> float:
     return float(np.round(sum(gains), 12))
 
 
+def gyro_scale_of(effects: Sequence[Effect]) -> float:
+    """Return the part by which the gyro reads too much by effects."""
+    return float(np.round(gyro_gain_of(effects) - 1, 12))
+
+
 @dataclass(frozen=True, eq=False)
 class Signatures:
     """Signatures of candidates in one log, one or two columns each.
 
     The first G columns are of `geometries`, changed by `steps` (G,); the other R of `readings` (K, s + d, R), counts
     read too much per unit, of `slips` (K - 1, w + n, R), m per unit that wheels roll and castors move to their side,
-    and of `rates` (R,), rate of the reference's clock per unit. places: which of the R are at a place on the floor.
+    and of `rates` (R,), rate of the reference's clock, and `gyro_scales` (R,), part by which the gyro reads too much,
+    per unit. places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -154,6 +160,7 @@ class Signatures:
     readings: SparseColumns
     slips: SparseColumns
     rates: Array
+    gyro_scales: Array
     places: tuple[int, ...]
 
 
@@ -189,6 +196,7 @@ def signatures_of(
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []
     clocks: list[Candidate] = []
+    gyros: list[Candidate] = []
     motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
     slip_rows = motion.wheel_angle.shape[1] + motion.castor_angle.shape[1]
@@ -205,6 +213,9 @@ def signatures_of(
             continue
         if rate_of(candidate.kinds):
             clocks.append(candidate)
+            continue
+        if gyro_scale_of(candidate.kinds):
+            gyros.append(candidate)
             continue
         try:
             changed = [robot.with_effects(effect) for effect in candidate.kinds]
@@ -226,6 +237,7 @@ def signatures_of(
         read += [slipping(candidate, slips) for candidate, slips in _slipping(robot, motion)]
     still = np.zeros((*counts.shape, 1))
     read += [misreading(candidate, still) for candidate in clocks] if log.reference is not None else []
+    read += [misreading(candidate, still) for candidate in gyros] if log.gyro is not None else []
     of_columns = [candidate for candidate, _, _ in read for _ in range(candidate.columns)]
     return Signatures(
         (*(candidate for candidate, _, _ in built), *(candidate for candidate, _, _ in read)),
@@ -233,14 +245,14 @@ def signatures_of(
         np.array([step for _, _, step in built]),
         SparseColumns.joined([excess for _, excess, _ in read], counts.shape),
         SparseColumns.joined([slips for _, _, slips in read], (len(counts) - 1, slip_rows)),
-        np.array(
-            [
-                rate_of(candidate.kinds) / (candidate.kinds[0].value if candidate.kinds else 1.0)
-                for candidate in of_columns
-            ]
-        ),
+        np.array([_per_unit(rate_of, candidate) for candidate in of_columns]),
+        np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
         tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
+
+
+def _per_unit(of: Callable[[Sequence[Effect]], float], candidate: Candidate) -> float:
+    return of(candidate.kinds) / (candidate.kinds[0].value if candidate.kinds else 1.0)
 
 
 def _slip_of(candidate: Candidate, robot: RobotDescription, motion: Motion) -> Slip | None:

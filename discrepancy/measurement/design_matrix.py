@@ -46,8 +46,8 @@ class Made(NamedTuple):
 class Columns:
     """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
     `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
-    of the reference's clock, s/s; rate: its rate by the robot's effects, None where no poses determine it. creep (K -
-    1, rows, 1 + rows): known up to factors (`Shared`)."""
+    of the reference's clock, s/s; gyro_scales (R,): part by which the gyro reads too much; rate: of that clock by the
+    robot's effects, None where no poses determine it. creep (K - 1, rows, 1 + rows): known up to factors (`Shared`)."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -57,6 +57,7 @@ class Columns:
     geometries: tuple[Geometry, ...]
     steps: Array
     rates: Array
+    gyro_scales: Array
     rate: float | None
     creep: SparseColumns
     make: Callable[[], Made]
@@ -96,6 +97,7 @@ class Columns:
             geometries=found.geometries,
             steps=found.steps,
             rates=found.rates,
+            gyro_scales=found.gyro_scales,
             rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
             creep=SparseColumns.of(slipping.columns()),
             make=lambda: make(signatures()),
@@ -116,7 +118,8 @@ class Columns:
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
         """Return the log's statistics of amplitudes, factors of creep, and constant creep of every wheel and castor;
         with `only`: of these candidates, without constant creep."""
-        made, rates, always = self.made, self.rates, []
+        made, always = self.made, []
+        rates, scales = self.rates, self.gyro_scales
         changes = made.changes
         if only is None:
             always = [SparseColumns.diagonal(self.model.rolled(self.geometry, self.state))]
@@ -131,10 +134,11 @@ class Columns:
                 readings=made.readings.only(of_readings.tolist()),
                 slips=made.slips.only(of_readings.tolist()),
             )
-            rates = rates[of_readings]
+            rates, scales = rates[of_readings], scales[of_readings]
         parts = (changes.slips, self.creep, *always)
-        rates = np.pad(rates, (0, sum(part.shape[-1] for part in parts) - len(rates)))
-        extra = ExtraColumns(changes.readings, parts, rates)
+        others = sum(part.shape[-1] for part in parts) - len(rates)
+        rates, scales = (np.pad(of_effects, (0, others)) for of_effects in (rates, scales))
+        extra = ExtraColumns(changes.readings, parts, rates, scales)
         at = self.geometry, changes.changed, changes.change, self.state, self.clock
         return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
 

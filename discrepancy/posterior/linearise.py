@@ -17,7 +17,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
-from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.hypotheses.candidates import Candidate, gyro_scale_of
 from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, reestimated_noise, schur_complement
 from discrepancy.measurement.fit_states import fit_states
@@ -137,6 +137,8 @@ def linearise(
     """
     geometry = Geometry.of(robot.as_built())
     models = [LogLikelihood(geometry, log, k) for k, log in enumerate(logs)]
+    for model in models:
+        model.scale_gyro(gyro_scale_of(robot.effects))
     released = released or [np.zeros((len(model.counts) - 1, len(model.rows)), dtype=bool) for model in models]
     for model, steps in zip(models, released, strict=True):
         model.release(steps)
@@ -169,10 +171,13 @@ def linearise(
             [not candidate.kinds for candidate in design.candidates for _ in range(candidate.columns)], dtype=bool
         )
         usual[indices[unnamed]] = _usual(design)[unnamed]
+        if robot.gyro is not None:
+            usual[indices[len(design.steps) :][design.gyro_scales != 0]] = robot.gyro.scale_tolerance
         cost = np.zeros((2, count))
         missing = (model.missing(design.made.changes, steps) for steps in blocks(len(state) - 1))
         cost[:, indices] = cost_of_sizes(missing, state[:, :3])
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
+        cost[1, indices[len(design.steps) :]] += 2 * np.pi * np.abs(design.gyro_scales)  # of a heading by the gyro
         costs.append(cost)
     disagreements = tuple(
         Disagreement.of(design.model, design.made.changes, log.t, slipping.by_effects, steps)

@@ -68,11 +68,12 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
 
 
 def tolerances(seen: Seen) -> Array:
-    """Return the standard deviations of C sizes in robots in good order."""
+    """Return the standard deviations of C sizes in robots in good order: as the robot file states them, or usually."""
     tolerance = seen.usual.copy()
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
         if candidate.kinds:
-            tolerance[columns] = candidate.kinds[0].tolerance
+            stated = tolerance[columns]
+            tolerance[columns] = np.where(stated > 0, stated, candidate.kinds[0].tolerance)
     return tolerance
 
 

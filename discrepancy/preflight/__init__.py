@@ -16,6 +16,7 @@ from discrepancy.preflight.findings import Mistake, Preflight
 from discrepancy.preflight.misfit import SEEN, Misfit, Misfits
 from discrepancy.preflight.reading import Channels, Reading
 from discrepancy.preflight.search import MUCH, YAW, Candidate, Found, search
+from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
 __all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
 
@@ -47,10 +48,13 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
         reported.append(
             "too little motion, or too few encoders and reference poses, to look for swapped or reversed encoders"
         )
-        return Preflight((), tuple(reported))
+        of_gyro = [Mistake(f"{name}: {what}") for name, log in named for what in _of_gyro(robot, log)]
+        return Preflight(tuple(of_gyro), tuple(reported))
     found = search(robot, misfits)
     mistakes = [*_dead(robot, logs, found, dead), *_mistakes(misfits, found)]
     reported += _poses_off(named, misfits, found.best.reading)
+    if not mistakes:
+        mistakes = [Mistake(f"{name}: {what}") for name, log in named for what in _of_gyro(robot, log)]
     left = found.best.misfit
     if left.rms > CONTRADICTED and not mistakes:
         reported.append(f"{_contradiction(left)}, which is no mistake of wiring or units alone")
@@ -61,6 +65,13 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
             "of the motion, so nothing else is looked for; correct the wiring, and record again"
         )
     return Preflight(tuple(mistakes), tuple(reported), slid)
+
+
+def _of_gyro(robot: RobotDescription, log: Log) -> Iterator[str]:
+    """Yield what is wrong with the sign or unit of a gyro, by the wheels."""
+    check = None if robot.gyro is None else gyro_against_wheels(robot, log)
+    if check is not None and check.mistaken:
+        yield f"gyro_z {check.verdict} (it turns {check.scale:.3g} times as much as the wheels say)"
 
 
 def _mistakes(misfits: Misfits, found: Found) -> Iterator[Mistake]:

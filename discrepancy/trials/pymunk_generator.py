@@ -11,6 +11,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import USUAL, Noise, as_recorded, counts_of
@@ -48,10 +49,12 @@ def drive(
     rows = round(duration / period) + 1
     t, w = np.arange(rows) * np.float64(period), len(robot.wheels)
     true = np.zeros((rows, w + geometry.n_castors))
-    pose, command, steering = np.zeros((rows, 3)), [], []
+    pose, yaw_rate, command, steering = np.zeros((rows, 3)), np.zeros(rows), [], []
+    gyro = GyroSensor.of(robot, np.random.default_rng([seed, 5]))
     seen, twist = np.zeros_like(true), motion.at(t + 0.5 * period)[1]
     for k in range(rows):
         true[k, :w], true[k, w:], pose[k] = world.wheel_angles, world.castor_angles, world.pose
+        yaw_rate[k] = world.twist[2]
         angle = true[k] if outside is None else outside.changed(robot, t[: k + 1], true[: k + 1], pose[: k + 1])[-1]
         (wheel,), (castor,) = read(t[k : k + 1], angle[None, :w], angle[None, w:])
         seen[k, :w], seen[k, w:] = wheel, castor
@@ -75,5 +78,6 @@ def drive(
         command=np.array(command),
         steering_command=np.array(steering) if robot.driven_castors else None,
         reference=reference(robot, t, pose),
+        gyro=None if gyro is None else gyro.readings(t, yaw_rate),
     )
     return as_recorded(robot, exact, seed, noise, rounded)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.parity import BLIND, parity_residual
@@ -28,9 +29,15 @@ def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:
     if held < 3:
         raise InputError(UNSEEN.format(robot.name, held))
     for logs in log_sets:
-        blind = [log for log in logs if log.reference is None or not np.isfinite(log.reference).any()]
+        blind = [log for log in logs if not _has(log.reference) and (robot.gyro is None or not _has(log.gyro))]
         if blind and parity_residual(robot, blind[0]).redundancy == 0:
-            raise InputError(f"{BLIND}; give logs with ref_x, ref_y and ref_psi")
+            raise InputError(
+                f"{BLIND}; give logs with ref_x, ref_y and ref_psi, or with gyro_z of a gyro in the robot file"
+            )
+
+
+def _has(measured: Array | None) -> bool:
+    return measured is not None and bool(np.isfinite(measured).any())
 
 
 @contextmanager

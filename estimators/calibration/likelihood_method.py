@@ -1,6 +1,6 @@
 """Maximum likelihood as a calibration method: parameters, standard errors, and changes that the logs do not show."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,12 +88,28 @@ class MaximumLikelihoodMethod:
                 "reference_noise": {"position_m": noise.position, "heading_rad": noise.heading},
                 "odometry_rms_m": {"before": before, "after": after},
             }
+        if np.isfinite(found.gyro).any():
+            remarks += _gyro(found, recordings)
+            of_logs = [
+                None if np.isnan(bias) else {"bias_rad_s": bias, "latency_s": late}
+                for bias, late in found.gyro.tolist()
+            ]
+            data["gyro"] = {"noise_rad_s": noise.gyro, "scale": found.gyro_scale, "logs": of_logs}
         changes = {change.what: str(change) for change in unseen}
         return Report(tuple(results), found.calibrated, changes, tuple(remarks), data)
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Calibration:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError
             return calibrate(robot, [recording.log for recording in recordings], pivots=self._pivots)
+
+
+def _gyro(found: Calibration, recordings: Sequence[Recording]) -> Iterator[str]:
+    """Yield what was found of the gyro, in words."""
+    yield f"gyro: noise {np.degrees(found.noise.gyro):.2g} deg/s, reads {100 * found.gyro_scale:+.2g} % of the turn"
+    for recording, (bias, late) in zip(recordings, found.gyro, strict=True):
+        if np.isfinite(bias):
+            off = f"{np.degrees(bias):.2g} deg/s off the bias in the robot file, and {1e3 * late:.0f} ms late"
+            yield f"{recording.name}: the gyro is {off}"
 
 
 def _tracked_point(found: Calibration) -> str:

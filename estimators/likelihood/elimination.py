@@ -25,13 +25,17 @@ class Prior(NamedTuple):
         """Return how far numbers (n,) are from their means, in standard deviations."""
         return (numbers - self.expected) / self.deviation
 
+    def joined(self, other: "Prior") -> "Prior":
+        """Return the priors of these numbers, then those of another."""
+        return Prior(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
 
 class Rows(NamedTuple):
     """Equations of one kind, over their standard deviations, one sample or step k after another.
 
     at (k,): the sample, none before the last. values (k, rows). start, end, numbers map a slice of equations to
-    derivatives: by the state at that sample (k, rows, m), at the next sample (or None), and by parameters, mount and
-    clock (k, rows, P + 5). drawn (k, rows, probes): drawn residuals in place of values.
+    derivatives: by the state at that sample (k, rows, m), at the next sample (or None), and by n numbers: parameters,
+    mount, clock, and those of a gyro (k, rows, n). drawn (k, rows, probes): drawn residuals in place of values.
     """
 
     at: NDArray[np.intp]
@@ -53,7 +57,7 @@ class Rows(NamedTuple):
 
     def left(self, chosen: slice, by: Array) -> Array:
         """Return the residuals (k, rows, 1 + probes) of values and drawn residuals of chosen equations after changes of
-        numbers (P + 5, 1 + probes)."""
+        numbers (n, 1 + probes)."""
         right = self.right(chosen, len(by))
         return right[..., len(by) :] + right[..., : len(by)] @ by
 

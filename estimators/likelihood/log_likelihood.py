@@ -6,6 +6,7 @@ Known are
     counts                   rounded: off by an even spread of one count; a run of equal counts is one reading
     rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled
     reference poses          off by independent errors, where they were taken (`measurements.poses`)
+    yaw rates of a gyro      off by noise, a bias and a latency, where the robot file describes it (`measurements.gyro`)
 
 Each step ties two samples only, so the normal equations are banded (Cholesky's factors by LAPACK). Angles and twist are
 linearised at the fitted state, not at the readings: rounded regressors would bias the parameters toward zero.
@@ -25,8 +26,9 @@ from castor_envs.geometry.steps import smoothed
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry
 from estimators.likelihood.elimination import Rows, blocks
+from estimators.likelihood.measurements.gyro import GyroRates
 from estimators.likelihood.measurements.poses import ReferencePoses
-from estimators.likelihood.reduction import Reduced, reduced
+from estimators.likelihood.reduction import Leftover, Reduced, reduced
 from estimators.likelihood.rolling import RollingConstraints
 from estimators.likelihood.sparse_columns import ByBlocks
 from estimators.likelihood.whitening import Whitening
@@ -40,13 +42,14 @@ class Noise:
     """Standard deviations of noise.
 
     along, across: slip in the rolling direction and to the side, m after 1 m. position, heading: of reference poses, m
-    along each axis and rad.
+    along each axis and rad. gyro: of a reading, rad/s.
     """
 
     along: float = 3e-5
     across: float = 3e-5
     position: float = 2e-3
     heading: float = 5e-3
+    gyro: float = 1e-3
 
 
 class ExtraColumns(NamedTuple):
@@ -54,12 +57,13 @@ class ExtraColumns(NamedTuple):
 
     readings (K, s + d, r): counts read too much, of the first r parameters; the others change no reading. slips: metres
     by which a step misses its constraints, parts (K - 1, rows, c) of successive parameters, R in all. rates (R,): rate
-    of the reference's clock, s/s; None: 0.
+    of the reference's clock, s/s; gyro_scales (R,): by which the gyro reads too much, as a part; None: 0.
     """
 
     readings: ByBlocks
     slips: tuple[ByBlocks, ...]
     rates: Array | None = None
+    gyro_scales: Array | None = None
 
     @property
     def parameters(self) -> int:
@@ -87,7 +91,7 @@ class LogLikelihood(RollingConstraints):
         pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
         self._counts = np.column_stack([pivot, log.wheel])
         self._readings = np.sqrt(12 * np.apply_along_axis(_share_of_reading, 0, self._counts))
-        self._poses = ReferencePoses(log, self._counts)
+        self._poses, self._gyro = ReferencePoses(log, self._counts), GyroRates(layout, log)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
         self._doubt: Array | float = 0.0
         self._released = np.zeros((len(log) - 1, len(self._used)), dtype=bool)
@@ -107,6 +111,10 @@ class LogLikelihood(RollingConstraints):
         """Let all encoders be read early or late together, at random with a standard deviation of `duration`, s: the
         robot is not quite where the reference saw it."""
         self._jitter = duration
+
+    def scale_gyro(self, scale: float) -> None:
+        """Let the gyro be known to read too much by `scale`, as a part."""
+        self._gyro.scale = scale
 
     def balance(self, stiffness: Array | None) -> None:
         """Let contacts creep freely where their wheels disagree. stiffness (K - 1, rows): of their creep, in any unit;
@@ -141,6 +149,16 @@ class LogLikelihood(RollingConstraints):
     def poses_used(self) -> int:
         """The number of reference poses in use: dense poses are not independent."""
         return len(self._poses.used)
+
+    @property
+    def gyro_steps(self) -> int:
+        """The number of steps in which the gyro tells the body's turn."""
+        return len(self._gyro.steps)
+
+    def gyro_numbers(self, state: Array, noise: Noise) -> Array:
+        """Return the most likely bias of the gyro at the log's start, rad/s, beyond the robot file's, by how much it
+        walks in each piece of the log, and its latency, s, at a state."""
+        return self._gyro.numbers(state, self._gyro.weights(noise.gyro))
 
     def in_deviations(self, slips: Array, geometry: Geometry, state: Array, noise: Noise) -> Array:
         """Return slips (K - 1, rows), m, in standard deviations of slip noise."""
@@ -242,20 +260,30 @@ class LogLikelihood(RollingConstraints):
             groups = np.split(rows.values, [len(self._rolling)] if name == "slips" else [], axis=1)
             drawn = [random.normal(size=(*group.shape, probes)) for group in groups]
             kinds[name] = rows._replace(drawn=np.concatenate(drawn, axis=1))
+        if self.gyro_steps:
+            kinds["gyro"] = kinds["gyro"]._replace(drawn=self._gyro.drawn(random, noise.gyro, probes))
         prior = self._poses.clock_prior(rate)
+        of_gyro = self.gyro_numbers(state, noise) if self.gyro_steps else np.zeros(0)
 
         def squares(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
             values = self._values(self.residuals(geometry, state), state, clock, mount, weights, slipping)
-            return float(sum(np.sum(part**2) for part in (*values.values(), prior.off(clock))))
+            more = [self._gyro.prior.off(self._gyro.numbers(state, weights["gyro"]))] if self.gyro_steps else []
+            return float(sum(np.sum(part**2) for part in (*values.values(), prior.off(clock), *more)))
 
         count = len(change) + (extra.parameters if extra else 0) + len(mount)
         fields = partial(self._by_fields, slipping=slipping)
-        found = reduced(kinds, state, clock, prior, count, probes, fields, squares)
+        own, prior_of_own = np.concatenate([clock, of_gyro]), prior.joined(self._gyro.prior)
+        found = reduced(kinds, state, own, prior_of_own, count, probes, fields, squares)
         log_evidence = found.log_evidence
         for name, weight in weights.items():
             log_evidence += float(np.sum(np.log(np.broadcast_to(weight, kinds[name].values.shape))))
         log_evidence += slipping.log_density + self._log_volume(geometry, state)
-        return found._replace(log_evidence=log_evidence)
+
+        def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
+            state, clock, left = found.finish(moved_by, part)
+            return state, clock, self._gyro.with_described(left, noise.gyro)
+
+        return found._replace(log_evidence=log_evidence, finish=finish)
 
     def _by_fields(self, name: str, left: Array, steps: slice, slipping: Whitening) -> list[tuple[str, Array]]:
         """Return the residuals (k, rows, c) of a kind of `_values` by the fields of `Noise`: of slips, those of
@@ -269,7 +297,8 @@ class LogLikelihood(RollingConstraints):
         """Return one over the standard deviation of every equation at a state but for slips, by the kinds of
         `_values`."""
         of_poses = self._poses.weights(state, noise.position, noise.heading, self._jitter)
-        return {"counts": self._readings} | of_poses
+        of_gyro = {"gyro": self._gyro.weights(noise.gyro)} if self.gyro_steps else {}
+        return {"counts": self._readings} | of_poses | of_gyro
 
     def _whitening(self, geometry: Geometry, state: Array, noise: Noise) -> Whitening:
         """Return how slips at a state are made independent, each of standard deviation 1."""
@@ -300,6 +329,8 @@ class LogLikelihood(RollingConstraints):
         """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "slips",
         "pinned", or the field of `Noise` that weights them. in_constraints: from `residuals`."""
         residuals = {"counts": state[:, 3:] - self._counts} | self._poses.off(state, clock, mount)
+        if self.gyro_steps:
+            residuals["gyro"] = self._gyro.off(state, self._gyro.numbers(state, weights["gyro"]))
         slips = slipping.applied(slice(None), (in_constraints - self._expected)[..., None])[..., 0]
         return {name: weights[name] * off for name, off in residuals.items()} | {"slips": slips}
 
@@ -318,7 +349,8 @@ class LogLikelihood(RollingConstraints):
         """Return all equations linearised about a state, by the kinds of `_values`."""
         samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
         extra_count, slips = (extra.parameters, extra.slips) if extra else (0, ())
-        count = first + extra_count + len(mount) + len(clock)
+        of_gyro = len(self._gyro.prior.deviation)
+        count = first + extra_count + len(mount) + len(clock) + of_gyro
         residual, (by_start, by_end) = self.residuals(geometry, state), self._derivatives(geometry, state)
         touched = np.any(by_start, axis=0) | np.any(by_end, axis=0)
         numbers_of = np.argsort(~touched, axis=1, kind="stable")[:, : touched.sum(axis=1).max(initial=1)]
@@ -356,9 +388,15 @@ class LogLikelihood(RollingConstraints):
 
         start, end = (partial(by_state, derivatives=derivatives) for derivatives in (by_start, by_end))
         kinds["slips"] = Rows(samples[:-1], values["slips"], start, end, by_slips)
-        of_extra = np.zeros(extra_count) if extra is None or extra.rates is None else extra.rates
-        rates = np.concatenate([np.zeros(first), of_extra])
-        return kinds | self._poses.rows(state, clock, mount, weights, values, rates)
+        rates, scales = (
+            np.zeros(first + extra_count) if of_extra is None else np.concatenate([np.zeros(first), of_extra])
+            for of_extra in ((None, None) if extra is None else (extra.rates, extra.gyro_scales))
+        )
+        kinds |= self._poses.rows(state, clock, mount, weights, values, rates, of_gyro)
+        if self.gyro_steps:
+            others = len(mount) + len(clock)
+            kinds["gyro"] = self._gyro.rows(state, weights["gyro"], values["gyro"], scales, others)
+        return kinds
 
 
 def _chained(twist: Array) -> Array:

@@ -21,11 +21,13 @@ class Leftover(NamedTuple):
 
 
 class Reduced(NamedTuple):
-    """Statistics of P parameters in one log, state and clock eliminated, linearised about a state.
+    """Statistics of P parameters in one log, state and the log's own numbers eliminated, linearised about a state.
+
+    Own numbers are those of the reference's clock, and of the gyro.
 
     information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of the same with drawn residuals.
-    clock (2, 2): information on the clock, given the parameters. log_evidence: log-likelihood of the log with the
-    parameters unchanged, state and clock integrated out (natural logarithm, up to a constant of the log). finish: maps
+    log_evidence: log-likelihood of the log with the parameters unchanged, state and own numbers integrated out (natural
+    logarithm, up to a constant of the log). finish: maps
     changes of the parameters (P, 1 + probes) and the part of the step that is taken to the changed state and clock, and
     the remaining residuals. squares: maps any geometry, state, clock and mount to the sum of squares there, with the
     weights of this state.
@@ -33,7 +35,6 @@ class Reduced(NamedTuple):
 
     information: Array
     gradient: Array
-    clock: Array
     log_evidence: float
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
@@ -42,36 +43,37 @@ class Reduced(NamedTuple):
 def reduced(
     kinds: dict[str, Rows],
     state: Array,
-    clock: Array,
+    own: Array,
     prior: Prior,
     p: int,
     probes: int,
     fields: Fields,
     squares: Callable[[Geometry, Array, Array, Array], float],
 ) -> Reduced:
-    """Return the statistics of p parameters from equations by kind, whose numbers are these and the clock's.
+    """Return the statistics of p parameters from equations by kind, whose numbers are these and the log's own: first
+    the clock's two, then any that are linear.
 
     The log evidence is that of equations over their standard deviations: without the logarithms of these.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
 
-    size, n = state.shape[1], p + len(clock)
+    size, n = state.shape[1], p + len(own)
     information = information_on_states(kinds.values(), len(state), size)
     factors = cholesky_banded(information, overwrite_ab=True, check_finite=False)
     numbers_block = eliminated(kinds.values(), factors, n, n + 1 + probes)
     least = float(numbers_block[n, n])
     numbers_block = numbers_block[:n]
     numbers_block[p:, p:n] += np.diag(prior.deviation**-2.0)
-    numbers_block[p:, n] += (clock - prior.expected) / prior.deviation**2
-    least += float(np.sum(prior.off(clock) ** 2))
-    clocks = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
-    reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ clocks
-    least -= float(numbers_block[p:, n] @ clocks[:, p])
+    numbers_block[p:, n] += (own - prior.expected) / prior.deviation**2
+    least += float(np.sum(prior.off(own) ** 2))
+    set_to = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
+    reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ set_to
+    least -= float(numbers_block[p:, n] @ set_to[:, p])
     log_evidence = -least / 2 - float(np.sum(np.log(factors[-1])))
     log_evidence -= float(np.linalg.slogdet(numbers_block[p:, p:n])[1]) / 2
 
     def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
-        set_by = -(clocks[:, p:] + clocks[:, :p] @ moved_by)
+        set_by = -(set_to[:, p:] + set_to[:, :p] @ moved_by)
         all_by = np.concatenate([moved_by, set_by])
         columns = np.zeros((len(state), size, 1 + probes))
         for block in blocks(len(state), LARGE):
@@ -92,12 +94,11 @@ def reduced(
                     total[field] = total.get(field, np.zeros(1 + probes)) + np.sum(residuals**2, axis=(0, 1))
         of_log = {field: float(sums[0]) for field, sums in total.items()}
         expected = {field: float(np.mean(sums[1:])) if probes else 0.0 for field, sums in total.items()}
-        return state + away[..., 0], clock + set_by[:, 0], Leftover(of_log, expected)
+        return state + away[..., 0], own[:2] + set_by[:2, 0], Leftover(of_log, expected)
 
     return Reduced(
         (reduced[:, :p] + reduced[:, :p].T) / 2,
         reduced[:, p:],
-        numbers_block[p:, p:n],
         log_evidence,
         finish,
         squares,

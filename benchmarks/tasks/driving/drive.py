@@ -20,6 +20,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.vehicles.robot import RobotDescription
 
 
@@ -118,9 +119,7 @@ def recorded(robot: RobotDescription, true: Drive, random: np.random.Generator) 
     """
     built = Geometry.of(robot)
     encoders = Encoders(built, Encoders.random_phase(built, random))
-    gyro = None
-    if robot.gyro is not None:
-        gyro = true.yaw_rate + robot.gyro.bias + robot.gyro.noise * random.standard_normal(len(true.t))
+    gyro = GyroSensor.of(robot, random)
     return Log(
         t=true.t,
         wheel=encoders.wheel(true.wheel),
@@ -128,7 +127,7 @@ def recorded(robot: RobotDescription, true: Drive, random: np.random.Generator) 
         command=true.command,
         steering_command=true.steering_command if true.steering_command.shape[1] else None,
         reference=true.pose,
-        gyro=gyro,
+        gyro=None if gyro is None else gyro.readings(true.t, true.yaw_rate),
     )
 
 

@@ -72,7 +72,7 @@ class RobotLanes(Lanes):
         worlds = [member.world for member in members]
         first, robots = worlds[0], [world.robot for world in worlds]
         self._driven, self._held, self._castor_bodies = first.driven_wheels, first.held_wheels, first.castor_bodies
-        self._fixed, self._gyro = first.geometry.fixed, [robot.gyro for robot in robots]
+        self._fixed, self._has_gyro = first.geometry.fixed, robots[0].gyro is not None
         self._angle = np.stack([world.geometry.angle for world in worlds])
         self._centers = np.stack([world.center for world in worlds])[:, None]
         self._fastest = np.array([[robot.max_wheel_speed] for robot in robots])
@@ -98,11 +98,10 @@ class RobotLanes(Lanes):
         """Return what all sensors say, with leading axis B, and the true poses (B, 3). going: who is read at all."""
         angle = self.fleet.motion[..., 2]
         theta = np.where(self._fixed, self._angle, angle[:, self._castor_bodies] - angle[:, :1])
-        yaw_rate = None if self._gyro[0] is None else self.fleet.motion[:, 0, 5].copy()
+        yaw_rate = self.fleet.motion[:, 0, 5].copy() if self._has_gyro else None
         for lane in np.flatnonzero(going).tolist():
-            if yaw_rate is not None and (gyro := self._gyro[lane]) is not None:
-                noise = gyro.noise * self.members[lane].random.standard_normal()
-                yaw_rate[lane] = yaw_rate[lane] + gyro.bias + noise
+            if yaw_rate is not None and (gyro := self.members[lane].gyro) is not None:
+                yaw_rate[lane] = gyro.read(float(self.fleet.time[lane]), float(yaw_rate[lane]))
         seen = observation(self._increments(), self.fleet.time, pivot=self.encoders.pivot(theta), gyro=yaw_rate)
         return seen, self._poses([0], self._centers)[:, 0]
 

@@ -29,7 +29,7 @@ from estimators.calibration.maximum_likelihood.fit import (
     FARTHEST,
     State,
     changed_by_each,
-    columns_of_slips,
+    columns_of,
     fitted,
     scales_of,
 )
@@ -39,6 +39,7 @@ from estimators.calibration.maximum_likelihood.tracker import MOUNT_SEEN, mount_
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
 from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
+from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
 FARTHEST_POINT = 3.0
 """Largest distance of the tracked point from the robot's origin, as a multiple of the robot's size."""
@@ -58,10 +59,11 @@ class Calibration:
     there. information (P, P): of all logs, in the same scales. noise: as found. mount (3,): the tracked point in B, m,
     and how its axes are turned, rad; mount_covariance (3, 3): that of `mount_prior` where the logs do not show it, as
     when all end where they began. clocks (logs, 2): the reference at t is the pose at t + clock[0] + clock[1] (t -
-    t_0), in s and s/s. poses: how many reference poses the logs hold. left: rms distance (m) between odometry, which
-    starts at the most likely pose at a log's first reference pose, and the reference, before and, accounting for creep,
-    after; None without a reference. creeps: whether contacts creep: not where wheels hardly slip, or creep is left out;
-    creep_left_out: why; "" if it is not.
+    t_0), in s and s/s. gyro (logs, 2): its bias at the log's start beyond the robot file's, rad/s, and its latency, s;
+    NaN where a log has none. gyro_scale: by which it reads too much, as a part. poses: how many reference poses the
+    logs hold. left: rms distance (m) between odometry, which starts at the most likely pose at a log's first reference
+    pose, and the reference, before and, accounting for creep, after; None without a reference. creeps: whether contacts
+    creep: not where wheels hardly slip, or creep is left out; creep_left_out: why; "" if it is not.
     """
 
     robot: RobotDescription
@@ -75,6 +77,8 @@ class Calibration:
     mount: Array
     mount_covariance: Array
     clocks: Array
+    gyro: Array
+    gyro_scale: float
     poses: int
     left: tuple[float, float] | None
     creeps: bool
@@ -120,15 +124,21 @@ def calibrate(
     models = [LogLikelihood(described, log, k) for k, log in enumerate(logs)]
     poses = sum(model.poses for model in models)
     _check(robot, logs, parameters)
+    with_gyro = any(model.gyro_steps for model in models)
+    scale_of_gyro = robot.gyro.scale_tolerance if robot.gyro is not None and with_gyro else 0.0
     try:
-        at, sizes, solution = fitted(models, described, parameters, before, noise, placed=mount_prior(described))
+        at, sizes, solution = fitted(
+            models, described, parameters, before, noise, placed=mount_prior(described), gyro_scale=scale_of_gyro
+        )
         left_out = ""
         if noise is None:
-            at, sizes, solution, left_out = _with_creep(robot, logs, models, parameters, before, at, sizes, solution)
+            at, sizes, solution, left_out = _with_creep(
+                robot, logs, models, parameters, before, scale_of_gyro, at, sizes, solution
+            )
         robot_with(robot, parameters, at.found)
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
-    strange = _strange(sizes, at.mount, described)
+    strange = _strange(Noise() if noise else sizes, at.mount, described)  # noise that is known is no finding
     if strange:
         raise InputError(CONTRADICTION.format(robot.name, f" but with {', '.join(strange)}"))
     if not solution.seen.any():
@@ -148,6 +158,8 @@ def calibrate(
         mount=np.append(at.mount[:2], wrap(at.mount[2] + turn)),
         mount_covariance=solution.shared_covariance[-len(at.mount) :, -len(at.mount) :],
         clocks=at.clocks,
+        gyro=np.array([_gyro(model, state, sizes) for model, state in zip(models, at.states, strict=True)]),
+        gyro_scale=float(at.gyro_scale.sum()),
         poses=poses,
         left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
         creeps=len(at.factors) > 0,
@@ -161,6 +173,7 @@ def _with_creep(
     models: list[LogLikelihood],
     parameters: tuple[Parameter, ...],
     before: Array,
+    gyro_scale: float,
     at: State,
     sizes: Noise,
     solution: Solution,
@@ -179,7 +192,16 @@ def _with_creep(
     left_out = "as predicted it does not fit the logs"
     with suppress(np.linalg.LinAlgError, ValueError):
         found = fitted(
-            models, described, parameters, before, None, start, placed=placed, least=LEAST_NOISE, creep=creep
+            models,
+            described,
+            parameters,
+            before,
+            None,
+            start,
+            placed=placed,
+            least=LEAST_NOISE,
+            creep=creep,
+            gyro_scale=gyro_scale,
         )
         robot_with(robot, parameters, found[0].found)
         if found[2].moved < 1.0 and found[2].seen.any():
@@ -188,6 +210,12 @@ def _with_creep(
             left_out = "with it, these logs show none of the numbers; give reference poses"
     _without_creep(models)
     return at, sizes, solution, left_out
+
+
+def _gyro(model: LogLikelihood, state: Array, noise: Noise) -> tuple[float, float]:
+    """Return the bias at the log's start, rad/s, and the latency, s, of a log's gyro."""
+    numbers = model.gyro_numbers(state, noise) if model.gyro_steps else np.full(2, np.nan)
+    return float(numbers[0]), float(numbers[-1])
 
 
 def _without_creep(models: Sequence[LogLikelihood]) -> None:
@@ -215,7 +243,9 @@ def information_of(
         columns, seen = creep.predict(values_of(geometry, parameters), states), creep.disagreement(*steps, states)
         deviations = np.concatenate([creep.deviations, deviations])
     reductions = [
-        model.reduce(*steps, state, np.zeros(2), np.zeros(3), noise, 0, columns_of_slips(model, columns[n : n + 1]))
+        model.reduce(
+            *steps, state, np.zeros(2), np.zeros(3), noise, 0, columns_of(model, columns[n : n + 1], np.zeros(0))
+        )
         for n, (model, state) in enumerate(zip(models, states, strict=True))
     ]
     solution = solved(reductions, seen, scale, 0 * deviations, deviations, np.zeros(len(scale)), FARTHEST)
@@ -231,6 +261,8 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
         found.append(f"slip of {1e3 * max(noise.along, noise.across):.3g} mm after 1 m")
     if noise.position > MOST.position or noise.heading > MOST.heading:
         found.append(f"reference noise of {1e3 * noise.position:.3g} mm and {np.degrees(noise.heading):.3g} deg")
+    if noise.gyro > MOST.gyro:
+        found.append(f"gyro noise of {np.degrees(noise.gyro):.3g} deg/s")
     if away > FARTHEST_POINT * size or turned > np.pi / 4:
         found.append(f"a tracked point {1e3 * away:.3g} mm off the origin, turned by {np.degrees(turned):.3g} deg")
     return found
@@ -255,6 +287,10 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) ->
 def _check(robot: RobotDescription, logs: Sequence[Log], parameters: tuple[Parameter, ...]) -> None:
     if not parameters:
         raise Declined(f"robot {robot.name!r} has no encoder whose numbers could be found")
+    for k, log in enumerate(logs if robot.gyro is not None else (), 1):
+        check = gyro_against_wheels(robot, log)
+        if check is not None and check.mistaken:
+            raise InputError(f"log {k}: gyro_z {check.verdict}")
     turned = np.max([np.ptp(log.wheel, axis=0) for log in logs], axis=0)
     if not turned.any():
         raise InputError("no wheel turned in any log; record a drive")

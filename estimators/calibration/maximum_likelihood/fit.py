@@ -39,14 +39,20 @@ limits it."""
 
 
 class State(NamedTuple):
-    """All unknowns: parameters (P,), mount (3,), the state and clock of each log, and the factors of creep (1 + rows,);
-    without creep (0,)."""
+    """All unknowns: parameters (P,), mount (3,), the state and clock of each log, the factors of creep (1 + rows,),
+    without creep (0,), and by which part the gyro reads too much (1,); where that is known (0,)."""
 
     found: Array
     mount: Array
     states: list[Array]
     clocks: Array
     factors: Array = np.zeros(0)
+    gyro_scale: Array = np.zeros(0)
+
+    @property
+    def shared(self) -> Array:
+        """The numbers (n,) that all logs share beside the parameters: factors of creep, scale of the gyro, mount."""
+        return np.concatenate([self.factors, self.gyro_scale, self.mount])
 
 
 def fitted(
@@ -61,18 +67,21 @@ def fitted(
     least: Noise = LEAST,
     creep: Creep | None = None,
     probes: int = PROBES,
+    gyro_scale: float = 0.0,
 ) -> tuple[State, Noise, Solution]:
     """Return the most likely state, the sizes of noise, and the last step, which is near 0 on convergence.
 
     noise: known sizes; None: they are fitted. start: state and noise of the same logs to begin with; None: state by
     counts. rounds: most steps. placed (3,): prior standard deviations of the mount. least: lower bounds of noise.
     creep: of contacts, whose factors are fitted too; None: models expect what they are told to. probes: number of draws
-    of residuals (`LogLikelihood.reduce`) by which noise is fitted.
+    of residuals (`LogLikelihood.reduce`) by which noise is fitted. gyro_scale: prior standard deviation of the scale of
+    the gyro, as a part; 0: it is exact.
     """
     scale = scales_of(parameters)
     if afresh := start is None:
         states = [model.start(described) for model in models]
-        start = State(before, np.zeros(3), states, np.zeros((len(models), 2))), Noise()
+        start = State(before, np.zeros(3), states, np.zeros((len(models), 2))), first_noise(described, least)
+        start = start[0]._replace(gyro_scale=np.zeros(1 if gyro_scale else 0)), start[1]
     at, sizes = start
     sizes, probes = (sizes, probes) if noise is None else (noise, 0)
     warm_up = WARM_UP if parameters and afresh else 0
@@ -83,13 +92,17 @@ def fitted(
         if creep:
             columns, seen = creep.predict(at.found, at.states), creep.disagreement(*steps, at.states)
             creep.expect(columns, at.factors)
+        _scale_gyros(models, at)
         reductions = [
-            model.reduce(*steps, state, clock, at.mount, sizes, probes, columns_of_slips(model, columns[n : n + 1]))
+            model.reduce(
+                *steps, state, clock, at.mount, sizes, probes, columns_of(model, columns[n : n + 1], at.gyro_scale)
+            )
             for n, (model, state, clock) in enumerate(zip(models, at.states, at.clocks, strict=True))
         ]
-        deviations = np.concatenate([creep.deviations, placed]) if creep else placed
-        expected = np.concatenate([creep.expected, np.zeros(3)]) if creep else np.zeros(3)
-        shared = np.concatenate([at.factors, at.mount]) - expected
+        of_gyro = np.full(len(at.gyro_scale), gyro_scale)
+        deviations = np.concatenate([*([creep.deviations] if creep else []), of_gyro, placed])
+        expected = np.concatenate([*([creep.expected] if creep else []), 0 * of_gyro, np.zeros(3)])
+        shared = at.shared - expected
         farthest, converged = FARTHEST if k >= warm_up else 0.0, CONVERGED_WITH_CREEP if creep else CONVERGED
         solution = solved(reductions, seen, scale, shared, deviations, (at.found - before) / scale, farthest)
 
@@ -102,8 +115,9 @@ def fitted(
         ) -> float:
             if creep:
                 creep.expect(columns, state.factors)
+            _scale_gyros(models, state)
             change = (state.found - found) / scale
-            off = (np.concatenate([state.factors, state.mount]) - prior[0]) / prior[1]
+            off = (state.shared - prior[0]) / prior[1]
             return float(off @ off + change @ seen[0] @ change - 2 * change @ seen[1])
 
         at, left, part = _stepped(reductions, described, parameters, at, solution, squares)
@@ -129,9 +143,25 @@ def changed_by_each(
     )
 
 
-def columns_of_slips(model: LogLikelihood, slips: list[Array]) -> ExtraColumns | None:
-    """Return the columns of a log's slips (K - 1, rows, R), if there are any."""
-    return ExtraColumns(np.zeros((*model.counts.shape, 0)), tuple(slips)) if slips else None
+def first_noise(described: Geometry, least: Noise) -> Noise:
+    """Return sizes of noise to begin with: of a gyro as described."""
+    return Noise() if described.gyro is None else Noise(gyro=max(described.gyro.noise, least.gyro))
+
+
+def columns_of(model: LogLikelihood, slips: list[Array], gyro_scale: Array) -> ExtraColumns | None:
+    """Return the columns of a log's slips (K - 1, rows, R) and of the gyro's scale, (1,) if it is unknown, if there are
+    any."""
+    scale = np.zeros((len(model.counts) - 1, len(model.rows), len(gyro_scale)))
+    parts = [*slips, *([scale] if len(gyro_scale) else [])]
+    if not parts:
+        return None
+    scales = np.concatenate([np.zeros(sum(part.shape[-1] for part in slips)), 0 * gyro_scale + 1])
+    return ExtraColumns(np.zeros((*model.counts.shape, 0)), tuple(parts), None, scales)
+
+
+def _scale_gyros(models: list[LogLikelihood], at: State) -> None:
+    for model in models if len(at.gyro_scale) else ():
+        model.scale_gyro(float(at.gyro_scale[0]))
 
 
 def _stepped(
@@ -150,6 +180,7 @@ def _stepped(
     fails, relative to each other (`moved_along`).
     """
     scale, first = scales_of(parameters), len(at.factors)
+    place = first + len(at.gyro_scale)
     moved_by = np.concatenate([scale[:, None] * solution.step, solution.shared])
 
     def squares(state: State) -> float:
@@ -160,10 +191,11 @@ def _stepped(
     def part_of(part: float, moved: Callable[[Array, Array], Array]) -> State:
         return State(
             at.found + part * scale * solution.step[:, 0],
-            at.mount + part * solution.shared[first:, 0],
+            at.mount + part * solution.shared[place:, 0],
             [moved(old, part * (new - old)) for old, (new, _, _) in zip(at.states, full_step, strict=True)],
             at.clocks + part * (np.array([clock for _, clock, _ in full_step]) - at.clocks),
             at.factors + part * solution.shared[:first, 0],
+            at.gyro_scale + part * solution.shared[first:place, 0],
         )
 
     full_step = [reduced.finish(moved_by) for reduced in reductions]

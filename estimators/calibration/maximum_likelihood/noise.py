@@ -10,10 +10,10 @@ import numpy as np
 from estimators.likelihood.log_likelihood import Noise
 from estimators.likelihood.reduction import Leftover
 
-LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5)
+LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5, gyro=1e-6)
 
-MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3)
-"""Largest noise of a sound robot and reference: more has another cause."""
+MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3, gyro=0.1)
+"""Largest noise of a sound robot, reference and gyro: more has another cause."""
 
 NOISE_CONVERGED, NOISE_CONVERGED_BY_ERROR = 0.02, 0.1
 """Converged when no noise changes by more than the first part of itself or, where few residuals determine it, the

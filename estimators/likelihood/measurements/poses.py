@@ -86,9 +86,11 @@ class ReferencePoses:
         weights: dict[str, Array],
         values: dict[str, Array],
         rates: Array,
+        more: int,
     ) -> dict[str, Rows]:
         """Return the equations linearised about a state, by the kinds of `off`; values: of these, times their weights.
-        rates (P,): rate of the clock per unit of each parameter, s/s."""
+        rates (P,): rate of the clock per unit of each parameter, s/s. more: numbers of the log after the clock's, which
+        poses do not depend on."""
         eye = np.eye(state.shape[1])
         if not len(self.taken):
             pinned = (eye[None, :3] / PINNED).__getitem__
@@ -103,7 +105,8 @@ class ReferencePoses:
         by_mount = np.array([[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]).transpose(2, 0, 1)
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
-        numbers = np.concatenate([by_clock[..., 1:] * rates, by_mount, by_clock], axis=-1)
+        independent = np.zeros((len(at), 3, more))
+        numbers = np.concatenate([by_clock[..., 1:] * rates, by_mount, by_clock, independent], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         kinds = {}
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):

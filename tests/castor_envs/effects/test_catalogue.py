@@ -50,6 +50,7 @@ from castor_envs.effects.encoders import (
     WheelEccentricity,
 )
 from castor_envs.effects.floor import Bump, FrictionPatch
+from castor_envs.effects.reference import GyroScale
 from castor_envs.effects.train import GaugeDrift
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.envs.sensed import SensedTrain
@@ -68,12 +69,13 @@ ROOT = Path(__file__).parents[3]
 PLACED = {
     "bump": Bump(x=0.1, y=0.0, direction=1.4, value=Bump.step),
     "friction_patch": FrictionPatch(x=0.1, y=0.0, length=0.4, width=0.3, value=FrictionPatch.step),
+    "gyro_scale": GyroScale(value=GyroScale.step),
     "learned_term": LearnedTerm(
         castor=1, wheel=2, of="castor angle", knots=(0.0, 2.0, 4.0), values=(5.0, -5.0, 2.0), value=LearnedTerm.step
     ),
     "tick_loss_bursts": TickLossBursts(castor=1, wheel=2, period=0.7, width=0.3, seed=1, value=TickLossBursts.step),
 }
-"""Effects at places and times, as the catalogue cannot know them of this robot."""
+"""Effects at places and times, as the catalogue cannot know them of this robot, and of a gyro, which it has not."""
 BY_NAME = {name: (kind.variants(ROBOT) or (PLACED[name],))[-1] for name, kind in EFFECTS.items()}
 WIRING = {"encoders_swapped", "encoder_reversed", "castor_order"}
 THERE_OR_NOT = WIRING | {"lost_remainders"}
@@ -147,7 +149,7 @@ def test_the_catalogue_of_a_robot_has_what_it_can_have(name, tmp_path):
         shapes = effect.apply(robot) != robot or effect.radius_change(robot) is not None
         does = [effect.sensor_model(built) is not None, shapes, effect.creep_compliance() != 0.0]
         does += [np.any(effect.reference_time(T) != T), np.any(effect.reference_pose(pose) != pose)]
-        does += [floor_of(real, Floor()) != Floor()]
+        does += [floor_of(real, Floor()) != Floor(), effect.gyro_gain() != 1.0]
         assert does.count(True) == 1
         real.save(tmp_path / "robot.json")
         assert RobotDescription.load(tmp_path / "robot.json") == real

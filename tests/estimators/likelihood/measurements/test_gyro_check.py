@@ -9,7 +9,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Gyro
 from discrepancy.inspect import inspect_log
-from discrepancy.validation.gyro_check import gyro_against_wheels
+from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 from estimators.plugins.drives import straight, winding
 
 ROBOT = dataclasses.replace(preset("differential"), gyro=Gyro())

@@ -37,15 +37,18 @@ _MEANINGS = {
     -math.degrees(1.0): "is in deg/s, and turns against the wheels: give rad/s, and change its sign",
 }
 
+_MISTAKES = tuple(words for scale, words in _MEANINGS.items() if scale != 1.0)
+
 
 class GyroCheck(NamedTuple):
     """scale: of the gyro's turn to the wheels'. bias, rad/s. follows: part of the gyro's squares that is explained, 0
-    to 1. verdict: one line."""
+    to 1. verdict: one line. mistaken: whether its sign or unit is wrong."""
 
     scale: float
     bias: float
     follows: float
     verdict: str
+    mistaken: bool
 
 
 def gyro_against_wheels(robot: RobotDescription, log: Log) -> GyroCheck | None:
@@ -64,7 +67,8 @@ def gyro_against_wheels(robot: RobotDescription, log: Log) -> GyroCheck | None:
     left = gyro - terms @ [scale, bias]
     about_bias = gyro - bias * time
     follows = 1.0 - float(left @ left) / max(float(about_bias @ about_bias), 1e-300)
-    return GyroCheck(scale, bias, follows, _verdict(scale, follows))
+    verdict = _verdict(scale, follows)
+    return GyroCheck(scale, bias, follows, verdict, verdict in _MISTAKES)
 
 
 def _verdict(scale: float, follows: float) -> str:
