@@ -21,7 +21,8 @@ castors and d wheels with encoders is
 
 Wheels on modules without offset that motors steer (swerve) turn as they are commanded, by the numbers described, and
 agree with these though the true ones differ: contacts creep by what contradicts, until their forces balance. Of such a
-robot numbers change the motion alone that balances (`balanced`), and no agreement of wheels tells anything about them.
+robot numbers change the motion alone that balances (`balanced`), and no agreement of wheels tells anything about them;
+but where a description is to be taken as not calibrated, as wheels contradict it, they roll and do not creep.
 
 A description may state tolerances, which are the prior of the numbers. Where it states none, nobody tells whether it is
 calibrated: two filters run side by side, one for each column of Table I of Doebbler et al. Their log-likelihoods
@@ -171,6 +172,7 @@ class CalibratingFilter:
         priors = (CALIBRATED, UNCALIBRATED) if geometry.tolerances is None else (geometry.tolerances,)
         slips = (1.0,) if geometry.fixes is None else (1.0, UNSEEN)
         unlikely = np.repeat(TRUST * np.arange(len(priors)), len(slips))
+        self._creeping = np.array([errors is not UNCALIBRATED for errors in priors for _ in slips])
         self._slip = SLIP * np.tile(slips, len(priors))[:, None]
         priors = [errors for errors in priors for _ in slips]
         variance = np.zeros((*lead, len(priors), at.size))
@@ -300,17 +302,19 @@ class CalibratingFilter:
         way = np.hypot(path[..., 0], path[..., 1])
         if self._creeps:
             derivative[..., row[:d], at.radius] = -radius * rolled
-            derivative[..., at.numbers] = self._balanced(derivative, way)
-            by_numbers = np.einsum("...ij,...j->...i", derivative[..., at.numbers], self._state[..., at.numbers])
+            creeping, numbers = self._creeping[:, None], derivative[..., at.numbers]
+            numbers = np.where(creeping[..., None], self._balanced(derivative, way), numbers)
+            derivative[..., at.numbers] = numbers
+            by_numbers = creeping * np.einsum("...ij,...j->...i", numbers, self._state[..., at.numbers])
             left = left + by_numbers
             rolled = rolled + by_numbers[..., :d] / radius
         return _Sample(pose, motion.turn, left, derivative, by_angle, way, rolled)
 
     @property
     def _described(self) -> Array:
-        """The state with the numbers as described."""
+        """The state, in filters whose contacts creep with the numbers as described."""
         state = self._state.copy()
-        state[..., self._at.numbers] = 0.0
+        state[..., self._at.numbers] *= ~self._creeping[:, None]
         return state
 
     def _balanced(self, derivative: Array, way: Array) -> Array:

@@ -47,8 +47,8 @@ def test_of_a_swerve_no_radius_is_learned_from_agreement(exact_motion, winding, 
     prior = CalibratingFilter()
     prior.reset(robot, true[0])
     at = estimator._at.radius
-    variance = np.diagonal(estimator._covariance, axis1=-2, axis2=-1)[..., at]
-    np.testing.assert_allclose(variance, np.diagonal(prior._covariance, axis1=-2, axis2=-1)[..., at], rtol=0.05)
+    variance = np.diagonal(estimator._covariance, axis1=-2, axis2=-1)[..., 0, at]
+    np.testing.assert_allclose(variance, np.diagonal(prior._covariance, axis1=-2, axis2=-1)[..., 0, at], rtol=0.05)
 
 
 @pytest.fixture(scope="module", name="driven")
