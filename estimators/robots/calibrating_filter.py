@@ -19,6 +19,11 @@ castors and d wheels with encoders is
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
     bias (1)         of the gyro, rad/s
 
+Wheels on modules without offset that motors steer (swerve) turn as they are commanded, by the numbers described, and
+agree with these though the true ones differ: contacts creep by what contradicts, until their forces balance. Of such a
+robot numbers change the motion alone that balances (`balanced`), and no agreement of wheels tells anything about them;
+but where a description is to be taken as not calibrated, as wheels contradict it, they roll and do not creep.
+
 A description may state tolerances, which are the prior of the numbers. Where it states none, nobody tells whether it is
 calibrated: two filters run side by side, one for each column of Table I of Doebbler et al. Their log-likelihoods
 decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control 10(4), 1965).
@@ -84,6 +89,9 @@ holds while its reading stays, of others, and of one that the floor turns."""
 REPEATED = 5.0
 """Factor on the variance of rounding for a reading that repeats: its error is that of the last."""
 
+LEAST_WAY = 0.02
+"""Of the way of the contact that rolls farthest in a sample: the shortest one for which a stiffness is computed."""
+
 LEAST = 1e-12
 """m^2: least variance of slip in a sample."""
 
@@ -107,6 +115,7 @@ class _Layout:
         self.pose, self.swivel, self.roll = parts["pose"], parts["swivel"], parts["roll"]
         self.motion, self.swiveled = parts["motion"], parts["swiveled"]
         self.radius, self.lateral, self.offset = parts["radius"], parts["lateral"], parts["offset"]
+        self.numbers = np.concatenate([parts[name] for name in ("radius", "lateral", "offset", "zero", "x", "y")])
         self.zero, self.x, self.y, self.bias = parts["zero"], parts["x"], parts["y"], parts["bias"]
 
 
@@ -157,11 +166,13 @@ class CalibratingFilter:
         self._count = equations.angle_per_count
         step = np.where(geometry.fixed, 0.0, np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev))
         self._step = step
+        self._creeps = bool(np.all(geometry.driven & ~geometry.fixed)) and bool(np.all(geometry.offset == 0))
         self._floor_turns = (geometry.trailing & ~geometry.fixed & ~geometry.driven)[..., None, :]
         lead = geometry.offset.shape[:-1]
         priors = (CALIBRATED, UNCALIBRATED) if geometry.tolerances is None else (geometry.tolerances,)
         slips = (1.0,) if geometry.fixes is None else (1.0, UNSEEN)
         unlikely = np.repeat(TRUST * np.arange(len(priors)), len(slips))
+        self._creeping = np.array([errors is not UNCALIBRATED for errors in priors for _ in slips])
         self._slip = SLIP * np.tile(slips, len(priors))[:, None]
         priors = [errors for errors in priors for _ in slips]
         variance = np.zeros((*lead, len(priors), at.size))
@@ -254,7 +265,8 @@ class CalibratingFilter:
 
     def _sample(self, before: Array, swivel: Array, rolled: Array) -> _Sample:
         """Return the equations of a sample. before, swivel (..., 1, n): read; rolled (..., 1, d)."""
-        at, state, geometry, equations = self._at, self._state, self._geometry, self._equations
+        at, geometry, equations = self._at, self._geometry, self._equations
+        state = self._described if self._creeps else self._state
         of, wheels, d = equations.castor, equations.wheels, len(equations.wheels)
         radius = geometry.radius[..., None, wheels] * np.exp(state[..., at.radius])
         lateral = geometry.lateral[..., None, wheels] + state[..., at.lateral]
@@ -287,7 +299,35 @@ class CalibratingFilter:
         derivative[..., row[d:], at.offset[of[d:]]] = -turn[..., d:]
         pose = moved(state[..., at.pose], motion)
         rolled = left[..., :d] / (radius * np.sinc(turn[..., :d] / (2 * np.pi)))
-        return _Sample(pose, motion.turn, left, derivative, by_angle, np.hypot(path[..., 0], path[..., 1]), rolled)
+        way = np.hypot(path[..., 0], path[..., 1])
+        if self._creeps:
+            derivative[..., row[:d], at.radius] = -radius * rolled
+            creeping, numbers = self._creeping[:, None], derivative[..., at.numbers]
+            numbers = np.where(creeping[..., None], self._balanced(derivative, way), numbers)
+            derivative[..., at.numbers] = numbers
+            by_numbers = creeping * np.einsum("...ij,...j->...i", numbers, self._state[..., at.numbers])
+            left = left + by_numbers
+            rolled = rolled + by_numbers[..., :d] / radius
+        return _Sample(pose, motion.turn, left, derivative, by_angle, way, rolled)
+
+    @property
+    def _described(self) -> Array:
+        """The state, in filters whose contacts creep with the numbers as described."""
+        state = self._state.copy()
+        state[..., self._at.numbers] *= ~self._creeping[:, None]
+        return state
+
+    def _balanced(self, derivative: Array, way: Array) -> Array:
+        """Return by how much equations change with the numbers (..., m, numbers) where contacts, whose ways in the
+        sample are (..., m), m, creep until they balance.
+
+        Creep is in proportion to the way and to the force (`castor_envs.physics.tyre`); wheels carry equal loads.
+        """
+        at, equations = self._at, self._equations
+        wheels = np.concatenate([np.ones(len(equations.wheels)), equations.standard_wheels])
+        farthest = np.maximum(way.max(axis=-1, keepdims=True), np.sqrt(LEAST))
+        stiffness = wheels / np.maximum(way / farthest, LEAST_WAY)
+        return balanced(derivative[..., at.motion], stiffness, derivative[..., at.numbers])
 
     def _predicted(
         self, sample: _Sample, swivel: Array, rolled: Array, uneven: Array
@@ -296,14 +336,16 @@ class CalibratingFilter:
         slip."""
         at, equations = self._at, self._equations
         of, d, n = equations.castor, len(equations.wheels), self._geometry.n_castors
-        radius = self._geometry.radius[..., None, equations.wheels] * np.exp(self._state[..., at.radius])
+        state = self._described if self._creeps else self._state
+        radius = self._geometry.radius[..., None, equations.wheels] * np.exp(state[..., at.radius])
         changed, step = (swivel != 0)[..., None, :], self._step
 
         transition = np.broadcast_to(np.eye(at.size), self._covariance.shape).copy()
         transition[..., at.swivel, at.swiveled] = 1.0
         transition[..., at.roll, :] = sample.derivative[..., :d, :] / radius[..., None]
         transition[..., at.roll, at.roll] = 1.0
-        transition[..., at.roll, at.radius] = -sample.rolled
+        if not self._creeps:
+            transition[..., at.roll, at.radius] = -sample.rolled
         half_way = self._state[..., 2] + sample.turn / 2
         c, s = np.cos(half_way), np.sin(half_way)
         x, y = (sample.pose[..., k] - self._state[..., k] for k in (0, 1))
@@ -388,6 +430,16 @@ class CalibratingFilter:
         explained = np.einsum("...i,...ij,...j->...", left, inverse, left)
         log_likelihood = self._log_likelihood - (explained - np.linalg.slogdet(inverse)[1]) / 2
         return state, (covariance + np.swapaxes(covariance, -1, -2)) / 2, np.asarray(log_likelihood, dtype=np.float64)
+
+
+def balanced(moves: Array, stiffness: Array, disagreeing: Array) -> Array:
+    """Return what is left of disagreements of contacts (..., m, c) after these crept until their forces balance.
+
+    moves (..., m, p): by how much every contact moves for a unit of each free motion, A. stiffness (..., m): of their
+    creep, in any unit, C. The creep that is taken off has A' C creep = 0: neither force nor torque is left.
+    """
+    forces = np.swapaxes(moves * stiffness[..., None], -1, -2)
+    return moves @ np.linalg.solve(forces @ moves, forces @ disagreeing)
 
 
 def _released(joint: Array, left: Array, slip: Array) -> tuple[Array, Array]:
