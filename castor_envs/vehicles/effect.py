@@ -176,10 +176,14 @@ class Effect(Generic[V]):
 
 
 def known_effects(scope: Scope) -> dict[str, type[Effect]]:
-    """Return the effects of robots or of trains, by their names: those of `EFFECTS`, and those that others defined."""
+    """Return the effects of robots or of trains, by their names: those of `EFFECTS`, and those that others defined.
+
+    First those of `EFFECTS`, in the order of their modules' names, whichever was imported first.
+    """
     modules_of(EFFECTS)
     found: dict[str, type[Effect]] = {}
-    for kind in (kind for kind in Effect.__subclasses__() if kind.scope == scope):
+    kinds = (kind for kind in Effect.__subclasses__() if kind.scope == scope)
+    for kind in sorted(kinds, key=lambda kind: (not kind.__module__.startswith(f"{EFFECTS}."), kind.__module__)):
         name = kind.__dataclass_fields__["name"].default
         known = found.setdefault(name, kind)
         if _whole_name(known) != _whole_name(kind):
