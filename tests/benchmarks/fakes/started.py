@@ -17,11 +17,18 @@ class Started:
         return self._odometry.update(observation)
 
 
-class Demanding(Started):
+class Demanding:
     """Cannot do without."""
 
+    def __init__(self):
+        self._started = Started()
+
     def reset(self, robot, pose, covariance):
-        super().reset(robot, pose, covariance)
+        self._started.reset(robot, pose, covariance)
+        self.covariance = self._started.covariance
+
+    def update(self, observation):
+        return self._started.update(observation)
 
 
 class Divides(Started):
