@@ -136,6 +136,8 @@ class Geometry:
             "radius": 1,
             "roller": 1,
         }
+        if self.offset.ndim == 1:
+            return self  # it has no leading axes
         changed = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         for name, ndim in parameters.items():
             array = changed[name]
@@ -231,17 +233,25 @@ def inverse(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike,
 def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Array, Array]:
     """Return the constraints as matrices: rows first the rolling of each wheel, then the side slip of each wheel.
 
-    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side slip). The
-    rows are those of `inverse`, which is linear in twist and castor rate.
+    A (..., 2w, 3) times the twist, plus B (..., 2w) times the wheel's castor rate, is (r phi_dot, side slip): what
+    `inverse` says, which is linear in both. But for B in its last column, A turns with the castors.
     """
     castor_angle = np.asarray(castor_angle, dtype=float)
-    shape = np.broadcast_shapes(castor_angle.shape, geometry.offset.shape)
-    stack = (4, *(1,) * (len(shape) - 1))  # the three parts of the twist, then the castors' rates
-    twist, rate = np.eye(4, 3).reshape(*stack, 3), np.eye(4)[3].reshape(*stack, 1) * np.ones(shape[-1])
-    motion = inverse(geometry, castor_angle, rate, twist)
-    rows = np.concatenate([motion.rate * geometry.radius, motion.side_slip], axis=-1)
-    rows = np.broadcast_to(rows, (4, *shape[:-1], rows.shape[-1]))
-    return np.moveaxis(rows[:3], 0, -1), rows[3]
+    cos, sin = np.cos(castor_angle), np.sin(castor_angle)
+    x, y = geometry.pivot[..., 0], geometry.pivot[..., 1]
+    of_wheel, roller = geometry.wheel_castor, geometry.roller
+    w, shape = len(of_wheel), np.broadcast_shapes(castor_angle.shape[:-1], geometry.offset.shape[:-1])
+    a, b = np.empty((*shape, 2 * w, 3)), np.empty((*shape, 2 * w))
+    a[..., w:, 0], a[..., w:, 1] = -sin[..., of_wheel], cos[..., of_wheel]
+    a[..., w:, 2] = (x * cos + y * sin - geometry.offset)[..., of_wheel]
+    b[..., w:] = -geometry.offset[..., of_wheel]
+    a[..., :w, 0], a[..., :w, 1] = cos[..., of_wheel], sin[..., of_wheel]
+    a[..., :w, 2] = (x * sin - y * cos)[..., of_wheel] - geometry.lateral
+    b[..., :w] = -geometry.lateral
+    if np.any(roller):
+        a[..., :w, :] += a[..., w:, :] * roller[..., None]
+        b[..., :w] += b[..., w:] * roller
+    return a, b
 
 
 def forward(geometry: Geometry, castor_angle: ArrayLike, castor_rate: ArrayLike, wheel_rate: ArrayLike) -> Array:

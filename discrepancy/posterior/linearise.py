@@ -250,7 +250,7 @@ def _of_sizes(
     shared.add_priors(information, gradient, n)
     shown, score = schur_complement(information, gradient[:, 0], n)
     nuisances = information[n:, n:]
-    likely = reduced.log_evidence + disagreement[2] + pull.log_likelihood - float(np.linalg.slogdet(nuisances)[1]) / 2
+    likely = reduced.log_evidence() + disagreement[2] + pull.log_likelihood - float(np.linalg.slogdet(nuisances)[1]) / 2
     likely += float(gradient[n:, 0] @ np.linalg.solve(nuisances, gradient[n:, 0])) / 2
     likely -= float(np.sum(((shared.creep - shared.expected) / shared.doubt) ** 2)) / 2 + float(
         np.sum(np.log(shared.doubt))

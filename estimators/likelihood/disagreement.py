@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from estimators.likelihood.creep_prediction import UNEVEN
-from estimators.likelihood.elimination import BLOCK, blocks
+from estimators.likelihood.elimination import blocks, most_of
 from estimators.likelihood.log_likelihood import LogLikelihood
 from estimators.likelihood.rolling import Changes
 
@@ -77,9 +77,10 @@ class Disagreement:
         """
         geometry, state = changes.geometry, changes.state
         seen = model.disagreement(geometry, state)
-        caused = caused - model.explained(geometry, state, caused)
-        square = max(float(np.sum(caused**2)), 1e-30)
-        caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
+        if np.any(caused):
+            caused = caused - model.explained(geometry, state, caused)
+            square = max(float(np.sum(caused**2)), 1e-30)
+            caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
         way = np.abs(model.rolled(geometry, state)).max(axis=1)
         short = max(round(QUICK / np.median(np.diff(t))), 1)
         parts = max(round(WINDOW / np.median(np.diff(t)) / short), 1)
@@ -88,7 +89,8 @@ class Disagreement:
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
         along = model.rows < len(geometry.radius)
         quick, by_size = _Quick.of(seen - caused, way, short, parts, along, counted), []
-        for steps in blocks(len(way), max(BLOCK // (parts * short), 1) * parts * short):
+        most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
+        for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
             by_step = model.agreement_by(changes, steps)
             by_size.append(np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short)))
             quick.add(by_step, steps)

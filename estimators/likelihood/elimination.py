@@ -49,17 +49,18 @@ class Rows(NamedTuple):
         """Return the equations of samples from `first` to before `last`."""
         return slice(*np.searchsorted(self.at, (first, last)).tolist())
 
-    def right(self, chosen: slice, count: int) -> Array:
-        """Return derivatives by `count` numbers, values and drawn residuals of chosen equations (k, rows, columns)."""
-        values = self.values[chosen, :, None]
-        by = np.zeros((*values.shape[:2], count)) if self.numbers is None else self.numbers(chosen)
-        return np.concatenate([by, values, *(() if self.drawn is None else (self.drawn[chosen],))], axis=-1)
+    def right(self, chosen: slice) -> Array:
+        """Return derivatives by numbers, if there are any, values and drawn residuals of chosen equations (k, rows,
+        columns)."""
+        by = () if self.numbers is None else (self.numbers(chosen),)
+        drawn = () if self.drawn is None else (self.drawn[chosen],)
+        return np.concatenate([*by, self.values[chosen, :, None], *drawn], axis=-1)
 
     def left(self, chosen: slice, by: Array) -> Array:
         """Return the residuals (k, rows, 1 + probes) of values and drawn residuals of chosen equations after changes of
         numbers (n, 1 + probes)."""
-        right = self.right(chosen, len(by))
-        return right[..., len(by) :] + right[..., : len(by)] @ by
+        right = self.right(chosen)
+        return right if self.numbers is None else right[..., len(by) :] + right[..., : len(by)] @ by
 
     def add_by_state(self, total: Array, first: int, chosen: slice, right: Array) -> None:
         """Add the products of derivatives by the state with columns (k, rows, c) of chosen equations to a total
@@ -103,7 +104,7 @@ def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> A
     return band.reshape(samples * size, 2 * size).T
 
 
-def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int) -> Array:
+def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> Array:
     """Return products of numbers' derivatives, values and drawn residuals (columns, columns), states eliminated.
 
     factors: upper banded Cholesky factors of the information on states. Columns are computed, and states eliminated,
@@ -115,7 +116,7 @@ def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int
     size = len(factors) // 2
     samples = factors.shape[1] // size
     total, over = np.zeros((columns, columns)), np.zeros((size, columns))
-    for samples_of_block in blocks(samples, LARGE if columns <= FEW else BLOCK):
+    for samples_of_block in blocks(samples, most_of(columns)):
         first, last = samples_of_block.start, samples_of_block.stop
         block = np.zeros((last - first + 1, size, columns))
         block[0] = over
@@ -123,9 +124,10 @@ def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int
             chosen = rows.within(first, last)
             if chosen.start == chosen.stop:
                 continue
-            right = rows.right(chosen, count)
-            rows.add_by_state(block, first, chosen, right)
-            total += _squared(right.reshape(-1, columns))
+            right = rows.right(chosen)
+            own = slice(columns - right.shape[-1], None)  # without derivatives by numbers the last columns only
+            rows.add_by_state(block[..., own], first, chosen, right)
+            total[own, own] += _squared(right.reshape(-1, right.shape[-1]))
         half, _ = solve(factors[:, first * size : last * size], block[:-1].reshape(-1, columns), trans="T")
         total -= _squared(half)
         if last < samples:
@@ -133,6 +135,11 @@ def eliminated(kinds: Collection[Rows], factors: Array, count: int, columns: int
             above = np.array([[after[size - 1 + a - b, b] for b in range(size)] for a in range(size)])
             over = block[-1] - above.T @ half[-size:]
     return total
+
+
+def most_of(columns: int) -> int:
+    """Return how many samples a block of so many columns may have."""
+    return LARGE if columns <= FEW else BLOCK
 
 
 def blocks(count: int, most: int = BLOCK) -> list[slice]:

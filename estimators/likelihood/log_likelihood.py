@@ -25,7 +25,7 @@ from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.geometry.steps import smoothed
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry
-from estimators.likelihood.elimination import Rows, blocks
+from estimators.likelihood.elimination import FEW, LARGE, Rows, blocks
 from estimators.likelihood.measurements.gyro import GyroRates
 from estimators.likelihood.measurements.poses import ReferencePoses
 from estimators.likelihood.reduction import Leftover, Reduced, reduced
@@ -274,10 +274,13 @@ class LogLikelihood(RollingConstraints):
         fields = partial(self._by_fields, slipping=slipping)
         own, prior_of_own = np.concatenate([clock, of_gyro]), prior.joined(self._gyro.prior)
         found = reduced(kinds, state, own, prior_of_own, count, probes, fields, squares)
-        log_evidence = found.log_evidence
-        for name, weight in weights.items():
-            log_evidence += float(np.sum(np.log(np.broadcast_to(weight, kinds[name].values.shape))))
-        log_evidence += slipping.log_density + self._log_volume(geometry, state)
+
+        def log_evidence() -> float:
+            of_weights = [
+                float(np.sum(np.log(np.broadcast_to(weight, kinds[name].values.shape))))
+                for name, weight in weights.items()
+            ]
+            return found.log_evidence() + sum(of_weights) + slipping.log_density() + self._log_volume(geometry, state)
 
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             state, clock, left = found.finish(moved_by, part)
@@ -308,7 +311,7 @@ class LogLikelihood(RollingConstraints):
         free = np.where(self._released, farthest[:, None], 0.0)
         weight = 1 / np.sqrt(slip + free**2 + self._unsure(geometry, state) ** 2)
         if self._stiffness is None:
-            return Whitening(weight, None, float(np.sum(np.log(weight))))
+            return Whitening(weight)
         # contacts that slip for another reason hardly hold
         stiffness = slip * weight**2 * self._stiffness / self._stiffness.max(axis=1, keepdims=True)
         return Whitening.balanced(
@@ -358,11 +361,10 @@ class LogLikelihood(RollingConstraints):
         by_start, by_end = by_start[:, of_row, numbers_of], by_end[:, of_row, numbers_of]
         values = self._values(residual, state, clock, mount, weights, slipping)
 
-        def read(chosen: slice) -> Array:
+        def read(chosen: slice, excess: ByBlocks) -> Array:
             by = np.zeros((*self._readings[chosen].shape, count))
-            if extra:
-                end = first + extra.readings.shape[-1]
-                np.multiply(self._readings[chosen, :, None], extra.readings[chosen], out=by[..., first:end])
+            end = first + excess.shape[-1]
+            np.multiply(self._readings[chosen, :, None], excess[chosen], out=by[..., first:end])
             return by
 
         def by_state(chosen: slice, derivatives: Array) -> Array:
@@ -370,15 +372,15 @@ class LogLikelihood(RollingConstraints):
             by[:, of_row, numbers_of] = derivatives[chosen]
             return slipping.applied(chosen, by)
 
-        kinds = {
-            "counts": Rows(
-                samples, values["counts"], lambda chosen: self._readings[chosen, :, None] * eye[3:], numbers=read
-            )
-        }
+        def by_counts(chosen: slice) -> Array:
+            return self._readings[chosen, :, None] * eye[3:]
+
+        numbers = partial(read, excess=extra.readings) if extra and extra.readings.shape[-1] else None
+        kinds = {"counts": Rows(samples, values["counts"], by_counts, numbers=numbers)}
 
         by_geometry = partial(self._by_change, geometry, changed, change, state)
-        if extra is None:  # a fit of the geometry asks for its few columns again and again
-            by_geometry = np.concatenate([by_geometry(steps) for steps in blocks(len(residual))]).__getitem__
+        if count <= FEW:  # they are asked for three times
+            by_geometry = np.concatenate([by_geometry(steps) for steps in blocks(len(residual), LARGE)]).__getitem__
 
         def by_slips(chosen: slice) -> Array:
             columns = slipping.applied(

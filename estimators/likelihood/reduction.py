@@ -26,16 +26,15 @@ class Reduced(NamedTuple):
     Own numbers are those of the reference's clock, and of the gyro.
 
     information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of the same with drawn residuals.
-    log_evidence: log-likelihood of the log with the parameters unchanged, state and own numbers integrated out (natural
-    logarithm, up to a constant of the log). finish: maps
-    changes of the parameters (P, 1 + probes) and the part of the step that is taken to the changed state and clock, and
-    the remaining residuals. squares: maps any geometry, state, clock and mount to the sum of squares there, with the
-    weights of this state.
+    log_evidence: returns the log-likelihood of the log with the parameters unchanged, state and own numbers integrated
+    out (natural logarithm, up to a constant of the log). finish: maps changes of the parameters (P, 1 + probes) and the
+    part of the step that is taken to the changed state and clock, and the remaining residuals. squares: maps any
+    geometry, state, clock and mount to the sum of squares there, with the weights of this state.
     """
 
     information: Array
     gradient: Array
-    log_evidence: float
+    log_evidence: Callable[[], float]
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
 
@@ -60,7 +59,7 @@ def reduced(
     size, n = state.shape[1], p + len(own)
     information = information_on_states(kinds.values(), len(state), size)
     factors = cholesky_banded(information, overwrite_ab=True, check_finite=False)
-    numbers_block = eliminated(kinds.values(), factors, n, n + 1 + probes)
+    numbers_block = eliminated(kinds.values(), factors, n + 1 + probes)
     least = float(numbers_block[n, n])
     numbers_block = numbers_block[:n]
     numbers_block[p:, p:n] += np.diag(prior.deviation**-2.0)
@@ -69,8 +68,10 @@ def reduced(
     set_to = np.linalg.solve(numbers_block[p:, p:n], np.delete(numbers_block[p:], np.s_[p:n], axis=1))
     reduced = np.delete(numbers_block[:p], np.s_[p:n], axis=1) - numbers_block[:p, p:n] @ set_to
     least -= float(numbers_block[p:, n] @ set_to[:, p])
-    log_evidence = -least / 2 - float(np.sum(np.log(factors[-1])))
-    log_evidence -= float(np.linalg.slogdet(numbers_block[p:, p:n])[1]) / 2
+
+    def log_evidence() -> float:
+        by_own = float(np.linalg.slogdet(numbers_block[p:, p:n])[1]) / 2
+        return -least / 2 - float(np.sum(np.log(factors[-1]))) - by_own
 
     def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
         set_by = -(set_to[:, p:] + set_to[:, :p] @ moved_by)

@@ -185,9 +185,9 @@ class RollingConstraints:
         angle, body, s = self._angles(geometry, state[:, 3:]), body_motion(state, even), self._sensed
         middle = (angle[1:] + angle[:-1]) / 2
         a, b = self._matrices(geometry, middle)
-        # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
-        opposite, quarter = (self._matrices(geometry, middle + by)[0] for by in (np.pi, np.pi / 2))
-        pointing = ((quarter - (a + opposite) / 2) @ body[..., None])[..., 0]
+        # A turns with the castors, but for B in its last column; its derivative is what turns, a quarter turn on
+        quarter, _ = self._matrices(geometry, middle + np.pi / 2)
+        pointing = (quarter @ body[..., None])[..., 0] - b * body[:, None, 2]
 
         heading, turn = (state[1:, 2] + state[:-1, 2]) / 2, np.diff(state[:, 2])
         c, sn, chord = np.cos(heading), np.sin(heading), np.sinc(turn / (2 * np.pi))

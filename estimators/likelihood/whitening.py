@@ -14,11 +14,11 @@ SPANNED = 1e-8
 
 class Whitening(NamedTuple):
     """What makes slips independent, each of standard deviation 1: weight (K - 1, rows), over standard deviations; and
-    basis (K - 1, p, rows) of the combinations that contacts' balance keeps, None: all. log_density: of slips of 0."""
+    basis (K - 1, p, rows) of the combinations that contacts' balance keeps, None: all. moved: see `balanced`."""
 
     weight: Array
-    basis: Array | None
-    log_density: float
+    basis: Array | None = None
+    moved: Callable[[slice], Array] | None = None
 
     @classmethod
     def balanced(cls, weight: Array, stiffness: Array, moved: Callable[[slice], Array]) -> "Whitening":
@@ -27,16 +27,23 @@ class Whitening(NamedTuple):
         moved: how far every row's contact moves in some steps (k, rows, p) for a unit of each of p free motions, A. The
         creep c is any with A' C c = 0, C the stiffness: what is left are the combinations A' C of slips.
         """
-        basis, log_density = [], 0.0
-        for steps in blocks(len(weight)):
-            by_motion = moved(steps)
-            ways = _orthonormal(by_motion)
-            held = _orthonormal((stiffness[steps] / weight[steps])[..., None] * by_motion)
-            basis.append(np.swapaxes(held, 1, 2))
-            onto = basis[-1] @ (weight[steps][..., None] * ways)
+        basis = [
+            np.swapaxes(_orthonormal((stiffness[steps] / weight[steps])[..., None] * moved(steps)), 1, 2)
+            for steps in blocks(len(weight))
+        ]
+        return cls(weight, np.concatenate(basis), moved)
+
+    def log_density(self) -> float:
+        """Return the logarithm of the density of slips of 0, up to a constant of the log."""
+        if self.basis is None or self.moved is None:
+            return float(np.sum(np.log(self.weight)))
+        total = 0.0
+        for steps in blocks(len(self.weight)):
+            ways = _orthonormal(self.moved(steps))
+            onto = self.basis[steps] @ (self.weight[steps][..., None] * ways)
             onto += np.eye(onto.shape[-1]) * ~np.any(ways, axis=1)[:, None, :]
-            log_density += float(np.sum(np.linalg.slogdet(onto)[1]))
-        return cls(weight, np.concatenate(basis), log_density)
+            total += float(np.sum(np.linalg.slogdet(onto)[1]))
+        return total
 
     def applied(self, steps: slice, slips: Array) -> Array:
         """Return slips (k, rows, c), m, as independent numbers (k, p, c)."""

@@ -12,7 +12,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from estimators.calibration.creep import Creep
 from estimators.calibration.maximum_likelihood.newton_step import Solution, solved
-from estimators.calibration.maximum_likelihood.noise import LEAST, resized, same_noise
+from estimators.calibration.maximum_likelihood.noise import LEAST, Pace, resized, same_noise
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.calibration.parameters import Parameter, geometry_with
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, moved_along
@@ -32,6 +32,9 @@ it."""
 
 WARM_UP = 2
 """Rounds in which states and noise converge before parameters move."""
+
+NEARLY = 0.3
+"""Sizes of noise are extrapolated while parameters move by no more than this part of their standard errors."""
 
 CHANGE = 1e-6
 """Step for numerical derivatives, as a part of a parameter's scale: rolling is linear in lengths, so only rounding
@@ -85,6 +88,7 @@ def fitted(
     at, sizes = start
     sizes, probes = (sizes, probes) if noise is None else (noise, 0)
     warm_up = WARM_UP if parameters and afresh else 0
+    pace: Pace | None = None
     k = 0
     while True:
         steps = changed_by_each(described, parameters, at.found)
@@ -127,6 +131,10 @@ def fitted(
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
         del reductions  # they hold many times the memory of the logs
+        if noise is None and k >= warm_up and part == 1 and solution.moved < NEARLY:
+            sizes, pace = Pace.extrapolated(last, sizes, pace, least)
+        else:
+            pace = None
         k += 1
 
 

@@ -142,5 +142,5 @@ def test_encoders_that_cannot_contradict_each_other_say_nothing_of_dimensions(ef
         geometry = Geometry.of(built.as_built())
         model, unchanged = LogLikelihood(geometry, log), stacked(geometry, [])
         at = geometry, unchanged, np.zeros(0), model.start(geometry), np.zeros(2), np.zeros(3), LEAST_NOISE
-        logs_evidence.append(model.reduce(*at).log_evidence)
+        logs_evidence.append(model.reduce(*at).log_evidence())
     assert logs_evidence[1] == pytest.approx(logs_evidence[0], abs=0.5)

@@ -313,6 +313,17 @@ def test_a_name_declared_by_two_packages_is_refused(tmp_path, monkeypatch):
         load_estimator("only-one-3")
 
 
+def test_entry_points_are_searched_once_a_process(tmp_path, monkeypatch):
+    searches, search = [], importlib.metadata.entry_points
+    monkeypatch.setattr(
+        importlib.metadata, "entry_points", lambda **given: searches.append(given["group"]) or search(**given)
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))  # another path is searched again
+    for spec in ("cast-0", "ipec-1", "cast-0"):
+        load_estimator(spec)
+    assert sorted(searches) == sorted(set(searches)) != []
+
+
 def test_file_named_without_its_ending_is_suggested(tmp_path):
     (tmp_path / "mean_castor.py").write_text(MINE)
     with pytest.raises(InputError, match=r"unknown estimator 'mean_castor'; did you mean the file 'mean_castor.py'\?"):
