@@ -168,6 +168,7 @@ class CalibratingFilter:
         self._step = step
         self._creeps = bool(np.all(geometry.driven & ~geometry.fixed)) and bool(np.all(geometry.offset == 0))
         self._floor_turns = (geometry.trailing & ~geometry.fixed & ~geometry.driven)[..., None, :]
+        self._steered = bool(np.any(~geometry.fixed & ~self._floor_turns[..., 0, :]))
         lead = geometry.offset.shape[:-1]
         priors = (CALIBRATED, UNCALIBRATED) if geometry.tolerances is None else (geometry.tolerances,)
         slips = (1.0,) if geometry.fixes is None else (1.0, UNSEEN)
@@ -412,7 +413,11 @@ class CalibratingFilter:
         return (sample.by_angle * off) ** 2 + (sample.way * np.minimum(off, 1.0) ** 2 / 2) ** 2 + trailing**2
 
     def _updated(self, state: Array, covariance: Array, measured: _Measured) -> tuple[Array, Array, Array]:
-        """Return the state, covariance and log-likelihood after measurements."""
+        """Return the state, covariance and log-likelihood after measurements.
+
+        What motors steer turns and slips so little in a short sample that `FREE` is 1e12 times as uncertain; then
+        rounding of the gain would leave negative variances, which Joseph's form of the covariance does not.
+        """
         derivative, left, variance = measured
         at, d, n = self._at, len(self._equations.wheels), self._geometry.n_castors
         with_state = covariance @ np.swapaxes(derivative, -1, -2)
@@ -427,6 +432,10 @@ class CalibratingFilter:
         gain = with_state @ inverse
         state = state + np.einsum("...ij,...j->...i", gain, left)
         covariance = covariance - gain @ np.swapaxes(with_state, -1, -2)
+        if self._steered:
+            noise = np.concatenate([variance[..., :d], variance[..., d:] + released[..., d:]], axis=-1)
+            excess = covariance @ np.swapaxes(derivative, -1, -2) - gain * noise[..., None, :]
+            covariance = covariance - excess @ np.swapaxes(gain, -1, -2)
         explained = np.einsum("...i,...ij,...j->...", left, inverse, left)
         log_likelihood = self._log_likelihood - (explained - np.linalg.slogdet(inverse)[1]) / 2
         return state, (covariance + np.swapaxes(covariance, -1, -2)) / 2, np.asarray(log_likelihood, dtype=np.float64)

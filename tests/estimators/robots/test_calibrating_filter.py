@@ -52,6 +52,17 @@ def farthest(path, true):
     return np.hypot(*(path - true).T[:2]).max()
 
 
+def test_no_variance_is_negative_in_short_samples(exact_motion, winding):
+    """At 250 Hz, where steered castors move by less than the rounding of what is known of a sample's motion before."""
+    robot, estimator = preset("swerve"), CalibratingFilter()
+    true, observations = exact_motion(robot, winding, 2.0).sampled(500)
+    estimator.reset(robot, true[0])
+    for observation in rounded(observations, np.random.default_rng(1)):
+        estimator.update(observation)
+        variance = np.diagonal(estimator._covariance, axis1=-2, axis2=-1)
+        assert (variance >= 0.0).all()
+
+
 def test_a_wheel_that_is_described_too_large_is_learned(run, drive):
     true, observations = run
     robot, estimator = with_radius(1.05), CalibratingFilter()
