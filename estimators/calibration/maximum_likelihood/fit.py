@@ -131,7 +131,8 @@ def fitted(
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
         del reductions  # they hold many times the memory of the logs
-        if noise is None and k >= warm_up and part == 1 and solution.moved < NEARLY:
+        # a fit of states alone is one of many, about counts yet to be corrected: its noise need not be the limit
+        if noise is None and len(scale) and k >= warm_up and part == 1 and solution.moved < NEARLY:
             sizes, pace = Pace.extrapolated(last, sizes, pace, least)
         else:
             pace = None
