@@ -110,11 +110,15 @@ class Estimating:
             function, seen = estimate_stacked, [observed_runs(episode) for episode in episodes]
         else:
             function, seen = estimate_singly, observed_runs(episodes[0])
-        return Job(function, (entry.spec, entry.source_hash, seen), work, self._timeout, owner_of(entry))
+        return Job(function, (entry.spec, entry.source_hash, seen), work, self._limit(work), owner_of(entry))
+
+    def _limit(self, work: Work) -> float:
+        """Return how long a job may take, s: as long as its episodes one after another."""
+        return self._timeout * len(work.episodes)
 
     def _take(self, work: Work, outcome: Outcome) -> None:
         """Store the outcome of a job; a stack that failed as a whole is tried again case by case."""
-        answer = answered(outcome, self._timeout, f"task {work.task.name}, estimator {work.entry.name}")
+        answer = answered(outcome, self._limit(work), f"task {work.task.name}, estimator {work.entry.name}")
         if isinstance(outcome, Done) and not (work.stacked or isinstance(answer, Failure)):
             answer = [answer]
         if isinstance(answer, list):

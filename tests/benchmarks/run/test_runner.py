@@ -194,6 +194,14 @@ def test_more_cases_add_to_those_there_are(tmp_path, fake_tasks, plugin, jobs_he
     assert all(after[key].origin == row.origin for key, row in first.items())
 
 
+def test_a_stack_may_take_as_long_as_its_episodes_one_by_one(tmp_path, fake_tasks, plugin):
+    task, entry = fake_tasks.Arcs(), load_estimator(plugin("followers:Follower"))
+    recorded = {case: task.record(case) for case in (0, 1, 2)}
+    works = [estimating.Work(task, entry, recorded, True), estimating.Work(task, entry, {0: recorded[0]}, False)]
+    jobs = estimating.Estimating(iter(works), ResultsStore(tmp_path), 60.0, SilentProgress())
+    assert [jobs.next_job().timeout for _ in works] == [180.0, 60.0]
+
+
 def test_a_time_out_is_tried_again_with_more_time_only(tmp_path, fake_tasks, plugin, monkeypatch, prepared):
     monkeypatch.setattr(estimating, "MOST_TIMEOUTS", 1)
     plan = [Assignment(fake_tasks.Arcs(), (0, 1), (load_estimator(plugin("faulty:HangsInReset")),))]
