@@ -19,7 +19,7 @@ def test_every_assumption_is_an_option_with_default_and_reason(castor_bench, mon
     code, out, _ = castor_bench("tables", "--help")
     assert code == 0
     for name in NAMES:
-        text = out[out.index(f"{option_name(name)} ") :].partition(" --")[0]
+        text = " ".join(out[out.index(f"{option_name(name)} ") :].partition(" --")[0].split())
         assert "Reason: " in text
         assert f"[default: {getattr(Assumptions(), name)}" in text
 

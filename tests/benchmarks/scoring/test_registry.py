@@ -70,7 +70,7 @@ def test_workers_see_the_observations_of_the_log_and_nothing_else():
     )
     (run,) = observed_runs(Episode(preset("asoc-prototype"), (Run(log),)))
     np.testing.assert_array_equal(run.start, Run(log).truth[0])
-    assert vars(run).keys() == {"robot", "start", "observations", "samples"}
+    assert vars(run).keys() == {"robot", "start", "start_covariance", "observations", "samples"}
     for got, expected in zip(run.observations, log.observations(), strict=True):
         assert got.keys() == expected.keys() == {"wheel", "pivot", "time", "gyro"}
         for key in expected:

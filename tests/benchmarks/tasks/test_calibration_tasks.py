@@ -270,7 +270,7 @@ def test_what_a_worker_gets_holds_no_truth(by_arcs):
     seen = observed_calibration(by_arcs.record(0))
     assert vars(seen).keys() == {"robot", "recordings", "runs", "odometry", "odometry_source"}
     for seen_run in seen.runs:
-        assert vars(seen_run).keys() == {"robot", "start", "observations", "samples"}
+        assert vars(seen_run).keys() == {"robot", "start", "start_covariance", "observations", "samples"}
 
 
 def test_scores_follow_from_the_stored_files_and_nothing_is_run_twice(all_sorts, by_arcs):
