@@ -1,6 +1,7 @@
 """Estimators are found by name, module or file; what is wrong with a spec is said in one line."""
 
 import dataclasses
+import importlib.metadata
 import importlib.util
 import pickle
 import shutil
