@@ -17,7 +17,9 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from castor_envs import __version__
 from castor_envs.cli.commands import Commands
+from castor_envs.errors import InputError, message_of
 
 TRACEBACK = "--traceback"
 INTERRUPTED = 130
@@ -31,8 +33,6 @@ _endings: list[Callable[[], None]] = []
 
 def _show_version(value: bool) -> None:
     if value:
-        from castor_envs import __version__  # here and below: what help does without
-
         print(f"castor-envs {__version__}")
         raise typer.Exit
 
@@ -131,8 +131,6 @@ def _stopped() -> str:
 
 def _explained(error: BaseException, traceback_shown: bool) -> int:
     """Print an error in one line; return the exit code. traceback_shown: whether it is printed already."""
-    from castor_envs.errors import InputError, message_of
-
     if isinstance(error, InputError):
         return _complain(str(error), 2)
     if isinstance(error, BrokenPipeError):

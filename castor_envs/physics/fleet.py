@@ -28,6 +28,7 @@ class Fleet:
         self.wheels = np.stack([member.wheels for member in self.simulations])
         self.joints = np.stack([member.joints for member in self.simulations])
         self.time = np.zeros(len(self.simulations))
+        self._periods = np.array([member.sample_period for member in self.simulations])
         self._first = np.zeros(len(self.simulations), dtype=np.uint64)
         self._build()
 
@@ -84,10 +85,6 @@ class Fleet:
         """Run one sample period of all vehicles."""
         self._run()
         self.time += self._periods
-
-    @property
-    def _periods(self) -> Array:
-        return np.array([member.sample_period for member in self.simulations])
 
 
 def _kind(member: Simulation) -> tuple[object, ...]:

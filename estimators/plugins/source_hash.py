@@ -15,7 +15,7 @@ from typing import Any
 from castor_envs.discovery import imported_names
 
 PACKAGE = Path(__file__).parents[1]
-OTHER_PARTS = ("castor_envs.cli", "castor_envs", "benchmarks", "discrepancy")
+OTHER_PARTS = ("castor_envs", "benchmarks", "discrepancy")
 
 
 def source_hash(kind: type, argument: int | None = None, parameters: Mapping[str, Any] | None = None) -> str:

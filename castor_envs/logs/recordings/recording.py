@@ -34,6 +34,11 @@ class Clock:
     unit: TimeUnit = "s"
     period: float | None = None
 
+    def takes_that_of(self, path: Path, why: str) -> None:
+        """Raise InputError if the map names another clock than the only one of a recording; why: what that is."""
+        if self.time is not None or self.period is not None:
+            raise InputError(f"{path}: {why}; remove 'time' and 'period' of it from the map")
+
 
 class Recording(Protocol):
     """An opened recording.

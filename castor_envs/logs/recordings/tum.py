@@ -3,7 +3,6 @@
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
-from castor_envs.errors import InputError
 from castor_envs.logs.recordings.csv_table import first_row, is_number
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of, nanoseconds
 from castor_envs.logs.table import complaint, number
@@ -48,8 +47,7 @@ class TumText:
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
-        if clock.time is not None or clock.period is not None:
-            raise InputError(f"{self._path}: the times are in the file; remove 'time' and 'period' of it from the map")
+        clock.takes_that_of(self._path, "the times are in the file")
         for line, (t, x, y, z, *quaternion) in rows_of(self._path, COLUMNS):
             time = nanoseconds(t, clock.unit, f"{self._path}:{line}")
             for name, value in (("x", x), ("y", y), ("z", z), ("heading", heading_of(*quaternion))):

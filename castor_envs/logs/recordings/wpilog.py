@@ -57,8 +57,7 @@ class DataLog:
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
-        if clock.time is not None or clock.period is not None:
-            raise InputError(f"{self._path}: a data log has one clock; remove 'time' and 'period' of it from the map")
+        clock.takes_that_of(self._path, "a data log has one clock")
         decoders: dict[int, Callable[[Any], Iterator[tuple[str, float]]]] = {}
         for record in self._records():
             if record.isStart():
