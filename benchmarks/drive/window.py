@@ -1,4 +1,4 @@
-"""The window of a drive by hand: reads keys, moves the robot, draws truth and estimates, until the user closes it."""
+"""The window of a drive by hand: reads keys, moves the vehicle, draws truth and estimates, until the user closes it."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.drive.follower import Follower
 from benchmarks.drive.keys import Keyboard
-from benchmarks.drive.robot import HandDrivenEnv
+from benchmarks.drive.vehicle import HandDrivenEnv
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.recorder import RecordLog
@@ -21,24 +21,24 @@ FPS = 30
 COLORS: tuple[Color, ...] = (ESTIMATE, BEAM, ROUGH, SLIPPERY, INK)
 """Of the estimators' paths, in turn."""
 SHOWN = 2.0
-"""m from the origin to the edge of the picture at first; it doubles whenever the robot comes near."""
+"""m from the origin to the edge of the picture at first; it doubles whenever the vehicle comes near."""
 NEAR = 0.85
 
 Events = Callable[[], Iterable[Any]]
 
 
 class DriveWindow:
-    """A window on a robot that has been reset. events: where they come from; None: pygame's own.
+    """A window on a vehicle that has been reset. events: where they come from; None: pygame's own.
 
     Raises InputError where there is no display.
     """
 
-    def __init__(self, env: HandDrivenEnv, recorder: RecordLog, followers: Sequence[Follower], title: str) -> None:
+    def __init__(self, env: HandDrivenEnv[Any], recorder: RecordLog, followers: Sequence[Follower], title: str) -> None:
         self._env, self._recorder, self._followers = env, recorder, followers
-        self._keyboard = Keyboard(env.mobility.omnidirectional)
-        self._steps = max(1, round(1 / (FPS * env.robot.sample_period)))
+        self._keyboard = Keyboard(env.sideways)
+        self._steps = max(1, round(1 / (FPS * env.vehicle.sample_period)))
         self._shown, self._time = SHOWN, 0.0
-        self._renderer = Renderer(env.robot, env.floor, "rgb_array", FPS, SIZE, self._arena())
+        self._renderer = Renderer(env.vehicle, env.floor, "rgb_array", FPS, SIZE, self._arena())
         self._pygame = import_pygame()
         try:
             self._pygame.display.init()
@@ -58,7 +58,7 @@ class DriveWindow:
                     self._step()
                 self._draw()
                 if real_time:
-                    clock.tick(1 / (self._steps * self._env.robot.sample_period))
+                    clock.tick(1 / (self._steps * self._env.vehicle.sample_period))
         finally:
             self._pygame.display.quit()
 
@@ -91,11 +91,11 @@ class DriveWindow:
 
     def _draw(self) -> None:
         pose, env = self._env.pose, self._env
-        while np.max(np.abs(pose[:2])) > NEAR * self._shown:
+        while np.max(np.abs(pose[..., :2])) > NEAR * self._shown:
             self._shown *= 2
             self._renderer.look_at(self._arena())
         first = self._followers[0].pose if self._followers else None
-        pixels = self._renderer.draw(pose, env.castor_angles, estimate=first, time=self._time, sliding=env.sliding())
+        pixels = self._renderer.draw(pose, env.shape, estimate=first, time=self._time, sliding=env.sliding())
         assert pixels is not None
         self._screen.blit(self._pygame.image.frombuffer(pixels.tobytes(), SIZE, "RGB"), (0, 0))
         self._write(self._keyboard.legend, 44, INK)
@@ -107,7 +107,7 @@ class DriveWindow:
         self._pygame.display.flip()
 
     def _draw_path(self, poses: Sequence[Array], color: Color) -> None:
-        places = np.array(poses)[:, :2]
+        places = np.array(poses).reshape(len(poses), -1)[:, :2]  # of a train its front axle
         places = places[np.isfinite(places).all(axis=1)]
         if len(places) > 1:
             self._pygame.draw.lines(self._screen, color, False, self._renderer.view.pixel(places).tolist(), 2)
@@ -122,9 +122,10 @@ class DriveWindow:
 
 
 def _said(follower: Follower, pose: Array) -> str:
-    """Return an estimator's name and how far it is off, or why it has ended."""
+    """Return an estimator's name and how far it is off (of a train, its axles in the mean), or why it has ended."""
     if follower.problem is not None:
         return f"{follower.name}: {follower.problem}"
-    off = follower.pose - pose
-    turned = np.degrees((off[2] + np.pi) % (2 * np.pi) - np.pi)
-    return f"{follower.name}: {1e3 * float(np.hypot(*off[:2])):.1f} mm, {turned:+.2f} deg off"
+    off = np.atleast_2d(follower.pose - pose)
+    away = float(np.mean(np.hypot(off[:, 0], off[:, 1])))
+    turned = float(np.mean(np.degrees((off[:, 2] + np.pi) % (2 * np.pi) - np.pi)))
+    return f"{follower.name}: {1e3 * away:.1f} mm, {turned:+.2f} deg off"

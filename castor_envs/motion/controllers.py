@@ -1,5 +1,6 @@
 """Controllers: from the desired motion and sensor readings to motor commands, for robots and for trains."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -74,16 +75,23 @@ class KinematicController:
 def posture_correction(speed: ArrayLike, error: Array) -> tuple[Array, Array]:
     """Return by how much to go faster (...), m/s, and turn faster (...), rad/s, at speed (...) with error (..., 3).
 
-    The posture tracking law of Kanayama et al. (1990). error: the target as seen from the axle, x, y (m), psi (rad). At
-    rest there is nothing to correct: an axle that stands cannot go sideways.
+    The posture tracking law of Kanayama et al. (1990), for negative speeds too: backward, an error across is corrected
+    by turning the other way, one of the heading is not. error: the target as seen from the axle, x, y (m), psi (rad).
+    At rest there is nothing to correct: an axle that stands cannot go sideways.
     """
     speed = np.asarray(speed, dtype=float)
-    ahead = ALONG * error[..., 0] * (speed > 0)
-    return ahead, speed * (ACROSS * error[..., 1] + TURN * np.sin(error[..., 2]))
+    ahead = ALONG * error[..., 0] * (speed != 0)
+    return ahead, speed * (ACROSS * error[..., 1] + np.sign(speed) * TURN * np.sin(error[..., 2]))
 
 
-class TrainDriver:
-    """Commands wheel rates that take a train along a path. It knows time and the relative posture sensors alone.
+def axle_wheel_rates(axles: Sequence[Geometry], twists: Array) -> Array:
+    """Return the wheels' rates (2N,), axle by axle, left then right, rad/s, by rolling at the axles' twists (N, 3)."""
+    rates = [inverse(axle, axle.angle, np.zeros(1), twist).rate for axle, twist in zip(axles, twists, strict=True)]
+    return np.concatenate(rates)
+
+
+class TrainSteering:
+    """Moves the axles of a train along a path, each corrected by the relative posture sensor to the axle ahead.
 
     The front axle is driven by the path (open loop in the pose, as `KinematicController`). Every other axle is driven
     by the path as well, and corrects its place behind the axle ahead by the sensor between them
@@ -92,25 +100,22 @@ class TrainDriver:
     drive the axles against each other. A reading that is missing or older than a sample period is not followed.
     """
 
-    def __init__(self, train: TrainDescription, path: TrainPath) -> None:
-        self._train, self._path = train, path
-        self._behind = axles_behind([frame.length for frame in train.frames])
+    def __init__(self, train: TrainDescription) -> None:
+        self._period = train.sample_period
         self._geometry = [Geometry.of(module) for module in train.modules]
         self._zero = np.full((len(train.frames), 3), np.nan)
 
-    def twists(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:
-        """Return the axles' twists (N, 3) for the sample period that begins at `time` (s).
+    def twists(self, place: Array, after: Array, way: float, rps: ArrayLike, age: ArrayLike) -> Array:
+        """Return the axles' twists (N, 3) for a sample period.
 
-        rps (F, 3) or (3F,): relative poses as measured now; age (F,): s.
+        place, after (N, 3): where the axles are to be at its begin and end. way: m along the path between these,
+        negative backward. rps (F, 3) or (3F,): relative poses as measured now; age (F,): s.
         """
-        period, path = self._train.sample_period, self._path
-        covered, _ = path.progress(np.array([time, time + period]))
-        place, after = (path.at(length - self._behind)[0] for length in covered)
-        v = np.full(len(place), (covered[1] - covered[0]) / period)
-        turning = (after[:, 2] - place[:, 2]) / period
+        v = np.full(len(place), way / self._period)
+        turning = (after[:, 2] - place[:, 2]) / self._period
         expected = se2.relative_pose(place[1:], place[:-1])
         measured = np.reshape(np.asarray(rps, dtype=float), (-1, 3))
-        sound = np.isfinite(measured).all(axis=-1) & (np.asarray(age) <= 1.5 * period)
+        sound = np.isfinite(measured).all(axis=-1) & (np.asarray(age) <= 1.5 * self._period)
         first = sound & np.isnan(self._zero[:, 0])
         self._zero[first] = (measured - expected)[first]
         seen = np.where(sound[:, None], measured - self._zero, expected)
@@ -120,11 +125,28 @@ class TrainDriver:
         turning[1:] += turn
         return np.stack([v, np.zeros_like(v), turning], axis=-1)
 
+    def wheel_rates(self, twists: Array) -> Array:
+        """Return the wheels' rates (2N,), axle by axle, rad/s, at which the axles have twists (N, 3)."""
+        return axle_wheel_rates(self._geometry, twists)
+
+
+class TrainDriver:
+    """Commands wheel rates that take a train along a path. It knows time and the relative posture sensors alone."""
+
+    def __init__(self, train: TrainDescription, path: TrainPath) -> None:
+        self._period, self._path = train.sample_period, path
+        self._behind = axles_behind([frame.length for frame in train.frames])
+        self._steering = TrainSteering(train)
+
+    def twists(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:
+        """Return the axles' twists (N, 3) for the sample period that begins at `time` (s).
+
+        rps (F, 3) or (3F,): relative poses as measured now; age (F,): s.
+        """
+        covered, _ = self._path.progress(np.array([time, time + self._period]))
+        place, after = (self._path.at(length - self._behind)[0] for length in covered)
+        return self._steering.twists(place, after, float(covered[1] - covered[0]), rps, age)
+
     def commands(self, time: float, rps: ArrayLike, age: ArrayLike) -> Array:
         """Return wheel rates (2N,), rad/s, for the sample period that begins at `time`; arguments as for `twists`."""
-        twists = self.twists(time, rps, age)
-        rates = [
-            inverse(geometry, geometry.angle, np.zeros(1), twist).rate
-            for geometry, twist in zip(self._geometry, twists, strict=True)
-        ]
-        return np.concatenate(rates)
+        return self._steering.wheel_rates(self.twists(time, rps, age))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array, Numbers
 from castor_envs.geometry.se2 import rotate_single
-from castor_envs.motion.controllers import ALONG, KinematicController, posture_correction
-from castor_envs.motion.kinematics import Geometry, inverse
+from castor_envs.motion.controllers import ALONG, KinematicController, axle_wheel_rates, posture_correction
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.mobility import moves_sideways
 from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
@@ -103,8 +103,4 @@ class TrainFollower(Follower):
 
     def motors(self, observation: Mapping[str, Numbers], twist: Array) -> Array:
         """Return the speeds of all wheels (2N,), axle by axle, rad/s, at the axles' twists (N, 3)."""
-        rates = [
-            inverse(geometry, geometry.angle, np.zeros(1), of_axle).rate
-            for geometry, of_axle in zip(self._geometry, twist, strict=True)
-        ]
-        return np.concatenate(rates)
+        return axle_wheel_rates(self._geometry, twist)

@@ -8,9 +8,10 @@ from gymnasium.error import DependencyNotInstalled
 
 from benchmarks import cli
 from benchmarks.drive import command, window
+from benchmarks.drive.command import hand_driven
 from benchmarks.drive.follower import Follower
 from benchmarks.drive.keys import Keyboard
-from benchmarks.drive.robot import HandDrivenEnv
+from benchmarks.drive.train import DrawnPath
 from benchmarks.drive.window import DriveWindow
 from castor_envs.cli import command_line
 from castor_envs.errors import InputError
@@ -18,7 +19,7 @@ from castor_envs.floor import Floor, Patch
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.rendering.drawing.canvas import import_pygame
-from castor_envs.vehicles.load import load_vehicle
+from castor_envs.vehicles.load import load_robot, load_vehicle
 from castor_envs.vehicles.presets import preset
 from estimators.plugins.registry import load_estimator
 
@@ -92,9 +93,9 @@ def test_keys_that_come_up_are_up():
 
 
 def driven(robot, wish, seconds=2.0):
-    env = HandDrivenEnv(robot)
+    env = hand_driven(load_vehicle(robot))
     _, info = env.reset(seed=0)
-    for _ in range(round(seconds / env.robot.sample_period)):
+    for _ in range(round(seconds / env.vehicle.sample_period)):
         *_, info = env.step(wish)
     return env, info
 
@@ -106,7 +107,7 @@ def test_robots_go_where_they_are_wished(robot):
     # With a ramp of half a second, a quarter of a second's way is missing.
     assert x == pytest.approx(1.75 * env.limits[0], rel=0.05)
     assert (y, psi) == pytest.approx((0, 0), abs=0.03)
-    assert np.all(np.abs(info["command"]) <= env.robot.max_wheel_speed)
+    assert np.all(np.abs(info["command"]) <= load_robot(robot).max_wheel_speed)
     _, _, turned = driven(robot, (0, 0, 1))[0].pose
     assert turned > 0.5 * 1.75 * env.limits[2]
 
@@ -130,7 +131,52 @@ def test_a_robot_that_cannot_move_is_refused():
     axles = [((0.3, 0.0), 0.0), ((-0.3, 0.3), 1.0), ((-0.3, -0.3), 2.0)]
     castors = [dataclasses.replace(robot.castors[0], pivot=pivot, angle=angle) for pivot, angle in axles]
     with pytest.raises(InputError, match="its fixed wheels hold it"):
-        HandDrivenEnv(dataclasses.replace(robot, castors=tuple(castors)))
+        hand_driven(dataclasses.replace(robot, castors=tuple(castors)))
+
+
+def test_a_train_is_drawn_along_the_path_of_the_axle_that_leads():
+    env, _ = driven("cfmmr-3", (1, 0, 1), seconds=6.0)
+    speed, _, curvature = env.limits
+    # The front axle has turned by its way times the curvature, less what the ramps of half a second take.
+    assert env.pose[0, 2] == pytest.approx(5.5 * speed * curvature, rel=0.05)
+    assert np.all(np.diff(env.pose[:, 2]) < 0)  # those behind turn later
+    bend = np.abs(np.diff(env.pose[:, 2]))
+    np.testing.assert_allclose(bend, curvature * 0.35, atol=0.05)  # on a circle by now, 0.35 m from axle to axle
+
+
+def test_a_train_backs_with_its_last_axle_ahead_and_turns_the_other_way():
+    env, _ = driven("cfmmr-3", (-1, 0, 1), seconds=4.0)
+    assert env.pose[-1, 0] < -0.7 - 0.5  # where it stood, and on
+    assert env.pose[-1, 2] < -0.5
+    assert np.all(np.diff(env.pose[:, 2]) < 0)  # the last has turned most
+    straight, _ = driven("cfmmr-2", (-1, 0, 0), seconds=3.0)
+    np.testing.assert_allclose(straight.pose[:, 1:], 0, atol=0.03)  # sensors are noisy
+
+
+def test_a_train_at_rest_does_not_turn():
+    env, _ = driven("cfmmr-2", (0, 0, 1))
+    np.testing.assert_allclose(env.pose, [[0, 0, 0], [-0.35, 0, 0]], atol=1e-4)
+
+
+def test_a_drawn_path_is_the_arcs_that_were_driven():
+    path = DrawnPath(0.7)
+    for _ in range(40):
+        path.go(0.025, 2.0)
+    front, middle, last = path.behind_front(np.array([0.0, 0.3, 0.7]))
+    for pose, turned in ((front, 2.0), (middle, 1.4), (last, 0.6)):  # arcs of radius 0.5 from the origin
+        expected = [0.5 * np.sin(turned), 0.5 * (1 - np.cos(turned)), turned]
+        np.testing.assert_allclose(pose, expected, atol=2e-4)
+
+
+def test_a_drawn_path_is_left_as_it_was_by_going_forth_and_back():
+    path = DrawnPath(0.5)
+    for _ in range(30):
+        path.go(0.02, 1.0)
+    before = path.behind_front(np.linspace(0, 0.5, 11))
+    for curvature in (1.0, 1.0):  # the arc goes on at both ends
+        path.go(0.1, curvature)
+        path.go(-0.1, curvature)
+    np.testing.assert_allclose(path.behind_front(np.linspace(0, 0.5, 11)), before, atol=2e-3)
 
 
 @pytest.fixture
@@ -167,6 +213,22 @@ def test_a_drive_becomes_a_log_and_scores(ride, tmp_path, capsys):
     assert f"cast-0: end point {off:#.4g} mm" in told
 
 
+def test_a_train_can_be_driven_and_recorded(ride, tmp_path, capsys):
+    ride({0: ["+w"], 20: ["+q"], 60: ["quit"]}, robot="cfmmr-2", estimators=(), record=tmp_path / "log.csv")
+    train = load_vehicle("train.json")
+    log = read_log("log.csv", train)
+    assert reference_of(log).shape == (61, 6)
+    assert reference_of(log)[-1, 0] > 0.5
+    told = capsys.readouterr().out
+    off = np.zeros((2, 3))
+    estimator = load_estimator("train-odometry").factory()
+    estimator.reset(train, reference_of(log)[0].reshape(2, 3))
+    for sample, reference in zip(log.observations(), reference_of(log), strict=True):
+        off = estimator.update(sample) - reference.reshape(2, 3)
+    assert "m in 3.0 s" in told
+    assert f"train-odometry: final axle position {1e3 * np.mean(np.hypot(*off[:, :2].T)):.4g} mm" in told
+
+
 def test_the_same_keys_and_seed_make_the_same_drive(ride, tmp_path):
     for name in ("a", "b"):
         ride({0: ["+w"], 10: ["+d"], 20: ["quit"]}, record=tmp_path / name / "log.csv")
@@ -194,11 +256,11 @@ def test_an_estimator_that_fails_ends_alone(ride, tmp_path, capsys):
 
 def test_the_window_shows_truth_and_estimates_and_zooms_out(pygame, scripted, monkeypatch):
     monkeypatch.setattr(window, "SHOWN", 0.5)
-    env = HandDrivenEnv("differential")
+    env = hand_driven(preset("differential"))
     recorder = RecordLog(env)
     observation, info = recorder.reset(seed=0)
     followers = [
-        Follower(load_estimator(spec), env.robot, info["pose"], observation)
+        Follower(load_estimator(spec), env.vehicle, info["pose"], observation)
         for spec in ("wheel-odometry", "dead-reckoning-1")
     ]
     pictures = []
@@ -228,7 +290,7 @@ def test_the_window_shows_truth_and_estimates_and_zooms_out(pygame, scripted, mo
         ({"record": "log.txt"}, "logs end in .csv"),
         ({"record": "here.csv"}, "is there already; name a new file"),
         ({"record": "other/log.csv"}, "is another robot; name a new folder"),
-        ({"robot": "cfmmr-3"}, "is a train, not a robot"),
+        ({"robot": "cfmmr-3", "estimators": ("cast-0",)}, "does not serve"),
         ({"estimators": ("grpec-xy",)}, "does not serve"),
         ({"estimators": ("nothing",)}, "unknown estimator 'nothing'"),
         ({"floor": "none.json"}, "none.json: cannot be read"),
