@@ -18,7 +18,7 @@ SHARPEST = 0.5
 class HandDrivenTrain(HandDrivenEnv[SensedTrain]):
     """A train that moves at a speed of at most `limits[0]`, m/s, along a path bent by at most `limits[2]`, 1/m.
 
-    The front axle leads forward, the last axle backward: the one that leads draws the path. A train at rest cannot turn.
+    The front axle leads forward, the last axle backward, and the one that leads draws the path. At rest it cannot turn.
     """
 
     def __init__(self, train: TrainDescription, floor: Floor | str | None = None) -> None:
