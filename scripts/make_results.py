@@ -58,21 +58,30 @@ def _task_figures(board: TaskBoard, store: ResultsStore) -> Figures:
             _entry_figures(entry, board, scores.get((entry.estimator, entry.source_hash), {}))
             for entry in board.entries
         ],
+        "references": [
+            {"estimator": entry.estimator, "scores": _scores(entry, board)}
+            for entry in board.rows[len(board.entries) :]
+        ],
     }
 
 
 def _entry_figures(entry: Entry, board: TaskBoard, by_case: dict[Any, float]) -> Figures:
-    shown = {board.metric.name, *MORE_METRICS.get(board.task, ())}
     return {
         "estimator": entry.estimator,
         "rank": entry.rank,
         "failed": sum(len(failed.cases) for failed in entry.failed),
-        "scores": {
-            name: [_rounded(number) for number in (score.mean, score.low, score.high)]
-            for name, score in entry.scores.items()
-            if name in shown
-        },
+        "scores": _scores(entry, board),
         "by_case": [_rounded(by_case.get(case)) for case in board.cases],
+    }
+
+
+def _scores(entry: Entry, board: TaskBoard) -> Figures:
+    """Return the means, with their intervals, of what the pages show."""
+    shown = {board.metric.name, *MORE_METRICS.get(board.task, ())}
+    return {
+        name: [_rounded(number) for number in (score.mean, score.low, score.high)]
+        for name, score in entry.scores.items()
+        if name in shown
     }
 
 
@@ -99,12 +108,16 @@ def with_tables(page: str, figures: Figures) -> str:
 def by_estimator(columns: dict[tuple[str, str], str], figures: Figures) -> str:
     """Return a table with a row for each estimator; columns: task and metric, with their heading.
 
-    Estimators stand in the order of the first column that they have a score in.
+    Estimators stand in the order of the first column that they have a score in; below them the oracle and standing
+    still, which have no rank.
     """
+    beside = {task["task"]: {entry["estimator"]: entry for entry in task["references"]} for task in figures["tasks"]}
     tasks = {task["task"]: {entry["estimator"]: entry for entry in task["estimators"]} for task in figures["tasks"]}
     columns = {column: heading for column, heading in columns.items() if column[0] in tasks}
     names = dict.fromkeys(name for task, _ in columns for name in tasks[task])
     rows = [[name, *(_cell(tasks[task].get(name), metric) for task, metric in columns)] for name in names]
+    for name in dict.fromkeys(name for task, _ in columns for name in beside[task]):
+        rows.append([f"*{name}*", *(_reference_cell(beside[task].get(name), metric) for task, metric in columns)])
     units = [f"{heading}, {BOARD_METRICS[metric].shown_unit}" for (_, metric), heading in columns.items()]
     return _markdown(["estimator", *units], [row for row in rows if set(row[1:]) != {"–"}], text_columns=1)
 
@@ -137,6 +150,13 @@ def _cell(entry: Figures | None, metric: str) -> str:
         return shown(mean)
     interval = "" if low is None else f" [{shown(low)}, {shown(high)}]"
     return f"{shown(mean)}{interval} ({entry['rank'] or '–'})"
+
+
+def _reference_cell(entry: Figures | None, metric: str) -> str:
+    """Return the mean of what is no estimator."""
+    if entry is None or metric not in entry["scores"]:
+        return "–"
+    return BOARD_METRICS[metric].shown(entry["scores"][metric][0])
 
 
 def _markdown(heading: list[str], rows: list[list[str]], text_columns: int) -> str:
@@ -208,7 +228,7 @@ def main(results: Path) -> None:
     write_atomically(FIGURES, text_of(figures))
     for page in PAGES:
         write_atomically(page, with_tables(page.read_text(encoding="utf-8"), figures))
-    absent = {task.name for task in official_tasks()} - {task["task"] for task in figures["tasks"]}
+    absent = {task.name for task in official_tasks() if task.standard} - {task["task"] for task in figures["tasks"]}
     if absent:
         print(f"without {', '.join(sorted(absent))}: castor-bench run --measured DIR runs them")
 
