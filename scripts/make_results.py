@@ -116,8 +116,10 @@ def by_estimator(columns: dict[tuple[str, str], str], figures: Figures) -> str:
     columns = {column: heading for column, heading in columns.items() if column[0] in tasks}
     names = dict.fromkeys(name for task, _ in columns for name in tasks[task])
     rows = [[name, *(_cell(tasks[task].get(name), metric) for task, metric in columns)] for name in names]
-    for name in dict.fromkeys(name for task, _ in columns for name in beside[task]):
-        rows.append([f"*{name}*", *(_reference_cell(beside[task].get(name), metric) for task, metric in columns)])
+    rows += [
+        [f"*{name}*", *(_reference_cell(beside[task].get(name), metric) for task, metric in columns)]
+        for name in dict.fromkeys(name for task, _ in columns for name in beside[task])
+    ]
     units = [f"{heading}, {BOARD_METRICS[metric].shown_unit}" for (_, metric), heading in columns.items()]
     return _markdown(["estimator", *units], [row for row in rows if set(row[1:]) != {"–"}], text_columns=1)
 
