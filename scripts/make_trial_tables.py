@@ -1,4 +1,4 @@
-"""Write docs/trials.json from the folders of trials, and the table of docs/diagnose.md from that.
+"""Write docs/trials.json from the folders of trials, and the table of docs/diagnosis-trials.md from that.
 
     castor-diagnose trial --out FOLDER && python scripts/make_trial_tables.py FOLDER...
 
@@ -15,7 +15,7 @@ from discrepancy.trials.scores import report
 
 FORMAT = "castor-trial-figures/1"
 DOCS = Path(__file__).parents[1] / "docs"
-PAGE, FIGURES = DOCS / "diagnose.md", DOCS / "trials.json"
+PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "trials.json"
 START, END = "<!-- table: made by scripts/make_trial_tables.py -->\n", "<!-- end of table -->\n"
 
 Figures = dict[str, Any]

@@ -4,13 +4,12 @@
 
 DATA holds the folder `optiodom` (`castor_envs.logs.importers.optiodom`). The runs of every session are taken
 alternately for calibration and as held-out runs, those that turn left and those that turn right each by themselves if
-there are enough; the only run of a session is cut in half. The fit is independent of
-this package: dead reckoning by textbook formulas, and the parameters with which it comes nearest to the reference on
-the calibration runs (scipy's least_squares). Stored in docs/measured.json, and shown in docs/diagnose.md, is the rms
-distance between plain odometry and the reference over whole held-out runs: as described, with the fitted parameters,
-and with the finder's robot file. For each of the three alike, a run starts at its first
-reference pose; its clock's offset and rate, and the tracked point of all runs are those with which this distance is
-least. --plain: fit and description only, no finder, and
+there are enough; the only run of a session is cut in half. The fit is independent of this package: dead reckoning by
+textbook formulas, and the parameters with which it comes nearest to the reference on the calibration runs (scipy's
+least_squares). Stored in docs/measured.json, and shown in docs/diagnosis-trials.md, is the rms distance between plain
+odometry and the reference over whole held-out runs: as described, with the fitted parameters, and with the finder's
+robot file. For each of the three alike, a run starts at its first reference pose; its clock's offset and rate, and the
+tracked point of all runs are those with which this distance is least. --plain: fit and description only, no finder, and
 nothing is stored. --add: keep the stored sessions that are not named.
 """
 
@@ -36,7 +35,7 @@ from discrepancy.validation.cost import odometry
 
 FORMAT = "castor-measured/1"
 DOCS = Path(__file__).parents[1] / "docs"
-PAGE, FIGURES = DOCS / "diagnose.md", DOCS / "measured.json"
+PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "measured.json"
 START, END = "<!-- table: made by scripts/study_measured_robots.py -->\n", "<!-- end of measured table -->\n"
 
 CLOCK = np.array([0.5, 0.003])

@@ -1,4 +1,4 @@
-"""How often the drive that castor-diagnose proposes resolves an ambiguous answer: the figure of docs/diagnose.md.
+"""How often the drive that castor-diagnose proposes resolves an ambiguous answer (docs/diagnosis-trials.md).
 
 python scripts/study_separating_drives.py [--cases 10] [--seed 0] [--robots differential ...]
 

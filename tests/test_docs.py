@@ -14,7 +14,7 @@ from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.presets import preset
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("physics", "effects", "diagnose", "logs", "policies")
+PAGES = ("physics", "effects", "diagnosis-method", "diagnosis-trials", "logs", "policies")
 
 
 def page(name):
