@@ -9,8 +9,8 @@ from castor_envs.errors import InputError
 from castor_envs.processes import Died, Done, Exceeded, Job, Raised, TimedOut, run_jobs
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
-from estimators.plugins import conformance
-from estimators.plugins.conformance import Finding
+from estimators.plugins.conformance import check as conformance
+from estimators.plugins.conformance.check import Finding
 from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, load_calibration, load_estimator
 
 Load = Callable[[str], EstimatorEntry] | Callable[[str], CalibrationEntry]

@@ -10,7 +10,7 @@ from benchmarks.results.rows import ResultsStore, UpdateCost
 from benchmarks.run.plan import Assignment, run
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs, time_updates
 from castor_envs.vehicles.load import load_vehicle
-from estimators.plugins.conformance import check, refusal
+from estimators.plugins.conformance.check import check, refusal
 from estimators.plugins.registry import load_estimator
 
 

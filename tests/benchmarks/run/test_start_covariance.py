@@ -8,7 +8,7 @@ from benchmarks.run.worker_estimate import estimate_singly, observed_runs
 from benchmarks.tasks import official_tasks
 from castor_envs.vehicles.load import load_vehicle
 from estimators import load_estimator
-from estimators.plugins.conformance import check
+from estimators.plugins.conformance.check import check
 
 TASKS = {task.name: task for task in official_tasks()}
 

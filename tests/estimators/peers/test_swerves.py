@@ -11,7 +11,7 @@ from castor_envs.vehicles.presets import differential, n_castor, omnimate, prese
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import HolmbergKhatib, TidyBot, builtin_names, load_estimator
 from estimators.peers.modules import rigid_motion
-from estimators.plugins.conformance import check
+from estimators.plugins.conformance.check import check
 
 ALL = ("module-mean", "skid-ratio", "wpilib-swerve", "wpilib-swerve-midpoint")
 ARCS = ALL[1:]

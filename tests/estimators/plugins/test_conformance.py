@@ -13,7 +13,7 @@ from castor_envs.motion.kinematics import Geometry, castor_rates, inverse
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Gyro
 from estimators import CAST, DeadReckoning, EstimatorEntry, load_estimator
-from estimators.plugins.conformance import check, refusal
+from estimators.plugins.conformance.check import check, refusal
 from estimators.plugins.drives import straight, turning, winding, with_pivot_counts_unwrapped
 
 

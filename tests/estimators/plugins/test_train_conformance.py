@@ -10,7 +10,7 @@ import pytest
 from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.presets import cfmmr
 from estimators import CAST, GRPECXY, EstimatorEntry, TrainOdometry, load_estimator
-from estimators.plugins.conformance import candidates, check, refusal
+from estimators.plugins.conformance.check import candidates, check, refusal
 from estimators.plugins.registry import builtin_names
 from estimators.plugins.train_drives import straight, turning, winding, with_silent_sensors
 
