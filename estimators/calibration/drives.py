@@ -33,13 +33,15 @@ def log_of(robot: RobotDescription, trajectory: Trajectory, poses: Poses) -> Log
 
 
 def logged(robot: RobotDescription, rolled: Rolled, poses: Poses) -> Log:
-    """Return the log of a robot that has rolled perfectly."""
+    """Return the log of a robot that has rolled perfectly; a gyro, if it has one, reads its turning and its bias."""
     geometry = Geometry.of(robot)
     encoders = Encoders(geometry, np.zeros(len(robot.driven_wheels)))
     reference = np.full((len(rolled.t), 3), np.nan)
     rows = {"none": [], "ends": [0, -1], "all": slice(None)}[poses]
     reference[rows] = rolled.pose[rows]
-    return Log(rolled.t, encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle), reference=reference)
+    gyro = None if robot.gyro is None else robot.gyro.bias + np.gradient(rolled.pose[:, 2], rolled.t)
+    wheel, pivot = encoders.wheel(rolled.wheel_angle), encoders.pivot(rolled.castor_angle)
+    return Log(rolled.t, wheel, pivot, reference=reference, gyro=gyro)
 
 
 def _straight(_: RobotDescription) -> list[Trajectory]:

@@ -12,6 +12,7 @@ from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import n_castor, preset
+from castor_envs.vehicles.robot import Gyro
 from estimators.calibration.identifiability import Unseen, rests_on, scale_rests_on_pivots, unseen_of
 from estimators.calibration.maximum_likelihood.calibrate import calibrate
 from estimators.calibration.parameters import values_of
@@ -198,3 +199,17 @@ def test_a_drive_to_add_is_proposed_for_a_differential_robot():
     assert all("with reference poses" in words for words in helped)
     again = calibrate(robot, [*logs, *(log for words in helped for log in proposed(robot, words))], noise=SLIP)
     assert {change.what for change in unseen_of(again)} == {"the place of the body's origin, y"}
+
+
+def test_a_gyro_shows_the_track_in_a_turn_without_reference_poses():
+    for gyro, reference in (
+        (None, "with reference poses at start and end"),
+        (Gyro(noise=2e-3), "without reference poses"),
+    ):
+        robot = dataclasses.replace(preset("differential"), gyro=gyro)
+        log = rolled(robot, straight(), poses=slice(None))
+        if gyro is not None:
+            noise = gyro.noise * np.random.default_rng(0).standard_normal(len(log.t))
+            log = dataclasses.replace(log, gyro=noise)
+        track = [unseen for unseen in unseen_of(calibrate(robot, [log], noise=SLIP)) if "lateral" in unseen.what]
+        assert [unseen.shown_by for unseen in track] == [f"a turn on the spot, both ways, {reference}"]
