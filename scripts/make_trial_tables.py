@@ -36,7 +36,7 @@ def table(figures: Figures) -> str:
     """Return the table of all rates, a column for each trial and finder."""
     trials = figures["trials"]
     heads = [
-        f"{trial['finder']}, {trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases"
+        f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases"
         for trial in trials
     ]
     rows = [["", *heads], ["---"] * (len(heads) + 1)]

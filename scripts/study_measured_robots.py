@@ -203,7 +203,7 @@ def line(row: Mapping[str, Any]) -> str:
     cells += [_figures(row.get(key)) for key in ("as_described_mm", "fit_mm", "finder_mm")]
     cells += [f"{row['finder_mm'] / row['fit_mm']:.2f}"] if "finder_mm" in row else ["-"]
     named = [answer["what"] for answer in row.get("answers", ()) if answer["verdict"] == "named"]
-    return f"| {' | '.join([*cells, row.get('verdict', '-'), ', '.join(named) or '-'])} |\n"
+    return f"| {' | '.join([*cells, row.get('verdict', '-'), '; '.join(named) or '-'])} |\n"
 
 
 def _figures(value: float | None) -> str:
