@@ -14,7 +14,7 @@ from castor_envs.vehicles.load import load_vehicle
 from estimators.plugins.registry import builtin_names, load_estimator, reset_at_origin
 
 SINGLE = {ROBOT: ("cast-0", "ipec-1", "wheel-odometry", "filter"), "swerve": ("wheel-odometry", "wpilib-swerve")}
-BATCHED = ("cast-0", "ipec-1", "wheel-odometry")
+BATCHED = ("cast-0", "ipec-1", "wheel-odometry", "filter")
 ROBOTS, UPDATES = 1000, 20
 
 

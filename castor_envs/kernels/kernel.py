@@ -44,6 +44,9 @@ class Kernel:
 
         return call
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kernel, (self.module, self.name, self.arguments)  # not the loaded code
+
     @cached_property
     def _entry(self) -> Callable[[int], int]:
         code = cached_code(self.module, repr((self.name, self.arguments)), self._compiled)

@@ -48,7 +48,7 @@ def rows_in_use(geometry: Geometry, without_wheels: Sequence[int] = (), without_
     return Rows(
         wheels=wheels,
         castors=castors,
-        place=np.concatenate([wheels, len(geometry.radius) + standard[first]]),
+        place=np.concatenate([wheels, len(geometry.wheel_castor) + standard[first]]),
         castor=np.concatenate([geometry.wheel_castor[wheels], castors]),
     )
 

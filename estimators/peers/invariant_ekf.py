@@ -26,9 +26,9 @@ from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import start
-from estimators.robots.gyro import GyroTurns, gyro_of
-from estimators.robots.wheel_odometry import EquationsOfSamples, solve
+from estimators.steps.castor_odometry import start
+from estimators.steps.gyro import GyroTurns, gyro_of
+from estimators.steps.rolling_equations import EquationsOfSamples, Rows, solve
 
 DECAY = 2.5
 """1/s: how fast a slip velocity dies away, that of the program."""
@@ -66,8 +66,8 @@ class InvariantEKF:
         """Start at `pose` (3,), at rest; raises Declined without a gyro, and if wheels do not determine the motion."""
         geometry, self._start = start(robot, pose)
         self._noise, self._gyro = gyro_of(robot).noise, GyroTurns()
-        self._equations = EquationsOfSamples(geometry)
-        self._weight = 1.0 / self._equations.variances()
+        rows = Rows.of(geometry)
+        self._equations, self._weight = EquationsOfSamples(rows), 1.0 / rows.variances()
         self._heading, self._bias, self._bias_variance = 0.0, 0.0, BIAS**2
         self._velocity, self._position, self._slip = np.zeros(2), np.zeros(2), np.zeros(2)  # in the start pose's axes
         self._time: float | None = None

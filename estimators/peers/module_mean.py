@@ -18,7 +18,7 @@ from castor_envs.motion.kinematics import Geometry, left_of
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.peers.modules import Modules
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import displaced, start
+from estimators.steps.castor_odometry import displaced, start
 
 CENTRED = 1e-3
 """m: how far the modules' centre may be from the body's origin."""

@@ -16,9 +16,9 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.peers.modules import Modules, along_arc, rigid_motion, rotation_taken_out
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import start
-from estimators.robots.gyro import GyroTurns
-from estimators.robots.wheel_odometry import Motion, moved
+from estimators.steps.castor_odometry import start
+from estimators.steps.gyro import GyroTurns
+from estimators.steps.rolling_equations import Motion, moved
 
 SKIDS = 1.1
 """Skidding ratio above which a module is dropped: that of MAutils."""

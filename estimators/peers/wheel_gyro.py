@@ -25,9 +25,9 @@ from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import start
-from estimators.robots.gyro import GyroTurns, gyro_of
-from estimators.robots.wheel_odometry import Equations, EquationsOfSamples, Motion, solve
+from estimators.steps.castor_odometry import start
+from estimators.steps.gyro import GyroTurns, gyro_of
+from estimators.steps.rolling_equations import Equations, EquationsOfSamples, Motion, Rows, solve
 
 RADIUS, TRACK = 1e-2, 1e-2
 """Relative: prior standard deviations of radii and track, as of robots that are measured with a ruler."""
@@ -59,11 +59,11 @@ class WheelGyro:
         """Start at `pose` (3,); raises Declined without a gyro, and where wheels do not determine the motion."""
         geometry, self._start = start(robot, pose)
         self._noise, self._gyro = gyro_of(robot).noise, GyroTurns()
-        self._equations = equations = EquationsOfSamples(geometry)
-        self._weight = 1.0 / equations.variances()
-        self._wheels = d = len(equations.wheels)
-        self._rounded = np.zeros(len(equations.castor))
-        self._rounded[:d] = (geometry.radius[equations.wheels] * equations.angle_per_count) ** 2 / 6
+        rows = Rows.of(geometry)
+        self._equations, self._weight = EquationsOfSamples(rows), 1.0 / rows.variances()
+        self._wheels = d = len(rows.wheels)
+        self._rounded = np.zeros(len(rows.castor))
+        self._rounded[:d] = rows.way_per_count**2 / 6
         prior = np.array([0.0, 0.0, 0.0, *[RADIUS] * d, TRACK, BIAS, 0.0])
         self._numbers, self._bias, self._first = slice(3, 4 + d), 4 + d, 5 + d
         self._state, self._covariance = np.zeros_like(prior), np.diag(prior**2)

@@ -20,8 +20,8 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.peers.modules import Modules
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import start
-from estimators.robots.gyro import GyroTurns
+from estimators.steps.castor_odometry import start
+from estimators.steps.gyro import GyroTurns
 
 
 class WPILibSwerve:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.castor_odometry import CastorEstimator, Step, compiled, displace, moved, several_castors
+from estimators.steps.castor_odometry import CastorEstimator, Step, compiled, displace, moved, several_castors
 
 LARGEST_DRIFT = 4e-4
 """Of the path: the relative error of wheel radii after calibration, and so of any path (Doebbler's Table I: 0.04 %)."""
@@ -19,7 +19,7 @@ class SmallTurnWarning(UserWarning):
     """CAST's small-turn assumption costs more than the errors of calibrated wheels; `CASTArc` does not need it."""
 
 
-def _advance(castors, solution, wheel, pivot, pose, step):
+def _advance(castors, solution, pose, wheel, pivot, step):
     """Take one sample; solution (B, 6 n): eq. 15's matrix, row by row. See `compiled`."""
     n = castors.shape[1]
     for robot in range(castors.shape[0]):

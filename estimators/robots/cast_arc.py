@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.castor_odometry import (
+from estimators.steps.castor_odometry import (
     CastorEstimator,
     Step,
     compiled,
@@ -18,7 +18,7 @@ from estimators.robots.castor_odometry import (
 )
 
 
-def _advance(castors, pivots, wheel, pivot, pose, step):
+def _advance(castors, pivots, pose, wheel, pivot, step):
     """Take one sample; pivots (B, 2 n + 2): q_x and q_y of each, then the centroid. See `compiled`."""
     n = castors.shape[1]
     for robot in range(castors.shape[0]):

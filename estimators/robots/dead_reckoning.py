@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from castor_envs.errors import Declined
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.castor_odometry import (
+from estimators.steps.castor_odometry import (
     CastorEstimator,
     Step,
     compiled,
@@ -17,7 +17,7 @@ from estimators.robots.castor_odometry import (
 )
 
 
-def _advance(castors, pivots, wheel, pivot, pose, step):
+def _advance(castors, pivots, pose, wheel, pivot, step):
     """Take one sample; pivots (B, 2): x and y of the castor's. See `compiled`."""
     for robot in range(castors.shape[0]):
         east, north, turn_of_castor, swivel = moved(castors, robot, 0, wheel, pivot, step)

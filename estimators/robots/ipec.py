@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from castor_envs.errors import Declined
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.castor_odometry import (
+from estimators.steps.castor_odometry import (
     CastorEstimator,
     Step,
     compiled,
@@ -19,7 +19,7 @@ from estimators.robots.castor_odometry import (
 )
 
 
-def _advance(castors, pivots, wheel, pivot, pose, step):
+def _advance(castors, pivots, pose, wheel, pivot, step):
     """Take one sample; pivots (B, 4): x and y of the first, then of the second. See `compiled`."""
     for robot in range(castors.shape[0]):
         first_x, first_y = pivots[robot, 0], pivots[robot, 1]

@@ -10,7 +10,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 from estimators.protocol import Observation
-from estimators.robots.castor_odometry import castor_records, castor_steps, displaced
+from estimators.steps.castor_odometry import castor_records, castor_steps, displaced
 from estimators.trains.relative_poses import MAX_AGE, RelativePoses, RelativePoseWarning, entry
 
 __all__ = ["MAX_AGE", "Configuration", "RelativePoseWarning", "checked_interval", "next_to"]

@@ -19,7 +19,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators.robots.calibrating_filter import CalibratingFilter
-from estimators.robots.wheel_odometry import EquationsOfSamples
+from estimators.steps.rolling_equations import EquationsOfSamples, Rows
 
 
 def with_ceiling(robot: RobotDescription, runs: Sequence[Run], slips: bool = True) -> tuple[Run, ...]:
@@ -41,21 +41,22 @@ def without_slip(robot: RobotDescription, log: Log) -> Log:
     Raises Declined where castors' angles do not tell how wheels roll.
     """
     assert log.reference is not None
-    equations = EquationsOfSamples(Geometry.of(robot))
+    rows = Rows.of(Geometry.of(robot))
+    equations = EquationsOfSamples(rows)
     step = se2.relative_pose(log.reference[:-1], log.reference[1:])
     turn = step[:, 2]
     half = se2.rotate(step[:, :2], -turn / 2)
     motion = np.column_stack([half, 2 * np.sin(turn / 2)])
-    rolled = np.zeros((len(log), len(equations.wheels)))
+    rolled = np.zeros((len(log), len(rows.wheels)))
     for k, seen in enumerate(log.observations()):
         sample = equations.read(seen)
         if k > 0:
             swivelled = sample._replace(rolled=np.zeros_like(sample.rolled)).right(turn[k - 1])
             chord = np.sinc((turn[k - 1] + sample.swivel) / (2 * np.pi))
             rolled[k] = ((sample.matrix @ motion[k - 1] - swivelled) / chord)[: rolled.shape[1]]
-    angle = np.cumsum(rolled, axis=0) / equations.geometry.radius[equations.wheels]
+    angle = np.cumsum(rolled, axis=0) / rows.geometry.radius[rows.wheels]
     counts = np.array(log.wheel, dtype=float)
-    counts[:, equations.read_wheels] = np.round(angle / equations.angle_per_count)
+    counts[:, rows.read] = np.round(angle / rows.angle_per_count)
     return dataclasses.replace(log, wheel=counts)
 
 

@@ -15,8 +15,8 @@ from castor_envs.errors import Declined
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.robots.gyro import GyroTurns
 from estimators.robots.wheel_odometry import WheelOdometry
+from estimators.steps.gyro import GyroTurns
 
 WINDOW = 1.0
 """s, over which turns are compared: within it rounded counts and clocks that are apart average out."""

@@ -14,7 +14,7 @@ from estimators.peers import invariant_ekf
 from estimators.peers.invariant_ekf import InvariantEKF
 from estimators.peers.wheel_gyro import BIAS, RADIUS, TRACK, WheelGyro
 from estimators.plugins.conformance.check import check
-from estimators.robots.gyro import GyroTurns
+from estimators.steps.gyro import GyroTurns
 
 NAMES = ("invariant-ekf", "wheel-gyro")
 

@@ -8,7 +8,7 @@ from castor_envs.motion.mobility import moves_sideways
 from castor_envs.vehicles.presets import differential, preset, preset_names
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, HolmbergKhatib, TidyBot, WheelOdometry
-from estimators.robots.castor_odometry import CastorSteps, Step, castor_records, castor_steps
+from estimators.steps.castor_odometry import CastorSteps, Step, castor_records, castor_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 

@@ -14,7 +14,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import n_castor, preset
 from estimators import CAST, IPEC, CASTArc, DeadReckoning
 from estimators.robots.cast import centred_solution, design_matrix, normal_inverse
-from estimators.robots.castor_odometry import CastorSteps, Step, castor_records, castor_steps
+from estimators.steps.castor_odometry import CastorSteps, Step, castor_records, castor_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")
 

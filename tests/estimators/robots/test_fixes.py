@@ -11,7 +11,7 @@ from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Fixes
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators import CalibratingFilter, WheelOdometry
-from estimators.robots.fixes import SAME_WAY, Belief, FixUpdates
+from estimators.filtering.fixes import SAME_WAY, Belief, FixUpdates
 
 SENSOR = Fixes(noise_position=0.02, noise_heading=0.01)
 NOISE = np.array([0.02, 0.02, 0.01])

@@ -10,7 +10,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import preset, preset_names
 from estimators import CAST, CASTArc, SmallTurnWarning
 from estimators.robots.cast import LARGEST_DRIFT, small_turn_drift
-from estimators.robots.castor_odometry import several_castors
+from estimators.steps.castor_odometry import several_castors
 
 PROTOTYPE = preset("asoc-prototype")
 ignored = pytest.mark.filterwarnings("ignore::estimators.robots.cast.SmallTurnWarning")

@@ -4,13 +4,13 @@ Doebbler III.B: "standard odometry equations as given by Borenstein are adapted 
 the pivot from the wheel axis". A castor with two driven wheels is a differential-drive robot: the foot of its axle
 (the axle's point on the centre line) moves along the rolling direction e, the pivot stands `offset` ahead of it.
 
-`CastorEstimator` is what dead reckoning, IPEC and CAST share. Their arithmetic is for one robot at a time and loops
-over stacks of robots: plain Python, which is compiled (`castor_envs.kernels`).
+`CastorEstimator` is what dead reckoning, IPEC and CAST share. Their arithmetic is for one robot at a time and is
+compiled (`castor_envs.kernels`).
 """
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, get_args
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from castor_envs.kernels.kernel import Kernel
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
+from estimators.steps.stacked import Part, Stack
 
 Step = Literal["arc", "midpoint", "euler", "euler-axle"]
 ARC, MIDPOINT, EULER, EULER_AXLE = range(4)
@@ -185,7 +186,7 @@ _ALL_MOVED = Kernel(
 
 
 def compiled(module: str, name: str) -> Kernel:
-    """Return the kernel of an estimator, the function `name(castors, constants, wheel, pivot, pose, step)`.
+    """Return the kernel of an estimator, the function `name(castors, constants, pose, wheel, pivot, step)`.
 
     It takes a sample of each of B robots and moves their poses (B, 3): castors (B, n) of type `CASTOR`, constants (B,
     c) the estimator's own numbers, wheel and pivot the counts (B, ...), step one of `ARC` to `EULER_AXLE`.
@@ -206,55 +207,13 @@ class CastorEstimator:
 
     def begin(self, geometry: Geometry, castors: Sequence[int], constants: Array, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3) with castors, by their indices from 0, and the estimator's constants (..., c)."""
-        self._counts = int(np.sum(~np.isnan(geometry.counts_per_rev))), len(geometry.sensed)
-        records, start_pose = castor_records(geometry, castors), np.array(pose, dtype=float)
-        shape = np.broadcast_shapes(start_pose.shape[:-1], constants.shape[:-1], records.shape[:-1])
-        self._lay_out(shape, records, constants, start_pose)
-
-    def _lay_out(self, shape: tuple[int, ...], castors: NDArray[np.void], constants: Array, pose: Array) -> None:
-        """Make arrays of all robots of a stack, from (..., k) each, and of one sample's counts."""
-
-        def of_all(part: NDArray[Any]) -> NDArray[Any]:
-            return np.broadcast_to(part, (*shape, part.shape[-1])).copy()
-
-        self._castors, self._constants, self._pose = of_all(castors), of_all(constants), of_all(pose)
-        wheels, pivots = self._counts
-        self._wheel, self._pivot = np.zeros((*shape, wheels)), np.zeros((*shape, max(pivots, 1)))
-        self._bind()
-
-    def _bind(self) -> None:
-        parts = (self._castors, self._constants, self._wheel, self._pivot, self._pose)
-        rows = (part.reshape(-1, part.shape[-1]) for part in parts)
-        self._advance = self.kernel.bind(*rows, get_args(Step).index(self.step))
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "_advance"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        if "_pose" in state:
-            self._bind()
+        parts = map(Part, (castor_records(geometry, castors), constants, np.array(pose, dtype=float)))
+        self._stack = Stack(self.kernel, geometry, list(parts), [get_args(Step).index(self.step)])
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3); raises InputError where it has another number of counts."""
-        wheel, pivot = observation["wheel"], observation["pivot"] if self._counts[1] else self._pivot
-        if wheel.shape != self._wheel.shape or pivot.shape != self._pivot.shape:
-            self._fit(wheel, pivot)
-        self._wheel[...], self._pivot[...] = wheel, pivot
-        self._advance()
-        return self._pose.copy()
-
-    def _fit(self, wheel: Array, pivot: Array) -> None:
-        """Let the stack grow where counts have more leading axes; raises InputError where their number is wrong."""
-        if wheel.shape[-1] != self._wheel.shape[-1] or pivot.shape[-1] != self._pivot.shape[-1]:
-            raise InputError(
-                f"the observation has {wheel.shape[-1]} counts of wheels and {pivot.shape[-1]} of pivots; this robot "
-                f"gives {self._counts[0]} and {self._counts[1]}"
-            )
-        now = self._pose.shape[:-1]
-        shape = np.broadcast_shapes(now, wheel.shape[:-1], pivot.shape[:-1])
-        if shape != now:
-            self._lay_out(shape, self._castors, self._constants, self._pose)
+        self._stack.advance(observation)
+        return self._stack.parts[-1].copy()
 
 
 def several_castors(geometry: Geometry, left_out: int) -> tuple[tuple[int, ...], Array]:

@@ -68,7 +68,7 @@ class FixUpdates:
         self._refused: _Refused | None = None
 
     def update(self, observation: Observation, belief: Belief) -> Belief:
-        """Take one sample, return the belief (..., filters) after its fix, if it has one."""
+        """Take one sample, return the belief (..., filters) after its fix; the same object if it has none."""
         now, time = belief.state[..., :3], np.array(observation["time"][..., 0])
         self._remember(time, now)
         if "fix" not in observation or not np.isfinite(observation["fix"]).any():
@@ -113,7 +113,7 @@ class FixUpdates:
 
     def _remember(self, time: Array, pose: Array) -> None:
         self._times.append(time)
-        self._poses.append(pose)
+        self._poses.append(pose.copy())
         while len(self._times) > 2 and np.all(self._times[1] < time - LATEST):
             del self._times[0], self._poses[0]
 

@@ -1,0 +1,417 @@
+"""One sample of the filter: its equations with the numbers learned so far, what the state becomes, what is measured.
+
+Plain Python for one robot at a time, which is compiled (`castor_envs.kernels`). `calibrating_filter` says what the
+state is; its update is in `kalman`.
+"""
+
+import math
+
+import numpy as np
+
+from castor_envs.kernels.arguments import REAL, array
+from castor_envs.kernels.kernel import Kernel
+from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
+from estimators.steps.castor_odometry import displace, sinc
+from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, equation, solved, swivelled
+
+SLIP, SIDE_SLIP = 5e-4, 2e-4
+"""m after 1 m: standard deviations of the random walks of slip along a wheel's rolling direction and to its side."""
+
+TIE = 2.0
+"""Twice the log-likelihood ratio up to which it is not known which of two measurements contradicts: both are released.
+With one equation more than needed, as of two wheels and a gyro, it never is."""
+
+RELEASED = 2e-2
+"""m: standard deviation of the slip of a released measurement in a sample."""
+
+STEADY, CHANGING, TURNED = 0.02, 0.41, 3.0
+"""Standard deviation of what a castor swivels beyond what was read, in steps of its encoder: of a castor that a motor
+holds while its reading stays, of others, and of one that the floor turns."""
+
+REPEATED = 5.0
+"""Factor on the variance of rounding for a reading that repeats: its error is that of the last."""
+
+LEAST_WAY = 0.02
+"""Of the way of the contact that rolls farthest in a sample: the shortest one for which a stiffness is computed."""
+
+LEAST = 1e-12
+"""m^2: least variance of slip in a sample."""
+
+DRIFT = 1e-4
+"""rad/s in a root second: random walk of a gyro's bias, 0.04 deg/s in a minute, as of a chip that warms up."""
+
+CARRIED = np.dtype(
+    [
+        # step of a castor's encoder, rad; its kind, `FIXED` to `TRAILING`; offset, m; swivel in the sample before, rad
+        ("step", float),
+        ("kind", np.int64),
+        ("offset", float),
+        ("last", float),
+    ],
+    align=True,
+)
+FIXED, STEERED, TRAILING = range(3)
+"""Whether a castor stands, a motor holds it, or the floor turns it."""
+
+WHEEL = np.dtype([("radius", float), ("lateral", float), ("count", float)], align=True)
+"""m, m, and rad of a count."""
+
+FILTER = np.dtype([("slip", float), ("creeps", np.int64)], align=True)
+"""A filter of the bank: m after 1 m; whether contacts creep until they balance."""
+
+SWIVEL = 3
+"""Where measured states begin: after the pose; n castors, d wheels, no side slip of c, and a gyro, if there is one."""
+LEFT, BY_ANGLE, SWING, WAY, STIFFNESS = range(5)
+RESIDUAL, VARIANCE, SLIPS = range(3)
+
+
+def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves):
+    """Set up a sample's equations of a robot with the numbers of a filter's state x (D,), and linearise about their
+    solution.
+
+    Writes into `found` (5, m) of each equation its residual, m, or, of rolling, the angle that the wheel turns, rad; by
+    how much it changes with the castor's angle, and with a swivel beyond what was read, m/rad; and the way of the
+    pivot, m. Into `carry` (D, R) and `moves` (3, D) its derivatives by the state before and by the motion. Returns the
+    motion.
+    """
+    n, d, m = carried.shape[1], wheels.shape[1], rows.shape[1]
+    known = 0.0 if creeps else 1.0
+    radius, lateral, offset = at, at + d, at + 2 * d
+    zero, to_x, to_y = offset + n, offset + 2 * n, offset + 3 * n
+    for j in range(n):
+        castor = castors[robot, j]
+        angle = castor.half_way + x[SWIVEL + j] - known * x[zero + j]
+        castor.cos, castor.sin = math.cos(angle), math.sin(angle)
+    for i in range(m):
+        row = rows[robot, i]
+        j = row.castor
+        castor = castors[robot, j]
+        arm, rolled = carried[robot, j].offset + known * x[offset + j], 0.0
+        if i < d:
+            of_wheel = wheels[robot, i]
+            arm = of_wheel.lateral + known * x[lateral + i] + row.roller * arm
+            rolled = of_wheel.radius * math.exp(known * x[radius + i]) * of_wheel.count * wheel[robot, row.wheel]
+        east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
+        equation(equations, 0, i, castor, east, north, row.roller, arm, rolled, row.weight, 1)
+        found[SWING, i] = arm
+    along, across, turn = solved(equations, 0, 1)
+    a = 2.0 * math.sin(0.5 * turn)
+    for i in range(m):
+        row = rows[robot, i]
+        j, at_row = row.castor, SWIVEL + n + i
+        castor, arm = castors[robot, j], found[SWING, i]
+        g_x, g_y = equations[0, i, G_X], equations[0, i, G_Y]
+        lever = equations[0, i, LEVER] + arm * castor.half_cos
+        # The direction turned by +90 degrees, and the pivot's way.
+        t_x, t_y = -g_y, g_x
+        east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
+        path_x, path_y = along - north * a, across + east * a
+        turned = turn + castor.swivel
+        left = g_x * along + g_y * across + lever * a - 2.0 * arm * math.sin(0.5 * turned)
+        by_angle = t_x * path_x + t_y * path_y
+        found[WAY, i] = math.hypot(path_x, path_y)
+        found[BY_ANGLE, i], found[SWING, i] = by_angle, 0.5 * by_angle - arm
+        moves[0, at_row], moves[1, at_row], moves[2, at_row] = g_x, g_y, lever - arm
+        carry[SWIVEL + j, at_row], carry[zero + j, at_row] = by_angle, -by_angle
+        carry[to_x + j, at_row], carry[to_y + j, at_row] = a * g_y, -a * g_x
+        if i < d:
+            way = wheels[robot, i].radius * math.exp(known * x[radius + i])
+            left /= way * sinc(0.5 * turned)
+            carry[radius + i, at_row], carry[lateral + i, at_row] = -way * left, -turned
+            carry[offset + j, at_row] = -row.roller * turned
+        else:
+            carry[offset + j, at_row] = -turned
+        found[LEFT, i] = left
+    return along, across, turn
+
+
+def stiffnesses(rows, robot, found):
+    """Write the stiffness of contacts' creep, in any unit, into `found`.
+
+    Creep is in proportion to the way and to the force (`castor_envs.physics.tyre`); wheels carry equal loads.
+    """
+    m, farthest = rows.shape[1], math.sqrt(LEAST)
+    for i in range(m):
+        farthest = max(farthest, found[WAY, i])
+    for i in range(m):
+        found[STIFFNESS, i] = rows[robot, i].contacts / max(found[WAY, i] / farthest, LEAST_WAY)
+
+
+def balanced(carry, at, end, moves, first, stiffness, small):
+    """Leave of disagreements of m contacts what remains after these crept until their forces balance.
+
+    carry (D, R), moves (3, R or D): disagreements are rows `at` to `end`, columns `first` on; of moves M, by how much
+    contacts move for a unit of each free motion, the same columns. stiffness (m,): of their creep, K. The creep that is
+    taken off has M K creep = 0: neither force nor torque is left. small (4, 3): room.
+    """
+    m = stiffness.shape[0]
+    for k in range(3):
+        for other in range(3):
+            small[k, other] = 0.0
+    for i in range(m):
+        for k in range(3):
+            for other in range(3):
+                small[k, other] += stiffness[i] * moves[k, first + i] * moves[other, first + i]
+    inverted(small)
+    for s in range(at, end):
+        for k in range(3):
+            small[UW, k] = 0.0
+        for i in range(m):
+            force = stiffness[i] * carry[s, first + i]
+            for k in range(3):
+                small[UW, k] += moves[k, first + i] * force
+        u_x, u_y, u_z = motion(small, 0), motion(small, 1), motion(small, 2)
+        for i in range(m):
+            carry[s, first + i] = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
+
+
+def bent(row, found, i, swivel, offset, off):
+    """Return the variance, m^2, of an equation of a castor that does not turn evenly in a sample.
+
+    off: error of the angle half-way, rad. And a castor that trails its pivot turns along a tractrix, whose chord
+    differs from that of a circle by the third order of the way over the offset.
+    """
+    way = found[WAY, i]
+    trailing = way * way * swivel / (24.0 * offset) if offset > 0.0 else 0.0
+    least = min(off, 1.0)
+    return (found[BY_ANGLE, i] * off) ** 2 + (0.5 * way * least * least) ** 2 + trailing * trailing
+
+
+def carried_over(covariance, changed, carry, spread):
+    """Let the first R entries of a state become carry' times it: covariance (D, D), carry (D, R).
+
+    spread (R, D): room.
+    """
+    size = covariance.shape[0]
+    for r in range(changed):
+        for s in range(size):
+            spread[r, s] = 0.0
+        for of in range(size):
+            part = carry[of, r]
+            if part != 0.0:
+                for s in range(size):
+                    spread[r, s] += part * covariance[of, s]
+    for r in range(changed):
+        for s in range(changed, size):
+            covariance[r, s] = covariance[s, r] = spread[r, s]
+        for other in range(changed):
+            covariance[r, other] = 0.0
+        for s in range(size):
+            part = spread[r, s]
+            if part != 0.0:
+                for other in range(changed):
+                    covariance[r, other] += part * carry[s, other]
+
+
+def released(covariance, first, moves, residual, variance, slip, gate, factor, whitened, small):
+    """Factor the measurements' covariance (see `factored`), with those released that contradict all others; return
+    twice the negative log-likelihood.
+
+    While the largest residual beside all others exceeds `gate` standard deviations, that measurement, and all that tie
+    with it (`TIE`), get the variance `slip` (q,), which then is 0; where it is 0 from the start, they stay. Residuals
+    of the first wheels are of states themselves, which get it too.
+    """
+    q = residual.shape[0]
+    explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
+    for _ in range(q):
+        most = 0.0
+        for i in range(q):
+            if slip[i] > 0.0:
+                most = max(most, beside(i, factor, whitened, small))
+        if not most > gate:
+            break
+        for i in range(q):
+            whitened[W, i] = beside(i, factor, whitened, small) if slip[i] > 0.0 else 0.0
+        for i in range(q):
+            if whitened[W, i] > 0.0 and whitened[W, i] ** 2 > most * most - TIE:
+                variance[i] += slip[i]
+                slip[i] = -slip[i]
+        explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
+    return explained + logarithm
+
+
+def _advance(
+    castors,
+    carried,
+    wheels,
+    rows,
+    start,
+    pose,
+    state,
+    covariance,
+    log_likelihood,
+    gyro,
+    freed,
+    wheel,
+    pivot,
+    filters,
+    equations,
+    found,
+    carry,
+    moves,
+    spread,
+    measured,
+    factor,
+    whitened,
+    small,
+    uneven,
+    gate,
+):
+    """Take one sample of each of B robots.
+
+    castors, carried (B, n), wheels (B, d), rows (B, m): of types `CASTOR`, `CARRIED`, `WHEEL` and `ROW`. start, pose
+    (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 3): a turn,
+    rad, its variance, and the sample's duration, s, 0 where there is none. freed (B, F, q): the variances of slip of
+    those measurements that are released. wheel and pivot: the counts. Others: room.
+    """
+    n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
+    q = measured.shape[1]
+    first, at = SWIVEL + n, SWIVEL + q
+    for robot in range(castors.shape[0]):
+        swivelled(castors, robot, pivot, 0.5)
+        turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
+        moves_on = duration > 0.0
+        for j in range(n):
+            moves_on = moves_on or castors[robot, j].swivel != 0.0
+        for i in range(d):
+            moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
+        for f in range(filters.shape[0]):
+            for i in range(q):
+                freed[robot, f, i] = 0.0
+            if not moves_on:
+                continue
+            x, p, creeps = state[robot, f], covariance[robot, f], filters[f].creeps != 0
+            for s in range(size):
+                for r in range(at):
+                    carry[s, r] = 0.0
+                for k in range(3):
+                    moves[k, s] = 0.0
+            along, across, turn = linearised(
+                castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves
+            )
+            if creeps:
+                numbers = 2 * d + 4 * n
+                stiffnesses(rows, robot, found)
+                balanced(carry, at, at + numbers, moves, first, found[STIFFNESS], small)
+                for i in range(m):
+                    more = 0.0
+                    for s in range(at, at + numbers):
+                        more += carry[s, first + i] * x[s]
+                    found[LEFT, i] += more / wheels[robot, i].radius if i < d else more
+
+            # Equations of rolling become those of the wheels' angles.
+            for i in range(d):
+                of_wheel = wheels[robot, i]
+                known = 0.0 if creeps else x[at + i]
+                scale = 1.0 / (of_wheel.radius * math.exp(known))
+                for s in range(size):
+                    carry[s, first + i] *= scale
+                for k in range(3):
+                    moves[k, first + i] *= scale
+                found[SWING, i] *= scale
+                carry[first + i, first + i] = 1.0
+            for r in range(first):
+                carry[r, r] = 1.0
+            # The pose.
+            psi = x[2] + 0.5 * turn
+            cos, sin = math.cos(psi), math.sin(psi)
+            east, north = cos * along - sin * across, sin * along + cos * across
+            x[0] += east
+            x[1] += north
+            x[2] += turn
+            carry[2, 0], carry[2, 1] = -north, east
+            moves[0, 0], moves[1, 0], moves[2, 0] = cos, -sin, -0.5 * north
+            moves[0, 1], moves[1, 1], moves[2, 1] = sin, cos, 0.5 * east
+            moves[2, 2] = 1.0
+            if at > first + m:  # a gyro
+                if duration > 0.0:
+                    carry[size - 1, at - 1], moves[2, at - 1] = duration, 1.0
+                    p[size - 1, size - 1] += DRIFT**2 * duration
+                measured[RESIDUAL, q - 1] = turn_read - turn - duration * x[size - 1] if duration > 0.0 else 0.0
+                measured[VARIANCE, q - 1] = turn_variance + LEAST
+                measured[SLIPS, q - 1] = 0.0
+            carried_over(p, at, carry, spread)
+
+            # Noise of the sample, and what is measured.
+            for j in range(n):
+                of_castor, swivel = carried[robot, j], castors[robot, j].swivel
+                step, changed = of_castor.step, swivel != 0.0
+                held = TURNED if of_castor.kind == TRAILING else CHANGING if changed else STEADY
+                beyond, at_castor = (held * step) ** 2, SWIVEL + j
+                p[at_castor, at_castor] += beyond
+                rounding = step * step / 12.0
+                if not changed:
+                    rounding = REPEATED * rounding if of_castor.kind == TRAILING else 1.0
+                measured[RESIDUAL, j] = -x[at_castor]
+                measured[VARIANCE, j] = rounding + (1.0 if of_castor.kind == FIXED else 0.0)
+                measured[SLIPS, j] = 0.0
+                change = swivel - of_castor.last
+                off = uneven * change * change / (abs(swivel) + abs(of_castor.last) + step + 1e-9)
+                for i in range(m):
+                    if rows[robot, i].castor != j:
+                        continue
+                    by_swing = beyond * found[SWING, i]
+                    p[at_castor, first + i] += by_swing
+                    p[first + i, at_castor] += by_swing
+                    for other in range(m):
+                        if rows[robot, other].castor == j:
+                            p[first + i, first + other] += by_swing * found[SWING, other]
+                    here, variance = n + i, bent(rows[robot, i], found, i, swivel, of_castor.offset, off)
+                    if i < d:
+                        of_wheel = wheels[robot, i]
+                        radius = of_wheel.radius * (1.0 if creeps else math.exp(x[at + i]))
+                        rolled = of_wheel.count * wheel[robot, rows[robot, i].wheel]
+                        variance += filters[f].slip ** 2 * abs(radius * rolled) + LEAST
+                        p[first + i, first + i] += variance / (radius * radius)
+                        x[first + i] += found[LEFT, i] - rolled
+                        measured[RESIDUAL, here] = -x[first + i]
+                        measured[VARIANCE, here] = of_wheel.count**2 / 12.0
+                        measured[SLIPS, here] = (RELEASED / of_wheel.radius) ** 2
+                    else:
+                        measured[RESIDUAL, here] = -found[LEFT, i]
+                        measured[VARIANCE, here] = SIDE_SLIP**2 * found[WAY, i] + LEAST + variance
+                        measured[SLIPS, here] = RELEASED**2
+            residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
+            log_likelihood[robot, f] -= 0.5 * released(
+                p, SWIVEL, moves, residual, variance, slips, gate, factor, whitened, small
+            )
+            for i in range(n, n + m):
+                if slips[i] < 0.0:
+                    freed[robot, f, i] = -slips[i]
+                    if i < n + d:
+                        p[SWIVEL + i, SWIVEL + i] -= slips[i]
+            corrected(x, p, SWIVEL, moves, factor, whitened, small, spread)
+        for j in range(n):
+            carried[robot, j].last = castors[robot, j].swivel
+        believed(start, state, log_likelihood, robot, pose)
+
+
+def believed(start, state, log_likelihood, robot, pose):
+    """Write the pose (B, 3) of a robot in N: the mean of its filters', by their likelihoods."""
+    filters = state.shape[1]
+    most = log_likelihood[robot, 0]
+    for f in range(1, filters):
+        most = max(most, log_likelihood[robot, f])
+    x, y, psi, total = 0.0, 0.0, 0.0, 0.0
+    for f in range(filters):
+        part = math.exp(log_likelihood[robot, f] - most)
+        total += part
+        x += part * state[robot, f, 0]
+        y += part * state[robot, f, 1]
+        psi += part * state[robot, f, 2]
+    pose[robot, 0], pose[robot, 1], pose[robot, 2] = start[robot, 0], start[robot, 1], start[robot, 2]
+    displace(pose, robot, x / total, y / total, psi / total)
+
+
+ADVANCE = Kernel(
+    __name__,
+    "_advance",
+    (
+        *(array(of, 2) for of in (CASTOR, CARRIED, WHEEL, ROW, float, float)),
+        *(array(float, axes) for axes in (3, 4, 2, 2, 3, 2, 2)),
+        array(FILTER, 1),
+        *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2)),
+        REAL,
+        REAL,
+    ),
+)

@@ -1,0 +1,349 @@
+"""The equations of one sample of any robot: all wheels roll, and none slips to its side.
+
+The equations are those of `castor_envs.motion.kinematics`, integrated over one sample. Where wheels and castors turn
+evenly in it, each pivot runs on a circle, and in the body's axes as they stand half-way
+
+    g . t + (g . J p - h cos(d_theta / 2)) a = sinc(turn / 2) rolled + 2 h cos(d_psi / 2) sin(d_theta / 2)
+
+holds exactly, with t the displacement of the body's origin, d_psi its turn and a = 2 sin(d_psi / 2), p the pivot and J
+the turn by +90 degrees, d_theta the castor's swivel against the body, turn = d_psi + d_theta its turn in N, and with e
+and n the castor's rolling direction half-way and its left:
+
+    rolling        g = e + tan(roller angle) n    h = lateral + tan(roller angle) offset    rolled = radius d_phi
+    no side slip   g = n                          h = offset                                rolled = 0
+
+Straight steps have cosines and sinc 1, and angles for their sines. The arithmetic is for one robot at a time and is
+compiled (`castor_envs.kernels`); `EquationsOfSamples` and `solve` are for single steps of robots or stacks of robots.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.errors import Declined
+from castor_envs.geometry.arrays import Array
+from castor_envs.kernels.arguments import INTEGER, array
+from castor_envs.kernels.kernel import Kernel
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.mobility import rows_in_use
+from estimators.protocol import Observation
+from estimators.steps.castor_odometry import displaced, sinc, wrapped
+from estimators.steps.stacked import Part, Stack
+
+RADIUS, LATERAL, OFFSET = 4e-4, 4e-4, 9e-4
+ANGLE = math.radians(0.01)
+"""Relative errors of lengths, and rad, that calibration leaves: means of Doebbler's Table I. Normal driving makes
+wheels slip along their rolling direction by about as much as their radii are off, and hardly sideways."""
+
+TURNS, SWIVEL = 4, 1.0
+"""Revolutions of a wheel, and rad that a castor swivels, over which errors of equations are compared: those of
+dimensions grow on the way, those of wheels' rounded counts do not, and those of pivots' counts average out."""
+
+REFINEMENTS = 6
+"""Times that the right sides are computed anew from the turn found, at most: where the body turns by half a radian in a
+sample, which is more than any does, an error of 1e-10 is left."""
+
+SINGULAR = 1e-12
+"""Of the normal matrix's trace: below it a motion counts as undetermined, and is taken as small."""
+
+RANK = 1e-6
+"""Singular values of all equations below this are 0: rows are numbers near 1 and lengths in m."""
+
+CASTOR = np.dtype(
+    [
+        # where its counts stand in an observation (fixed: any); theta, rad, for a count of its pivot and at count 0
+        ("pivot", np.int64),
+        ("angle_per_count", float),
+        ("angle_zero", float),
+        # its pivot, m
+        ("x", float),
+        ("y", float),
+        # state: theta at the last sample, NaN before the first; its change in the sample, cosine and sine of half of
+        # that, the angle half-way, its cosine and sine
+        ("angle", float),
+        ("swivel", float),
+        ("half_cos", float),
+        ("half_sin", float),
+        ("half_way", float),
+        ("cos", float),
+        ("sin", float),
+    ],
+    align=True,
+)
+ROW = np.dtype(
+    [
+        # the castor, by its place among those in use; the wheel's place in an observation, -1: no side slip
+        ("castor", np.int64),
+        ("wheel", np.int64),
+        # m for a count of the wheel; tangent of the roller angle, NaN of no side slip; h, m; how many wheels have this
+        # equation; 1 / variance up to a factor
+        ("way_per_count", float),
+        ("roller", float),
+        ("arm", float),
+        ("contacts", float),
+        ("weight", float),
+    ],
+    align=True,
+)
+NUMBERS = 7
+G_X, G_Y, LEVER, ROLLED, SWUNG, SWIVELLED, WEIGHT = range(NUMBERS)
+"""Numbers of an equation, as kernels hold them: the row for (t_x, t_y, a); for the right side rolled, 2 h sin(d_theta /
+2) and d_theta; the weight."""
+
+
+def swivelled(castors, robot, pivot, at):
+    """Take a sample of the castors (B, n) of a robot by the counts of pivots (B, p).
+
+    at: where in the step angles are taken, 0.5 half-way, 1.0 at its end.
+    """
+    for i in range(castors.shape[1]):
+        castor = castors[robot, i]
+        after = castor.angle_zero + castor.angle_per_count * pivot[robot, castor.pivot]
+        before = after if math.isnan(castor.angle) else castor.angle
+        castor.angle = after
+        swivel = after - before
+        castor.swivel = swivel if abs(swivel) < math.pi else wrapped(swivel)
+        castor.half_cos, castor.half_sin = math.cos(0.5 * castor.swivel), math.sin(0.5 * castor.swivel)
+        castor.half_way = after - (1.0 - at) * castor.swivel
+        castor.cos, castor.sin = math.cos(castor.half_way), math.sin(castor.half_way)
+
+
+def equation(equations, k, i, castor, x, y, roller, arm, rolled, weight, arc):
+    """Write equation i of robot k into equations (B, m, 7), from its castor as `swivelled` and its pivot x, y (m).
+
+    roller: the tangent of the roller angle; of no side slip NaN.
+    """
+    cos, sin = castor.cos, castor.sin
+    if math.isnan(roller):
+        g_x, g_y = -sin, cos
+    else:
+        g_x, g_y = cos - roller * sin, sin + roller * cos
+    across, along = (castor.half_cos, 2.0 * castor.half_sin) if arc else (1.0, castor.swivel)
+    equations[k, i, G_X], equations[k, i, G_Y] = g_x, g_y
+    equations[k, i, LEVER] = x * g_y - y * g_x - arm * across
+    equations[k, i, ROLLED], equations[k, i, SWUNG] = rolled, arm * along
+    equations[k, i, SWIVELLED], equations[k, i, WEIGHT] = castor.swivel, weight
+
+
+def set_up(castors, rows, robot, wheel, equations, k, arc):
+    """Write the equations of a sample's counts of wheels (B, w) of a robot, rows (B, m), into equations k."""
+    for i in range(rows.shape[1]):
+        row = rows[robot, i]
+        castor = castors[robot, row.castor]
+        rolled = row.way_per_count * wheel[robot, row.wheel] if row.wheel >= 0 else 0.0
+        equation(equations, k, i, castor, castor.x, castor.y, row.roller, row.arm, rolled, row.weight, arc)
+
+
+def solved(equations, k, arc):
+    """Return the displacement x, y (m) in the axes half-way and the turn (rad) that fit equations (B, m, 7) of k best.
+
+    Motions that the equations do not determine at these angles are taken as small.
+    """
+    m = equations.shape[1]
+    xx, xy, xa, yy, ya, aa = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    swung_x, swung_y, swung_a = 0.0, 0.0, 0.0
+    for i in range(m):
+        g_x, g_y, lever = equations[k, i, G_X], equations[k, i, G_Y], equations[k, i, LEVER]
+        weight, swung = equations[k, i, WEIGHT], equations[k, i, SWUNG]
+        by_x, by_y, by_a = weight * g_x, weight * g_y, weight * lever
+        xx += by_x * g_x
+        xy += by_x * g_y
+        xa += by_x * lever
+        yy += by_y * g_y
+        ya += by_y * lever
+        aa += by_a * lever
+        swung_x += by_x * swung
+        swung_y += by_y * swung
+        swung_a += by_a * swung
+    least = SINGULAR * (xx + yy + aa)
+    xx += least
+    l_y, l_a = xy / xx, xa / xx
+    yy += least - l_y * xy
+    l_ay = (ya - l_a * xy) / yy
+    aa += least - l_a * xa - l_ay * l_ay * yy
+    x, y, turn = 0.0, 0.0, 0.0
+    for _ in range(REFINEMENTS):
+        across = math.cos(0.5 * turn) if arc else 1.0
+        r_x, r_y, r_a = across * swung_x, across * swung_y, across * swung_a
+        chord, of_swivel = 1.0, math.nan
+        for i in range(m):
+            if equations[k, i, ROLLED] == 0.0:
+                continue
+            swivel = equations[k, i, SWIVELLED]
+            if arc and swivel != of_swivel:
+                chord, of_swivel = sinc(0.5 * (turn + swivel)), swivel
+            way = equations[k, i, WEIGHT] * chord * equations[k, i, ROLLED]
+            r_x += equations[k, i, G_X] * way
+            r_y += equations[k, i, G_Y] * way
+            r_a += equations[k, i, LEVER] * way
+        r_y -= l_y * r_x
+        r_a -= l_a * r_x + l_ay * r_y
+        a = r_a / aa
+        y = r_y / yy - l_ay * a
+        x = r_x / xx - l_y * y - l_a * a
+        before, turn = turn, 2.0 * math.asin(min(max(0.5 * a, -1.0), 1.0)) if arc else a
+        if turn == before or not arc:
+            break
+    return x, y, turn
+
+
+def _read(castors, rows, equations, wheel, pivot):
+    for robot in range(castors.shape[0]):
+        swivelled(castors, robot, pivot, 0.5)
+        set_up(castors, rows, robot, wheel, equations, robot, 1)
+
+
+def _solve(equations, motion, arc):
+    for k in range(equations.shape[0]):
+        motion[k, 0], motion[k, 1], motion[k, 2] = solved(equations, k, arc)
+
+
+_READ = Kernel(__name__, "_read", (array(CASTOR, 2), array(ROW, 2), array(float, 3), array(float, 2), array(float, 2)))
+_SOLVE = Kernel(__name__, "_solve", (array(float, 3), array(float, 2), INTEGER))
+
+
+class Rows(NamedTuple):
+    """Which equations a robot has: first the rolling of each wheel with an encoder, then no side slip of each castor
+    with a standard wheel. Castors whose angle nobody knows are left out.
+
+    wheels (d,), castors (c,): whose. castor (m,): that of each equation. known: all castors in use. read (d,): places
+    of wheels in an observation. contacts (m,): how many wheels have each: two on one axle both forbid its side slip.
+    """
+
+    geometry: Geometry
+    wheels: NDArray[np.intp]
+    castors: NDArray[np.intp]
+    castor: NDArray[np.intp]
+    known: NDArray[np.intp]
+    read: NDArray[np.intp]
+    contacts: Array
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> "Rows":
+        """Return the equations of a robot; raises Declined if at no angles they determine how the body moves."""
+        used = rows_in_use(geometry)
+        if len(used.castor) == 0:
+            raise Declined("needs wheels with encoders or standard wheels, on castors whose angles are known; has none")
+        angle = np.where(geometry.fixed, geometry.angle, np.arange(1.0, 1.0 + geometry.n_castors))
+        matrix, _ = constraint_matrix(geometry, angle)
+        if np.any(np.linalg.matrix_rank(matrix[..., used.place, :], tol=RANK) < 3):
+            raise Declined(
+                "needs wheels that determine how the body moves; here it may move though no wheel with an encoder "
+                "turns, no castor with one swivels and no standard wheel slips sideways"
+            )
+        standard = np.bincount(geometry.wheel_castor, weights=geometry.standard, minlength=geometry.n_castors)
+        driven = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
+        return cls(
+            geometry=geometry,
+            wheels=used.wheels,
+            castors=used.castors,
+            castor=used.castor,
+            known=np.unique(used.castor),
+            read=np.searchsorted(driven, used.wheels),
+            contacts=np.concatenate([np.ones(len(used.wheels)), standard[used.castors].astype(float)]),
+        )
+
+    @property
+    def angle_per_count(self) -> Array:
+        """What wheels (d,) turn in a count, rad."""
+        return 2 * np.pi / self.geometry.counts_per_rev[self.wheels]
+
+    @property
+    def way_per_count(self) -> Array:
+        """What wheels (..., d) roll in a count, m."""
+        return self.geometry.radius[..., self.wheels] * self.angle_per_count
+
+    def variances(self) -> Array:
+        """Return the variance (..., m) of each equation, m2, over `TURNS` and `SWIVEL`.
+
+        Wheels' counts are rounded at both ends; dimensions are off by `RADIUS`, `LATERAL`, `OFFSET` and `ANGLE`.
+        """
+        geometry = self.geometry
+        swivel = np.where(geometry.fixed, 0.0, SWIVEL)
+        by_lateral = LATERAL * geometry.lateral[..., self.wheels] * swivel[geometry.wheel_castor[self.wheels]]
+        by_offset = OFFSET * geometry.offset[..., self.castors] * swivel[self.castors]
+        way = 2 * np.pi * TURNS * geometry.radius
+        on = geometry.wheel_castor == self.castors[:, None]
+        across = way @ (on / on.sum(axis=1, keepdims=True)).T  # mean of each castor's wheels
+        rolling = self.way_per_count**2 / 6 + (RADIUS * way[..., self.wheels]) ** 2 + by_lateral**2
+        return np.concatenate([rolling, (ANGLE * across) ** 2 + by_offset**2], axis=-1)
+
+    def records(self, weight: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
+        """Return records of the castors in use (..., n), before the first sample, and of the equations (..., m), with
+        weights (..., m)."""
+        geometry, d = self.geometry, len(self.wheels)
+        fixed, lead = geometry.fixed[self.known], geometry.offset.shape[:-1]
+        castors = np.zeros((*lead, len(self.known)), CASTOR)
+        castors["pivot"] = np.where(fixed, 0, np.searchsorted(geometry.sensed, self.known))
+        castors["angle_per_count"] = np.where(fixed, 0.0, 2 * np.pi / geometry.pivot_counts_per_rev[self.known])
+        castors["angle_zero"] = np.where(fixed, geometry.angle[..., self.known], -geometry.pivot_zero[..., self.known])
+        castors["x"], castors["y"] = np.moveaxis(geometry.pivot[..., self.known, :], -1, 0)
+        castors["angle"] = np.nan
+        rows = np.zeros((*lead, len(self.castor)), ROW)
+        rows["castor"], rows["wheel"], rows["wheel"][..., :d] = np.searchsorted(self.known, self.castor), -1, self.read
+        roller = geometry.roller[..., self.wheels]
+        rows["roller"], rows["roller"][..., :d] = np.nan, roller
+        rows["way_per_count"][..., :d] = self.way_per_count
+        rows["arm"] = geometry.offset[..., self.castor]
+        rows["arm"][..., :d] = geometry.lateral[..., self.wheels] + roller * rows["arm"][..., :d]
+        rows["contacts"], rows["weight"] = self.contacts, weight
+        return castors, rows
+
+
+class Equations(NamedTuple):
+    """The m equations of one sample, for (t_x, t_y, a): matrix (..., m, 3) and what both right sides are made of.
+
+    rolled (..., m): m. arm (..., m): h, m. swivel (..., m): d_theta, rad.
+    """
+
+    matrix: Array
+    rolled: Array
+    arm: Array
+    swivel: Array
+
+    def right(self, turn: Array) -> Array:
+        """Return the right sides (..., m), m, where the body turns by `turn` (...), rad."""
+        turn = turn[..., None]
+        chord = np.sinc((turn + self.swivel) / (2 * np.pi))
+        return chord * self.rolled + 2 * self.arm * np.cos(turn / 2) * np.sin(self.swivel / 2)
+
+
+class EquationsOfSamples:
+    """Sets up the equations of one sample after another from encoder readings, of a robot or a stack of robots."""
+
+    def __init__(self, rows: Rows) -> None:
+        records, m = rows.records(np.zeros(len(rows.castor))), len(rows.castor)
+        parts = Part(records[0]), Part(records[1]), Part(np.zeros((m, NUMBERS)), axes=2)
+        self._stack = Stack(_READ, rows.geometry, parts)
+
+    def read(self, observation: Observation) -> Equations:
+        """Take one sample and return its equations; the first is taken to have begun at the angles that it shows."""
+        self._stack.advance(observation)
+        _, rows, equations = self._stack.parts
+        found = equations.copy()
+        return Equations(found[..., : LEVER + 1], found[..., ROLLED], rows["arm"], found[..., SWIVELLED])
+
+
+class Motion(NamedTuple):
+    """The body's motion in one sample: displacement (..., 2) in the axes half-way, m, and turn (...), rad."""
+
+    displacement: Array
+    turn: Array
+
+
+def solve(equations: Equations, weight: Array) -> Motion:
+    """Return the motion that fits equations with weights (..., m), 1 / variance up to a factor, best. See `solved`."""
+    matrix, rolled, arm, swivel = equations
+    parts = np.broadcast_arrays(rolled, 2 * arm * np.sin(swivel / 2), swivel, weight)
+    stacked = np.concatenate([matrix, np.stack(parts, axis=-1)], axis=-1)
+    motion = np.empty((*stacked.shape[:-2], 3))
+    _SOLVE.bind(stacked.reshape(-1, *stacked.shape[-2:]), motion.reshape(-1, 3), 1)()
+    return Motion(motion[..., :2], motion[..., 2])
+
+
+def moved(pose: Array, motion: Motion) -> Array:
+    """Return the pose (..., 3) after a motion."""
+    half_way = pose + np.multiply.outer(motion.turn, (0.0, 0.0, 0.5))
+    return displaced(half_way, motion.displacement[..., 0], motion.displacement[..., 1], motion.turn / 2)
