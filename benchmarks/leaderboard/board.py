@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 
-from benchmarks.leaderboard.ranking import Interval, interval, ranks
+import numpy as np
+
+from benchmarks.leaderboard.ranking import Interval, intervals, ranks
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.references import CEILING, FLOOR, reference_store
@@ -121,13 +123,13 @@ def build(
     store, episodes, refused_episodes = ResultsStore(results), EpisodeStore(results), []
     boards = []
     for task in tasks:
-        rows = [row for row in store.summaries(task.name, task.version) if _usable(task, row, store)]
+        rows = _usable(task, store)
         if cases is not None:
             chosen = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
             rows = [row for row in rows if row.case in chosen]
         reason = (missing or {}).get(task.name) or task.missing
-        recorded = _recorded(task, {row.case for row in rows}, episodes, refused_episodes)
-        references = reference_store(results).summaries(task.name, task.version)
+        recorded = _recorded(task, [row.case for row in rows], episodes, refused_episodes)
+        references = sorted(reference_store(results).summaries(task.name, task.version), key=_by_case)
         left = (left_out or {}).get(task.name, ())
         boards.append(_board(task, rows, references, store, recorded, reason, sources or {}, left))
     current = {task.name: task.version for task in tasks}
@@ -145,25 +147,24 @@ def build(
     )
 
 
-def _usable(task: Task, row: RowSummary, store: ResultsStore) -> bool:
-    """Return whether a task's board can use a row; a row that it cannot use is marked as refused in `store`."""
-    reason = None
-    if row.failure is None and task.metric not in row.scores:
-        reason = f"has no score {task.metric}, by which {task.name} ranks"
-    elif task.missing is None and not _is_case(task, row.case):
-        reason = f"holds case {row.case!r}, which {task.name} does not have"
-    if reason is not None:
+def _usable(task: Task, store: ResultsStore) -> list[RowSummary]:
+    """Return the rows that a task's board can use, in the order of cases; others are marked as refused in `store`."""
+    official = task.cases() if task.missing is None else None
+    seeds, names = official is not None and isinstance(official[0], int), set(official or ())
+    usable = []
+    for row in store.summaries(task.name, task.version):
+        if row.failure is None and task.metric not in row.scores:
+            reason = f"has no score {task.metric}, by which {task.name} ranks"
+        elif official is not None and not (
+            isinstance(row.case, int) and row.case >= 0 if seeds else row.case in names
+        ):  # any seed where cases are seeds, else a name of the task's list
+            reason = f"holds case {row.case!r}, which {task.name} does not have"
+        else:
+            usable.append(row)
+            continue
         path = store.path(row.task, row.version, row.estimator, row.source_hash, row.case)
         store.corrupt.append(CorruptFileError(path, reason))
-    return reason is None
-
-
-def _is_case(task: Task, case: Case) -> bool:
-    """Return whether a task may have a case: any seed where cases are seeds, else a name of its list."""
-    official = task.cases()
-    if isinstance(official[0], int):
-        return isinstance(case, int) and case >= 0
-    return case in official
+    return sorted(usable, key=_by_case)
 
 
 def _recorded(
@@ -171,7 +172,7 @@ def _recorded(
 ) -> dict[Case, str]:
     """Return the digests of stored episodes; those that cannot be used are added to `refused`."""
     digests: dict[Case, str] = {}
-    for case in sorted(cases, key=_case_order):
+    for case in dict.fromkeys(cases):
         try:
             digest = episodes.digest(task.name, task.version, case)
         except CorruptFileError as error:
@@ -212,7 +213,7 @@ def _board(
     newest = {name: entry_rows for name, entry_rows in newest.items() if name not in refused}
     cases = tuple(sorted({row.case for entry_rows in newest.values() for row in entry_rows}, key=_case_order))
     ranking = {
-        name: [row.scores[task.metric] for row in sorted(entry_rows, key=lambda row: _case_order(row.case))]
+        name: [row.scores[task.metric] for row in entry_rows]
         for name, entry_rows in newest.items()
         if len(entry_rows) == len(cases)
         and all(row.failure is None for row in entry_rows)
@@ -260,35 +261,39 @@ def _with_attained(task: Task, rows: list[RowSummary], references: dict[str, lis
     By the ATE, as on a closed square who stands still ends where the robot does; of snapshots by what ranks.
     """
     floor, ceiling = ({row.case: row.scores for row in references.get(name, [])} for name in (FLOOR, CEILING))
-    found = []
-    for row in rows:
-        if row.failure is None and row.case in floor and row.case in ceiling:
-            metric = "ate" if "ate" in row.scores else task.metric
-            part = float(attained(row.scores[metric], floor[row.case][metric], ceiling[row.case][metric]))
-            row = replace(row, scores=row.scores | ({ATTAINED: part} if isfinite(part) else {}))
-        found.append(row)
-    return found
+    both = [row for row in rows if row.failure is None and row.case in floor and row.case in ceiling]
+    metrics = ["ate" if "ate" in row.scores else task.metric for row in both]
+    pairs = list(zip(both, metrics, strict=True))
+    parts = attained(
+        [row.scores[metric] for row, metric in pairs],
+        [floor[row.case][metric] for row, metric in pairs],
+        [ceiling[row.case][metric] for row, metric in pairs],
+    )
+    known = {row.case: part for row, part in zip(both, parts.tolist(), strict=True) if isfinite(part)}
+    return [
+        replace(row, scores={**row.scores, ATTAINED: known[row.case]}) if row.case in known else row for row in rows
+    ]
 
 
 def _entry(
     task: Task, name: str, rows: list[RowSummary], rank: int | None, cases: tuple[Case, ...], store: ResultsStore
 ) -> Entry:
-    good = sorted((row for row in rows if row.failure is None), key=lambda row: _case_order(row.case))
+    good = [row for row in rows if row.failure is None]
     reasons: dict[str, list[Case]] = defaultdict(list)
-    for row in sorted(rows, key=lambda row: _case_order(row.case)):
+    for row in rows:
         if row.failure is not None:
             reasons[row.failure].append(row.case)
     present = {row.case for row in rows}
     source_hash = rows[0].source_hash
+    shared = set(good[0].scores).intersection(*(row.scores for row in good)) if good else set()
+    common = [key for key in BOARD_METRICS if key in shared]
+    table = np.array([[row.scores[key] for row in good] for key in common])
+    means = intervals(table, [BOARD_METRICS[key].within for key in common]) if common else []
     return Entry(
         rank=rank,
         estimator=name,
         source_hash=source_hash,
-        scores={
-            key: interval([row.scores[key] for row in good], metric.within)
-            for key, metric in BOARD_METRICS.items()
-            if good and all(key in row.scores for row in good)
-        },
+        scores=dict(zip(common, means, strict=True)),
         cost=store.load_time(task.name, task.version, name, source_hash),
         done=len(good),
         failed=tuple(
@@ -302,14 +307,18 @@ def _entry(
 
 def _stands_still(rows: list[RowSummary]) -> bool:
     """Return whether the paths of scored rows are, on the whole, no nearer to the truth than the start pose is."""
-    return (
-        sum(row.scores.get("ate", 0.0) - row.scores.get(STANDING_STILL, float("inf")) for row in rows) >= 0 < len(rows)
-    )
+    if not all("ate" in row.scores and STANDING_STILL in row.scores for row in rows):
+        return False
+    return sum(row.scores["ate"] - row.scores[STANDING_STILL] for row in rows) >= 0 < len(rows)
 
 
 def _case_order(case: Case) -> tuple[bool, int, str]:
     """Seeds by number, then names."""
     return (False, case, "") if isinstance(case, int) else (True, 0, case)
+
+
+def _by_case(row: RowSummary) -> tuple[bool, int, str]:
+    return _case_order(row.case)
 
 
 def _entry_order(entry: Entry, metric: str) -> tuple[bool, float, str]:

@@ -7,9 +7,10 @@ luckiest looks better than most. So all pairs are tested together.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,9 +25,13 @@ themselves when one estimator is better in every case, and 2 / 2^5 is more than 
 GENERATORS = 11
 """Sign flips are the 2^11 products of so many. That is all of them for up to 11 cases; for more, 5 % are 102 of 2048,
 and a p-value near 5 % is that of all flips within 0.5 % (one standard deviation)."""
+BLOCK = 5000
+"""Cases whose sign flips are in memory at once: 80 MB."""
 ROUNDING = 1e-9
 """Relative differences up to this count as none: algebraically equal estimators differ by rounding, and sums of
 1e5 terms lose at most 1e-11."""
+MOST_NEWTON = 50
+"""Steps of Newton's method: far more than it takes, were it not for the rounding of its last digits."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,12 @@ class Interval:
 
 
 def interval(scores: ArrayLike, within: tuple[float, float] = (-math.inf, math.inf)) -> Interval:
-    """Return the mean of scores (cases,) with its interval; `within` is where a mean can lie, such as above 0.
+    """Return the mean of scores (cases,) with its interval; `within` is where a mean can lie, such as above 0."""
+    return intervals(np.asarray(scores, dtype=float)[None], [within])[0]
+
+
+def intervals(scores: Array, within: Sequence[tuple[float, float]]) -> list[Interval]:
+    """Return the means of scores (k, cases) with their intervals; `within` says for each where a mean can lie.
 
     Student's t, corrected for skewness by Hall's cubic transformation (P. Hall, "On the removal of skewness by
     transformation", J. R. Statist. Soc. B 54, 1992): with the skewness g of n scores, T = (mean - true mean) / s,
@@ -48,20 +58,51 @@ def interval(scores: ArrayLike, within: tuple[float, float] = (-math.inf, math.i
 
     is symmetric up to terms of 1 / n, so its limits are +-t / sqrt(n), and each has one T.
     """
-    from scipy.special import stdtrit  # slow to import
+    n = scores.shape[1]
+    scale = np.max(np.abs(scores), axis=1, initial=0.0, keepdims=True)
+    scale[scale == 0] = 1.0  # squares of very large and very small scores stay finite
+    values = scores / scale
+    mean = np.mean(values, axis=1, keepdims=True)
+    if n < FEWEST_CASES:
+        return [Interval(of, None, None) for of in (mean * scale)[:, 0].tolist()]
+    deviation = np.std(values, axis=1, keepdims=True)
+    scatter = (values - mean) / np.where(deviation > 0, deviation, 1.0)
+    skewness = np.mean(scatter * scatter * scatter, axis=1, keepdims=True)
+    limit = student_t((1 + LEVEL) / 2, n - 1) / math.sqrt(n)
+    limits = _before_transformation(np.array([limit, -limit]), skewness, n)
+    ends = (mean - limits * deviation * math.sqrt(n / (n - 1))) * scale
+    low, high = np.clip(ends.T, *np.transpose(within))
+    return list(map(Interval, (mean * scale)[:, 0].tolist(), low.tolist(), high.tolist()))
 
-    values, scale = _scaled(np.asarray(scores, dtype=float))
-    mean = float(np.mean(values))
-    if len(values) < FEWEST_CASES:
-        return Interval(mean * scale, None, None)
-    n, deviation = len(values), float(np.std(values))
-    limits = np.zeros(2)
-    if deviation > 0:
-        skewness = float(np.mean(((values - mean) / deviation) ** 3))
-        limit = stdtrit(n - 1, (1 + LEVEL) / 2) / math.sqrt(n)
-        limits = _before_transformation(np.array([limit, -limit]), skewness, n)
-    low, high = np.clip((mean - limits * deviation * math.sqrt(n / (n - 1))) * scale, *within)
-    return Interval(mean * scale, float(low), float(high))
+
+@lru_cache(maxsize=64)
+def student_t(probability: float, freedom: int) -> float:
+    """Return the quantile of Student's t distribution, of a probability above a half.
+
+    Newton's method on the finite sums for whole degrees of freedom (M. Abramowitz and I. Stegun, *Handbook of
+    Mathematical Functions*, 1964, 26.7.3 and 26.7.4). SciPy has it too, and takes a quarter of a second to import.
+    """
+    k = np.arange(1, freedom // 2)
+    odd = freedom % 2
+    ratios = 2 * k / (2 * k + 1) if odd else (2 * k - 1) / (2 * k)
+    log_density = math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2) - math.log(math.pi * freedom) / 2
+    t = NormalDist().inv_cdf(probability)
+    for _ in range(MOST_NEWTON):
+        angle = math.atan(t / math.sqrt(freedom))
+        cos2 = math.cos(angle) ** 2
+        total = 1 + float(np.sum(np.cumprod(ratios * cos2)))
+        if freedom == 1:
+            within = 2 * angle / math.pi
+        elif odd:
+            within = 2 / math.pi * (angle + math.sin(angle) * math.cos(angle) * total)
+        else:
+            within = math.sin(angle) * total
+        density = math.exp(log_density - (freedom + 1) / 2 * math.log1p(t * t / freedom))
+        step = (probability - (1 + within) / 2) / density
+        t += step
+        if abs(step) <= 1e-13 * t:
+            break
+    return t
 
 
 def ranks(scores: Mapping[str, ArrayLike], rounding: float = 0.0) -> dict[str, int]:
@@ -127,7 +168,8 @@ def different(scores: ArrayLike, rounding: float = 0.0) -> NDArray[np.bool_]:
     level = np.mean(np.abs(table), axis=1)
     real = rms > np.maximum(ROUNDING * np.maximum(level[first], level[second]), rounding)
     d = np.where(real[:, None], d / np.where(real, rms, 1.0)[:, None], 0.0)
-    flipped = np.abs(_sign_flips(cases) @ d.T) / cases  # the first of the flips flips none
+    sums = sum(_sign_flips(cases, k) @ d[:, k : k + BLOCK].T for k in range(0, cases, BLOCK))
+    flipped = np.abs(sums) / cases  # the first of the flips flips none
     order = np.argsort(flipped[0], kind="stable")
     seen = flipped[0, order]
     largest = np.maximum.accumulate(flipped[:, order], axis=1)
@@ -139,25 +181,29 @@ def different(scores: ArrayLike, rounding: float = 0.0) -> NDArray[np.bool_]:
 
 
 @lru_cache(maxsize=8)
-def _sign_flips(cases: int) -> Array:
+def _sign_flips(cases: int, first: int = 0) -> Array:
     """Return sign flips (flips, cases), +-1, that form a group: the product of any two is one of them too.
 
     Only with a group is the level exact when not all flips are taken (J. Hemerik and J. Goeman, "Exact testing with
-    random group invariance tests", TEST 27, 2018); a fixed random choice of flips keeps it only on average.
+    random group invariance tests", TEST 27, 2018); a fixed random choice of flips keeps it only on average. Of many
+    cases only those of a block, from the first on.
     """
     n = min(cases, GENERATORS)
     generators = np.random.default_rng(0).integers(2, size=(n, cases))
     generators[:, :n] = np.eye(n, dtype=int)
-    chosen = np.arange(2**n)[:, None] >> np.arange(n) & 1
-    return 1.0 - 2.0 * (chosen @ generators % 2)
+    block = 1.0 - 2.0 * generators[:, first : first + BLOCK]
+    flips = np.ones((1, block.shape[1]))
+    for generator in block:
+        flips = np.concatenate([flips, flips * generator])
+    return flips
 
 
-def _before_transformation(limits: Array, skewness: float, cases: int) -> Array:
-    """Return the T that Hall's transformation maps to the given limits."""
-    if abs(skewness) < 1e-6:  # the transformation is linear to 1e-6 then, and the division below loses digits
-        return limits
+def _before_transformation(limits: Array, skewness: Array, cases: int) -> Array:
+    """Return the T (k, 2) that Hall's transformation maps to the given limits (2,), with skewnesses (k, 1)."""
     moved = limits - skewness / (6 * cases)
-    return 3 * (np.cbrt(1 + skewness * moved) - 1) / skewness
+    linear = np.abs(skewness) < 1e-6  # the transformation is linear to 1e-6 then, and the division would lose digits
+    divisor = np.where(linear, 1.0, skewness)
+    return np.where(linear, limits, 3 * (np.cbrt(1 + skewness * moved) - 1) / divisor)
 
 
 def _scaled(values: Array) -> tuple[Array, float]:

@@ -1,8 +1,9 @@
 """Recorded episodes, kept so that every estimator is judged on the same episodes and scores can be computed again."""
 
+import contextlib
 import json
 import re
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -18,6 +19,7 @@ from benchmarks.results.archives import (
     read_metadata,
     write_archive,
 )
+from benchmarks.results.kept import kept_beside
 from benchmarks.results.provenance import Origin, provenance, world_digest
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
 from castor_envs.description import CONFIG, Length
@@ -35,6 +37,7 @@ from estimators.plugins.registry import load_estimator
 FORMAT = "castor-episode/3"
 BELIEFS_FORMAT = "castor-beliefs/1"
 RECORDINGS_FORMAT = "castor-recordings/1"
+SUMMARY_FORMAT = "castor-episodes/1"
 _PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "fix", "fix_age", "rps", "rps_age")
 
 
@@ -95,6 +98,7 @@ class EpisodeStore:
 
     def __init__(self, results: Path):
         self.root = results / "episodes"
+        self._kept: dict[Path, dict[str, list[Any]]] = {}
 
     def path(self, task: str, version: int, case: Case) -> Path:
         """Return the file of an episode."""
@@ -110,7 +114,7 @@ class EpisodeStore:
         path = self.path(task, version, case)
         try:
             status = path.stat()
-            stored = _stored(path, status.st_mtime_ns, status.st_size)
+            stored = self._stored(path, [status.st_mtime_ns, status.st_size])
         except (OSError, OlderFormatError):
             return None
         _check_place(path, stored, task, version, case)
@@ -189,6 +193,16 @@ class EpisodeStore:
         }
         write_archive(self.path(task.name, task.version, case), _ADAPTER, metadata, arrays)
 
+    def _stored(self, path: Path, stamp: list[int]) -> "_Stored":
+        """Return what a file says with this time of change (ns) and size; it is read once."""
+        folder = path.parent
+        if folder not in self._kept:
+            self._kept[folder] = kept_beside(folder, SUMMARY_FORMAT, _summary)
+        entry = self._kept[folder].get(path.name)
+        if entry is None or entry[:2] != stamp:
+            entry = self._kept[folder][path.name] = [*stamp, *_read(path)]
+        return _Stored(*entry[2:])
+
 
 def write_episode(folder: Path, episode: Episode) -> None:
     """Write an episode for people and other programs: robot.json or train.json and a log a run, such as run-01-cw.csv.
@@ -243,13 +257,17 @@ class _Stored(NamedTuple):
     odometry_source: str | None
 
 
-@lru_cache(maxsize=100_000)  # a run asks for each episode when it plans, when it works, and for the board
-def _stored(path: Path, changed: int, size: int) -> _Stored:
-    """Return what a file says that was changed at this time (ns) and has this size."""
+def _read(path: Path) -> _Stored:
     metadata = read_metadata(path, FORMAT, _ADAPTER)
     odometry = metadata.calibration
     of = (None, None) if odometry is None else (odometry.odometry, odometry.odometry_source)
     return _Stored(metadata.task, metadata.task_version, metadata.case, metadata.digest, metadata.origin.world, *of)
+
+
+def _summary(path: Path) -> list[Any] | None:
+    with contextlib.suppress(CorruptFileError, OSError):
+        return list(_read(path))
+    return None
 
 
 @cache

@@ -3,7 +3,7 @@
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/<case>.npz    a row: metadata, scores, trajectories
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     the CPU time of an update in this task
     RESULTS/references/...                                                the same; see `references`
-    RESULTS/rows/<task>@<version>/summary.json  what boards need of its rows, made from them: it may be deleted
+    RESULTS/rows/<task>@<version>/summary.json  what boards need of its rows; see `kept`
     RESULTS/episodes/...                                                  see `episodes`
 
 A row holds for one task version, one estimator's source and one recorded episode (by its digest, which covers the
@@ -11,12 +11,10 @@ robot); if any of these differs, it is another row. Files are written whole or n
 leaves only whole files, and the next run computes what is missing.
 """
 
-import contextlib
-import json
 import os
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import UTC
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -28,53 +26,30 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from benchmarks.results.archives import CorruptFileError, OlderFormatError, checked, read_archive, write_archive
 from benchmarks.results.episodes import Hash, Name, StoredCase, file_name
+from benchmarks.results.kept import kept_beside
 from benchmarks.results.provenance import Origin, provenance
 from benchmarks.tasks.task import Case
 from castor_envs.description import CONFIG, Duration
 from castor_envs.errors import InputError
-from castor_envs.files import remove_leftovers, write_atomically, write_json
+from castor_envs.files import remove_leftovers, write_json
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.uncertainty import invalid
 
 ROW_FORMAT = "castor-row/2"
 TIME_FORMAT = "castor-time/3"
-SUMMARY, SUMMARY_FORMAT = "summary.json", "castor-summary/1"
+SUMMARY_FORMAT = "castor-summary/2"
 DECLINED = "declined: "
 """Beginning of a row's failure where the estimator declined the robot; the estimator's reason follows."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen: boards make 1e5 of them
 class RowSummary:
-    """What boards and plans need of a row: fields as of `Row`, and when it was made."""
-
-    task: str
-    version: int
-    estimator: str
-    source_hash: str
-    case: Case
-    episode: str
-    robot_hash: str
-    failure: str | None
-    timeout: float | None
-    scores: dict[str, float]
-    created: str
-
-    @property
-    def refusal(self) -> str | None:
-        """Why the estimator declined the robot, None if it did not."""
-        return refusal_of(self.failure)
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """What one estimator did in one case of a task.
+    """What one estimator did in one case of a task: what boards and plans need of it.
 
     episode, robot_hash: of the episode it ran on. failure: None, or why there are no scores. timeout: the time limit
-    that a failed row exceeded, s; a run with a longer limit tries again. scores: SI, by the names of metrics.
-    estimates: for each run the poses (M, 3) at `task.Run.samples`. covariances, stated: what the estimator said beside,
-    as in `scoring.metric.Judged`. calibrated: the robot as a calibration method returned it; then `estimator` names the
-    method, and the estimates are those of the task's odometry. origin: versions, machine and time.
+    that a failed row exceeded, s; a run with a longer limit tries again. scores: SI, by the names of metrics. created:
+    when, UTC, in ISO 8601.
     """
 
     task: str
@@ -87,23 +62,36 @@ class Row:
     failure: str | None = None
     timeout: float | None = None
     scores: dict[str, float] = field(default_factory=dict)
-    estimates: tuple[Array, ...] = ()
-    covariances: tuple[Array | None, ...] = ()
-    stated: tuple[NDArray[np.bool_] | None, ...] = ()
-    calibrated: RobotDescription | None = None
-    origin: Origin = field(default_factory=provenance)
+    created: str = ""
 
     @property
     def refusal(self) -> str | None:
         """Why the estimator declined the robot, None if it did not."""
         return refusal_of(self.failure)
 
-    @property
-    def summary(self) -> RowSummary:
-        """The row without its trajectories."""
-        what = self.task, self.version, self.estimator, self.source_hash, self.case, self.episode, self.robot_hash
-        created = self.origin.created.astimezone(UTC).isoformat()
-        return RowSummary(*what, self.failure, self.timeout, self.scores, created)
+
+@dataclass(eq=False)
+class Row(RowSummary):
+    """A row with its trajectories, as it is stored.
+
+    estimates: for each run the poses (M, 3) at `task.Run.samples`. covariances, stated: what the estimator said beside,
+    as in `scoring.metric.Judged`. calibrated: the robot as a calibration method returned it; then `estimator` names the
+    method, and the estimates are those of the task's odometry. origin: versions, machine and time, which `created`
+    repeats.
+    """
+
+    estimates: tuple[Array, ...] = ()
+    covariances: tuple[Array | None, ...] = ()
+    stated: tuple[NDArray[np.bool_] | None, ...] = ()
+    calibrated: RobotDescription | None = None
+    origin: Origin = field(default_factory=provenance)
+
+    def __post_init__(self):
+        self.created = self.origin.created.astimezone(UTC).isoformat()
+
+
+_SUMMARISED = tuple(part.name for part in fields(RowSummary))[2:]
+"""What is kept of a row beside its file, whose folder says task and version."""
 
 
 def refusal_of(failure: str | None) -> str | None:
@@ -215,25 +203,15 @@ class ResultsStore:
     def summaries(self, task: str, version: int) -> list[RowSummary]:
         """Return all rows of a task version without their trajectories, estimator by estimator.
 
-        A file is opened once: what it says is kept beside (`summary.json`), and holds as long as its size and time of
-        change stay the same.
+        A file is opened once, as long as it stays the same (see `kept`).
         """
-        folder = self.root / f"{task}@{version}"
-        kept, found = _kept_summaries(folder / SUMMARY), {}
-        for place in sorted(path for path in folder.glob("*") if path.is_dir()):
-            for file in sorted(os.scandir(place), key=lambda file: file.name):
-                if not file.name.endswith(".npz") or file.name.startswith("."):
-                    continue
-                key, status = f"{place.name}/{file.name}", file.stat()
-                stamp = [status.st_mtime_ns, status.st_size]
-                if key in kept and kept[key][0] == stamp:
-                    found[key] = kept[key]
-                elif (row := self._read(Path(file.path), task, version)) is not None:
-                    found[key] = [stamp, *astuple(row.summary)[2:]]
-        if found != kept:
-            with contextlib.suppress(OSError):  # of a folder that may only be read
-                write_atomically(folder / SUMMARY, json.dumps({"format": SUMMARY_FORMAT, "rows": found}))
-        return [RowSummary(task, version, *stored) for _, *stored in found.values()]
+
+        def read(path: Path) -> list[Any] | None:
+            row = self._read(path, task, version)
+            return None if row is None else [getattr(row, name) for name in _SUMMARISED]
+
+        kept = kept_beside(self.root / f"{task}@{version}", SUMMARY_FORMAT, read)
+        return [RowSummary(task, version, *stored) for _, _, *stored in kept.values()]
 
     def versions(self) -> list[tuple[str, int]]:
         """Return the names and versions of all tasks that have rows."""
@@ -280,15 +258,6 @@ class ResultsStore:
         except CorruptFileError as error:
             self.corrupt.append(error)
         return None
-
-
-def _kept_summaries(path: Path) -> dict[str, list[Any]]:
-    """Return what is kept of rows by their files, nothing if it is not there or cannot be used."""
-    try:
-        stored = json.loads(path.read_bytes())
-        return stored["rows"] if stored["format"] == SUMMARY_FORMAT else {}
-    except (OSError, ValueError, TypeError, LookupError):
-        return {}
 
 
 def check_results_folder(results: Path, write: bool = True) -> None:

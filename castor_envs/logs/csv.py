@@ -45,7 +45,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import OPTIONAL, REQUIRED, Log, pivot_jumps
 from castor_envs.logs.reference import TimedPoses
-from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
+from castor_envs.logs.table import Line, check_width, complaint, number, numbers, read_lines
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
 
@@ -118,12 +118,14 @@ def _split(columns: LogColumns, place: dict[str, int], rows: list[Line]) -> tupl
 def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], rows: list[Line]) -> Array:
     """Return the numbers of a part's columns (K, n), or (K,), NaN where cells may be blank and are."""
     present = [(name, place[name]) for name in getattr(columns, part) if name in place]
+    if part not in _MAY_BE_BLANK:
+        values = numbers(path, rows, dict(present))
+        return values[:, 0] if part in _FLAT else values
     values = np.full((len(rows), len(present)), np.nan)
     for k, row in enumerate(rows):
         for group in _groups(part, len(present)):
-            if part in _MAY_BE_BLANK and _blank(path, row, present[group]):
-                continue
-            values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
+            if not _blank(path, row, present[group]):
+                values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
     return values[:, 0] if part in _FLAT else values
 
 

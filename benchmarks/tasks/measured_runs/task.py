@@ -1,6 +1,6 @@
 """Drives of measured robots: every session that a folder holds is a case."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -68,7 +68,7 @@ class MeasuredDrives:
         """Return a session's test runs."""
         if self.data is None:
             raise ValueError(self.missing)
-        path = importer(self.importer).find(self.data)[str(case)]
+        path = _found(self.importer, self.data)[str(case)]
         by = max(self._sessions().values(), key=self._grip) if self.one_robot else path
         session = _session(self.importer, path, self.way)
         assert session is not None
@@ -86,17 +86,20 @@ class MeasuredDrives:
 
     def _sessions(self) -> dict[str, Path]:
         assert self.data is not None
-        return {
-            name: path
-            for name, path in importer(self.importer).find(self.data).items()
-            if self._serves(_session(self.importer, path, self.way))
-        }
+        found = _found(self.importer, self.data)
+        return {name: path for name, path in found.items() if self._serves(_session(self.importer, path, self.way))}
 
     def _serves(self, session: "Divided | None") -> bool:
         return session is not None and self.layout(session[0]) and bool(session[1]) and bool(session[2])
 
 
 Divided = tuple[RobotDescription, tuple, tuple]
+
+
+@cache  # a run asks for each case's name, and to look for them walks all folders
+def _found(name: str, data: Path) -> Mapping[str, Path]:
+    """Return the sessions in a folder, by name."""
+    return importer(name).find(data)
 
 
 @cache

@@ -37,7 +37,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.importers import Importer
 from castor_envs.logs.log import Log
 from castor_envs.logs.reference import TimedPoses
-from castor_envs.logs.table import Line, check_width, complaint, number, read_lines
+from castor_envs.logs.table import Line, check_width, complaint, number, numbers, read_lines
 from castor_envs.vehicles.axle import AxleCorrection, with_axle
 from castor_envs.vehicles.presets import differential, omni3, tricycle
 from castor_envs.vehicles.robot import RobotDescription
@@ -256,15 +256,13 @@ def read_rows(path: Path, kind: str, first: tuple[str, ...]) -> tuple[Array, Arr
     lines = read_lines(path)
     if len(lines) < 2:
         raise complaint(path, None, None, f"a run needs at least 2 rows, not {len(lines)}")
-    rows = []
     for line in lines:
         check_width(path, line, len(names), "columns of a run")
-        row = [number(path, line.number, name, cell) for name, cell in zip(names, line.cells, strict=True)]
-        if rows and row[0] <= rows[-1][0]:
-            message = f"{row[0]!r} does not come after {rows[-1][0]!r}; times must increase"
-            raise complaint(path, line.number, "time", message)
-        rows.append(row)
-    truth, odometry = np.split(np.array(rows), [len(first)], axis=1)
+    rows = numbers(path, lines, {name: k for k, name in enumerate(names)})
+    for k in np.flatnonzero(np.diff(rows[:, 0]) <= 0)[:1]:
+        message = f"{float(rows[k + 1, 0])!r} does not come after {float(rows[k, 0])!r}; times must increase"
+        raise complaint(path, lines[k + 1].number, "time", message)
+    truth, odometry = np.split(rows, [len(first)], axis=1)
     rolled = odometry[:, columns.wheels]
     rolled[0] = 0.0
     pivot = np.empty((len(rows), 0))

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import stdtr
 
-from benchmarks.leaderboard.ranking import FEWEST_CASES, Interval, different, interval, ranks
+from benchmarks.leaderboard import ranking
+from benchmarks.leaderboard.ranking import FEWEST_CASES, Interval, different, interval, ranks, student_t
 
 
 @pytest.mark.parametrize(
@@ -153,3 +155,20 @@ def test_ranks_do_not_depend_on_the_unit(seed):
     random = np.random.default_rng(seed)
     scores = {name: random.uniform(1, 2 + k / 4, 20) for k, name in enumerate("abcd")}
     assert ranks({name: 1000 * values for name, values in scores.items()}) == ranks(scores)
+
+
+@pytest.mark.parametrize("probability", [0.6, 0.975, 0.9999])
+def test_quantiles_of_students_distribution_have_their_probability(probability):
+    for freedom in (*range(1, 60), 999, 10**4, 10**5):
+        assert stdtr(freedom, student_t(probability, freedom)) == pytest.approx(probability, rel=1e-11)
+
+
+def test_cases_in_blocks_are_told_apart_as_all_at_once(monkeypatch):
+    scores = np.random.default_rng(12).normal(5, 1, (6, 45)) + np.arange(6)[:, None] / 4
+    together = different(scores)
+    ranking._sign_flips.cache_clear()
+    monkeypatch.setattr(ranking, "BLOCK", 7)
+    assert together.any()
+    assert not together.all()
+    np.testing.assert_array_equal(different(scores), together)
+    ranking._sign_flips.cache_clear()

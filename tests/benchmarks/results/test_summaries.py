@@ -1,12 +1,15 @@
-"""Boards and plans open a row's file once: summaries hold as long as it is unchanged."""
+"""Boards and plans open the file of a row or an episode once: summaries hold as long as it is unchanged."""
 
 import os
 
 import numpy as np
 import pytest
 
+from benchmarks.results import episodes as episodes_module
 from benchmarks.results import rows as rows_module
-from benchmarks.results.rows import SUMMARY, ResultsStore, Row
+from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.kept import SUMMARY
+from benchmarks.results.rows import ResultsStore, Row
 
 CASES = range(5)
 
@@ -49,7 +52,7 @@ def test_a_summary_is_that_of_its_row(opened):
         for row, summary in zip(
             ResultsStore(results).rows("arcs", 1), ResultsStore(results).summaries("arcs", 1), strict=True
         ):
-            assert vars(row.summary) == vars(summary)
+            assert vars(summary) == {name: getattr(row, name) for name in vars(summary)}
 
 
 def test_changed_new_and_removed_rows_are_seen(opened):
@@ -72,7 +75,7 @@ def test_a_damaged_row_is_named_each_time_and_a_damaged_summary_made_anew(opened
         store = ResultsStore(results)
         assert len(store.summaries("arcs", 1)) == len(CASES) - 1
         assert [error.path for error in store.corrupt] == [path]
-    for text in ("", "[]", '{"format": "castor-summary/0", "rows": {}}'):
+    for text in ("", "[]", '{"format": "castor-summary/0", "files": {}}'):
         (results / "rows" / "arcs@1" / SUMMARY).write_text(text)
         del files[:]
         assert len(scores(results)) == len(CASES) - 1
@@ -86,3 +89,28 @@ def test_a_folder_that_may_only_be_read_is_read(opened):
     folder.chmod(0o500)
     assert len(scores(results)) == len(CASES)
     folder.chmod(0o700)
+
+
+def test_episodes_are_opened_once_and_seen_when_they_change(tmp_path, monkeypatch, fake_tasks):
+    task = fake_tasks.Arcs()
+    opened, read = [], episodes_module.read_metadata
+    for case in (1, 2):
+        EpisodeStore(tmp_path).save(task, case, task.record(case))
+    monkeypatch.setattr(
+        episodes_module, "read_metadata", lambda path, *others: opened.append(path.name) or read(path, *others)
+    )
+
+    def digests():
+        store = EpisodeStore(tmp_path)
+        return {case: store.digest(task.name, task.version, case) for case in (1, 2, 3)}
+
+    first = digests()
+    assert first == {1: task.record(1).digest, 2: task.record(2).digest, 3: None} == digests()
+    assert sorted(opened) == ["1.npz", "2.npz"]
+    store = EpisodeStore(tmp_path)
+    assert store.digest(task.name, task.version, 1) == first[1]
+    store.save(task, 2, task.record(5))
+    store.save(task, 3, task.record(3))
+    changed = {case: store.digest(task.name, task.version, case) for case in (1, 2, 3)}
+    assert changed[1] == first[1] != changed[2] != first[2]
+    assert digests() == changed

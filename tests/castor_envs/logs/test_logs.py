@@ -15,6 +15,7 @@ from castor_envs.errors import InputError
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.logs.table import Line, numbers
 from castor_envs.logs.trajectory_files import export_kitti, export_trajectory, export_tum
 from castor_envs.vehicles.presets import cfmmr, preset
 
@@ -539,3 +540,16 @@ def test_a_header_is_listed_as_far_as_people_read_it(tmp_path, extra):
     said = str(error.value)
     assert len(said) < 600
     assert (f"({len(names)} columns)" in said) == (extra > 0)
+
+
+@given(st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-1, 1)), min_size=1))
+def test_numbers_are_read_bit_for_bit_as_python_reads_them(rows):
+    lines = [Line(k, [repr(a), "kept", f" {b!r}"]) for k, (a, b) in enumerate(rows)]
+    np.testing.assert_array_equal(numbers(Path("log.csv"), lines, {"a": 0, "b": 2}), rows)
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "1e999", "1_000", "one"])
+def test_a_cell_that_is_no_finite_number_is_named_with_its_place(cell):
+    lines = [Line(1, ["1", "2"]), Line(2, ["3", cell])]
+    with pytest.raises(InputError, match=r"log\.csv:2: column 'b'"):
+        numbers(Path("log.csv"), lines, {"a": 0, "b": 1})
