@@ -35,10 +35,7 @@ def figures_of(folders: list[Path]) -> Figures:
 def table(figures: Figures) -> str:
     """Return the table of all rates, a column for each trial and finder."""
     trials = figures["trials"]
-    heads = [
-        f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases"
-        for trial in trials
-    ]
+    heads = [f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for trial in trials]
     rows = [["", *heads], ["---"] * (len(heads) + 1)]
     for k, rate in enumerate(trials[0]["rates"]):
         rows.append([rate["what"].replace("  ", "– "), *(_cell(trial["rates"][k]) for trial in trials)])

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from castor_envs.envs.actions import finite
 from castor_envs.errors import Declined, InputError, one_line
 from castor_envs.geometry.arrays import Array
 from castor_envs.sensors.observation import Observation
@@ -25,7 +26,7 @@ class Follower:
             self._estimator.reset(vehicle, pose.copy())
         except Declined as error:
             raise InputError(f"{entry.name} does not serve {vehicle.name!r}: {error}") from None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise InputError(f"{entry.name} failed to start: {one_line(error)}") from None
         self.take(first)
 
@@ -39,10 +40,10 @@ class Follower:
         pose = np.full(self._shape, np.nan)
         if self.problem is None:
             try:
-                given = np.array(self._estimator.update({k: v.copy() for k, v in observation.items()}), dtype=float)
-                if given.shape != self._shape or not np.isfinite(given).all():
-                    raise ValueError(f"poses are finite numbers of shape {self._shape}, got {given}")
-                pose = given
-            except Exception as error:
+                given = self._estimator.update({k: v.copy() for k, v in observation.items()})
+                if given is None:
+                    raise ValueError("update returns None")
+                pose = finite(given, self._shape, "what update returns").copy()
+            except (Exception, SystemExit) as error:
                 self.problem = one_line(error)
         self.poses.append(pose)

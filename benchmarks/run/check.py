@@ -1,7 +1,7 @@
 """The conformance check in a worker process, which also detects a plug-in that hangs or ends its process."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -57,6 +57,24 @@ def load_apart(spec: str, timeout: float, load: Callable[[str], Any] = load_esti
         raise InputError(f"{kind} {spec!r} cannot be loaded: {lost.finding.message}") from None
     except RuntimeError as error:
         raise InputError(f"{kind} {spec!r} cannot be loaded: {error}") from None
+    finally:
+        worker.close()
+
+
+def refusals_apart(spec: str, vehicles: Sequence[Vehicle], timeout: float) -> list[str | None]:
+    """Return why a plug-in declines each robot or train, None where it does not, asked in a separate process.
+
+    timeout: s, for each. Where it hangs or ends its process, None: the run will find out.
+    """
+    worker, reasons = _Worker(timeout), []
+    try:
+        worker.call(_ready, limited=False)
+        for vehicle in vehicles:
+            try:
+                reasons.append(worker.call(_refusal, spec, vehicle))
+            except (_LostError, RuntimeError):
+                return [*reasons, *[None] * (len(vehicles) - len(reasons))]
+        return reasons
     finally:
         worker.close()
 

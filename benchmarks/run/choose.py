@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import overload
 
 from benchmarks.leaderboard import board as boards
-from benchmarks.run.check import Load, load_apart
+from benchmarks.run.check import Load, load_apart, refusals_apart
 from benchmarks.run.evaluate import Competitor
 from benchmarks.run.plan import Assignment
 from benchmarks.run.task_plugins import is_plugged, with_plugged
@@ -70,7 +70,10 @@ def choose(
         raise InputError("; ".join(dict.fromkeys(f"{task.missing}" for task in tasks)))
     entries = entries_named(estimators, timeout, load_estimator)
     method_entries = entries_named(methods, timeout, load_calibration)
-    left_out = not_serving(entries, [task for task in runnable if odometry_of(task) is None])
+    others = (
+        () if named else [task for task in judging(known, bool(estimators), bool(methods), named) if not task.standard]
+    )
+    left_out = not_serving(entries, _of_estimators(runnable), timeout, _of_estimators(others))
     plan = []
     for task in runnable:
         if not (entries or method_entries):
@@ -155,20 +158,42 @@ _estimator, _method = cache(load_estimator), cache(load_calibration)
 """Load a built-in one once for all tasks."""
 
 
-def not_serving(entries: Sequence[EstimatorEntry], tasks: Sequence[Task]) -> dict[str, list[boards.DeclinedEstimator]]:
-    """Return the built-in estimators among `entries` that do not serve a task's robot, by task.
+def not_serving(
+    entries: Sequence[EstimatorEntry], tasks: Sequence[Task], timeout: float, others: Sequence[Task] = ()
+) -> dict[str, list[boards.DeclinedEstimator]]:
+    """Return the estimators among `entries` that decline a task's robot, by task.
 
-    Raises InputError for an estimator that serves none of the tasks.
+    timeout: s, for a plug-in to answer for a robot. others: tasks that were not chosen, but could be. Raises InputError
+    for an estimator that serves none of the tasks, with those of the others that it serves.
     """
     left_out: dict[str, list[boards.DeclinedEstimator]] = {}
     for entry in entries:
-        reasons = {task.name: reason for task in tasks if (reason := entry.applicable(task.robot)) is not None}
+        reasons = _refusals(entry, tasks, timeout)
         if tasks and len(reasons) == len(tasks):
             why = "; ".join(dict.fromkeys(reasons.values()))
-            raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}")
+            declining = _refusals(entry, others, timeout)
+            served = [task.name for task in others if task.name not in declining]
+            hint = f"; --task takes those that it serves: {', '.join(served)}" if served else ""
+            raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}{hint}")
         for task, reason in reasons.items():
             left_out.setdefault(task, []).append(boards.DeclinedEstimator(entry.name, reason))
     return left_out
+
+
+def _refusals(entry: EstimatorEntry, tasks: Sequence[Task], timeout: float) -> dict[str, str]:
+    """Return why an estimator declines tasks' robots, by task; each robot is asked for once."""
+    robots = {task.robot.hash(): task.robot for task in tasks}
+    if entry.builtin:
+        reasons = [entry.applicable(robot) for robot in robots.values()]
+    else:
+        reasons = refusals_apart(entry.spec, list(robots.values()), timeout)
+    by_robot = dict(zip(robots, reasons, strict=True))
+    return {task.name: reason for task in tasks if (reason := by_robot[task.robot.hash()]) is not None}
+
+
+def _of_estimators(tasks: Sequence[Task]) -> list[Task]:
+    """Return the tasks that judge estimators."""
+    return [task for task in tasks if odometry_of(task) is None]
 
 
 def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[str]:

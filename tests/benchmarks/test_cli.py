@@ -290,14 +290,13 @@ class Choosy:
 """
 
 
-def test_a_plug_in_that_declines_the_robot_is_no_row_and_no_success(jobs_here, castor_bench, plugin):
+def test_a_plug_in_that_declines_every_robot_is_refused_before_anything_is_recorded(jobs_here, castor_bench, plugin):
     Path("choosy.py").write_text(CHOOSY)
     arguments = ("run", "--task", "arcs", "--cases", 1, "--jobs", 1, "--estimator")
     code, out, err = castor_bench(*arguments, plugin("followers:Follower"), "--estimator", "choosy.py")
-    assert code == 1, err
-    assert "choosy:Choosy declines this robot: needs six legs" in out
-    assert "choosy:Choosy failed" not in out
-    assert err.endswith("not all succeeded: choosy:Choosy declined every task; the reasons are above\n")
+    assert (code, out) == (2, "")
+    assert err == "error: estimator 'choosy:Choosy' does not serve the robot of any chosen task: needs six legs\n"
+    assert not Path("castor-results").exists()
     assert castor_bench(*arguments, plugin("followers:Follower"))[0] == 0
 
 

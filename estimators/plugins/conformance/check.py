@@ -106,6 +106,7 @@ _FIRST: dict[str, Callable[[Subject], None]] = {
 _CHECKS: dict[str, Callable[[Subject], None]] = {
     "returns the start pose first": poses.starts_at_start,
     "drives straight where the robot does": poses.drives_straight,
+    "turns as the robot does": poses.turns_as_the_vehicle,
     "keeps psi unwrapped": poses.keeps_psi_unwrapped,
     "moves and turns with the start pose": poses.moves_with_start,
     "is deterministic": conduct.is_deterministic,

@@ -254,6 +254,25 @@ def test_an_estimator_that_fails_ends_alone(ride, tmp_path, capsys):
     assert "dead-reckoning-1: end point" in told
 
 
+@pytest.mark.parametrize(
+    ("answer", "problem"),
+    [
+        ("None", "update returns None"),
+        ("np.zeros(2)", "what update returns must have shape"),
+        ("exit(3)", "SystemExit"),
+    ],
+)
+def test_an_estimator_that_misbehaves_ends_alone(ride, tmp_path, capsys, answer, problem):
+    (tmp_path / "bad.py").write_text(
+        "import numpy as np\n\n\nclass Bad:\n    def reset(self, robot, pose):\n        pass\n\n"
+        f"    def update(self, observation):\n        return {answer}\n"
+    )
+    ride({0: ["+w"], 5: ["quit"]}, estimators=("bad.py",))
+    told = capsys.readouterr().out
+    assert "bad:Bad: failed (" in told
+    assert problem in told
+
+
 def test_the_window_shows_truth_and_estimates_and_zooms_out(pygame, scripted, monkeypatch):
     monkeypatch.setattr(window, "SHOWN", 0.5)
     env = hand_driven(preset("differential"))

@@ -65,6 +65,14 @@ class Backwards(Careful):
         return super().update({**observation, "wheel": -observation["wheel"]})
 
 
+class Mirrored(Careful):
+    """Takes left for right in turns, and wraps the heading as well."""
+
+    def update(self, observation):
+        x, y, psi = super().update(observation)
+        return np.array([x, y, np.arctan2(np.sin(-psi), np.cos(-psi))])
+
+
 class Degrees(Careful):
     def update(self, observation):
         return super().update(observation) * [1.0, 1.0, 180 / np.pi]
@@ -74,10 +82,10 @@ class Forgetful(Careful):
     """Keeps the last pivot counts over a reset, as an attribute set only once would."""
 
     def reset(self, robot, pose):
-        last = getattr(getattr(self, "inner", None), "_castors", None)
+        last = getattr(getattr(self, "inner", None), "_stack", None)
         super().reset(robot, pose)
         if last is not None:
-            self.inner._castors["angle"] = last["angle"]
+            self.inner._stack.parts[0]["angle"][...] = last.parts[0]["angle"]
 
 
 class Shared(Careful):
@@ -244,7 +252,7 @@ def test_a_wrong_covariance_or_status_is_found(kind, words):
 def test_careful_plugin_passes(robot):
     findings = check(entry(Careful), robot and preset(robot))
     assert all(finding.passed and not finding.message for finding in findings)
-    assert len(findings) == 14
+    assert len(findings) == 15
 
 
 @pytest.mark.parametrize(
@@ -266,7 +274,8 @@ def test_careful_plugin_passes(robot):
         (TurnedWrongly, "moves and turns with the start pose", "psi included"),
         (Wrapping, "keeps psi unwrapped", "psi jumps by -6.2.*keep it unwrapped"),
         (Backwards, "drives straight where the robot does", "check the signs and units"),
-        (Degrees, "keeps psi unwrapped", "psi changes by|psi jumps by"),
+        (Degrees, "turns as the robot does", "psi changes by 57 times as much: psi is in rad, not in degrees"),
+        (Mirrored, "turns as the robot does", "psi changes by -1 times as much: the sign"),
         (Forgetful, "forgets all at reset", "set all state in reset"),
         (Shared, "is deterministic", "keep no state in the class"),
         (Noisy, "is deterministic", "draw random numbers from a generator seeded in reset"),
@@ -285,7 +294,7 @@ def test_broken_plugin_is_found_out(kind, name, message):
     assert "\n" not in findings[name]
 
 
-@pytest.mark.parametrize("kind", [Overwriting, Removing, KeepingThePose, Forgetful, NotBatched])
+@pytest.mark.parametrize("kind", [Overwriting, Removing, KeepingThePose, Forgetful, NotBatched, Wrapping])
 def test_what_is_right_is_not_blamed(kind):
     assert len(failed(kind)) == 1
 
@@ -310,7 +319,7 @@ def test_what_is_right_is_not_blamed(kind):
 def test_builtins_pass(spec, robot):
     findings = check(load_estimator(spec), robot and preset(robot))
     assert [finding for finding in findings if not finding.passed] == []
-    assert len(findings) == 15
+    assert len(findings) == 16
 
 
 def test_a_robot_that_the_estimator_does_not_serve_is_reported():

@@ -250,11 +250,11 @@ def test_edited_builtin_has_another_hash(tmp_path):
     )
 
     def hashes(*edits):
-        command = [sys.executable, "-c", code, *(str(package / "robots" / file) for file in edits)]
+        command = [sys.executable, "-c", code, *(str(package / file) for file in edits)]
         lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
         return [line.split() for line in lines]
 
-    (cast, ipec), after_ipec, after_both = hashes("ipec.py", "castor_odometry.py")
+    (cast, ipec), after_ipec, after_both = hashes("robots/ipec.py", "steps/castor_odometry.py")
     assert after_ipec[0] == cast
     assert after_ipec[1] != ipec
     assert after_both[0] != cast
@@ -266,7 +266,7 @@ def test_plugin_that_builds_on_a_builtin_shares_its_edits():
     entry = load_estimator("mine.py")
     assert entry.batched
     names = {file.name for file in source_files(entry.kind)}
-    assert names == {"mine.py", "cast.py", "castor_odometry.py", "protocol.py"}
+    assert names == {"mine.py", "cast.py", "castor_odometry.py", "stacked.py", "protocol.py"}
 
 
 def test_package_plugin_is_hashed_with_what_it_imports_of_its_package():
