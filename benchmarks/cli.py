@@ -12,6 +12,7 @@ class BenchCommands(Commands):
         "leaderboard": "benchmarks.commands.results:leaderboard",
         "check": "benchmarks.commands.check:check",
         "rescore": "benchmarks.commands.results:rescore",
+        "forget": "benchmarks.commands.results:forget_rows",
         "export": "benchmarks.commands.results:export",
         "tables": "benchmarks.commands.tables:tables",
         "calibrate": "benchmarks.commands.logs:calibrate",

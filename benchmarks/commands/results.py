@@ -24,6 +24,7 @@ from benchmarks.options import (
     with_rows,
 )
 from benchmarks.results.export import export_cases, export_form
+from benchmarks.results.forget import forget
 from benchmarks.results.rescore import rescore_task
 from benchmarks.results.robots import with_stored_robots
 from benchmarks.results.rows import check_results_folder
@@ -91,6 +92,20 @@ def rescore(
             print(f"  {estimator}, {metric}: {rows} rows")
         for problem in rescored.problems:
             print(f"  kept as it was: {problem}")
+
+
+def forget_rows(
+    estimator: Annotated[str, typer.Argument(help="Its name on the boards, or NAME@HASH for one version of it.")],
+    task: TaskNames = None,
+    results: Results = DEFAULT_RESULTS,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would go, and remove nothing.")] = False,
+) -> None:
+    """Remove the rows of an estimator or a calibration method from the stored results; recorded episodes stay."""
+    check_results_folder(results, write=not dry_run)
+    with_rows(results)
+    chosen = select_tasks(*with_plugged(with_stored_robots(official_tasks(), results), task or [], LOADING))
+    for name, rows in forget(results, chosen, estimator, write=not dry_run).items():
+        print(f"{name}: {rows} {'row' if rows == 1 else 'rows'} {'would be ' * dry_run}removed")
 
 
 def export(

@@ -26,6 +26,7 @@ from benchmarks.run.record import record_episode, record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task, odometry_of
+from castor_envs.files import writing
 from castor_envs.processes import Done, InOrder, Job, run_jobs
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import CalibrationEntry
@@ -81,6 +82,8 @@ class _Run:
                 raise ValueError(f"task {assignment.task.name}: unknown metric {assignment.task.metric!r}")
             if not BOARD_METRICS[assignment.task.metric].ranks:
                 raise ValueError(f"task {assignment.task.name}: {assignment.task.metric!r} is larger for who is better")
+        with writing(f"--results {self.results}"):
+            self.results.mkdir(parents=True, exist_ok=True)
         missing = {a.task.name: a.task.missing for a in plan if a.task.missing is not None}
         plan = [assignment for assignment in plan if assignment.task.name not in missing]
         needed = [(a.task, case) for a in plan for case in a.cases if self._to_record(a, case)]

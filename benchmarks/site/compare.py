@@ -79,7 +79,9 @@ def rows_by_task(tasks: Sequence[Task], results: Path) -> dict[str, list[Row]]:
 
 
 def side_of(text: str, stored: Mapping[str, Sequence[Row]], results: Path, timeout: float) -> Side:
-    """Return the side that a text names: NAME, NAME@HASH (of its source) or the spec of a plug-in, with parameters.
+    """Return the side that a text names: a name or the spec of a plug-in, with parameters, each with @HASH or without.
+
+    HASH: the beginning of its source's hash; without, the newest of a name, and a plug-in as it is now.
 
     timeout: s, that a plug-in may take to be loaded. Raises InputError for what has no rows.
     """
@@ -87,12 +89,13 @@ def side_of(text: str, stored: Mapping[str, Sequence[Row]], results: Path, timeo
     for row in (row for rows in stored.values() for row in rows):
         sources.setdefault(row.estimator, set()).add(row.source_hash)
     name, at, source = text.rpartition("@")
-    side = Side(text) if text in sources or not at else Side(name, source)
-    if side.name not in sources and runs_others_code(text, ESTIMATOR):
-        (entry,) = entries_named((text,), timeout, load_estimator)
-        side = Side(entry.name, entry.source_hash)
-    elif side.name not in sources and "?" in text:
-        side = Side(load_estimator(text).name)
+    spec, version = (text, None) if text in sources or not at else (name, source)
+    side = Side(spec, version)
+    if spec not in sources and runs_others_code(spec, ESTIMATOR):
+        (entry,) = entries_named((spec,), timeout, load_estimator)
+        side = Side(entry.name, version or entry.source_hash)
+    elif spec not in sources and "?" in spec:
+        side = Side(load_estimator(spec).name, version)
     known = sources.get(side.name)
     if known is None:
         meant = did_you_mean(text, sources) if sources else ""
@@ -111,7 +114,10 @@ def compare(
     Raises InputError where they are the same, and where no task has rows of both.
     """
     if first == second:
-        raise InputError(f"{first.name!r} is compared with itself; for two versions of it give NAME@HASH")
+        raise InputError(
+            f"{first.name!r} is compared with itself; for two versions of it give NAME@HASH, "
+            "with the hashes that castor-bench leaderboard TASK tells"
+        )
     found = []
     for task in tasks:
         sides = (first.rows(stored[task.name]), second.rows(stored[task.name]))

@@ -31,10 +31,11 @@ def select_tasks(tasks: Sequence[Task], names: Sequence[str], groups: Sequence[s
     known = {task.name: task for task in tasks}
     for task in tasks:
         known.setdefault(TaskName.of(task.name).official, task)
+    grouped = tasks_by_group(tasks)
     for name in names:
         if name not in known:
-            raise InputError(f"unknown task {name!r}{did_you_mean(name, known)}")
-    grouped = tasks_by_group(tasks)
+            meant = f"; --group {name} takes that group of tasks" if name in grouped else did_you_mean(name, known)
+            raise InputError(f"unknown task {name!r}{meant}")
     for group in groups:
         if group not in grouped:
             raise InputError(f"unknown group of tasks {group!r}{did_you_mean(group, grouped)}")

@@ -510,6 +510,14 @@ def test_a_run_on_another_robot_has_boards_of_its_own(jobs_here, castor_bench):
     assert {entry["estimator"] for entry in users_board["entries"]} == served
     code, out, _ = castor_bench("rescore")
     assert (code, out) == (0, f"{users_board['task']}: 0 of 5 rows changed\n")
+    for dry_run, said in ((["--dry-run"], "would be removed"), ([], "removed")):
+        code, out, _ = castor_bench("forget", "tidybot", *dry_run)
+        assert (code, out) == (0, f"{users_board['task']}: 1 row {said}\n")
+    code, out, err = castor_bench("forget", "tidybot")
+    assert (code, out) == (2, "")
+    assert "'tidybot' has no rows in castor-results; known: dead-reckoning-1, filter, holmberg-khatib" in err
+    _, out, _ = castor_bench("leaderboard", "--json")
+    assert {entry["estimator"] for entry in json.loads(out)["tasks"][-1]["entries"]} == served - {"tidybot"}
 
 
 @pytest.mark.parametrize(

@@ -177,4 +177,7 @@ def _named(name: str) -> Any:
     try:
         return pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"there is no estimator {name!r}; give 'module:Class' ({one_line(error)})") from error
+        raise InputError(
+            f"there is no estimator {name!r}; give 'module:Class', such as "
+            f"'estimators.robots.cast:CAST' ({one_line(error)})"
+        ) from error
