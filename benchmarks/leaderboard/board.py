@@ -56,6 +56,14 @@ class Entry:
     lacking: tuple[Case, ...]
     stands_still: bool
 
+    @property
+    def shown(self) -> str:
+        """Its name for tables, with the number of its cases where it lacks some: its means are of these alone."""
+        if not self.lacking:
+            return self.estimator
+        cases = self.done + sum(len(failed.cases) for failed in self.failed) + len(self.lacking)
+        return f"{self.estimator} ({self.done} of {cases} cases)"
+
 
 @dataclass(frozen=True)
 class TaskBoard:

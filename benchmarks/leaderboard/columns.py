@@ -39,7 +39,7 @@ def board_columns(board: TaskBoard) -> list[Column]:
         Column(
             "estimator",
             "estimator" if board.odometry is None else "method",
-            tuple(entry.estimator for entry in entries),
+            tuple(entry.shown for entry in entries),
             "left",
         ),
         _scores("primary", primary, entries),

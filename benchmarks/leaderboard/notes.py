@@ -7,7 +7,7 @@ from rich.console import Console
 from benchmarks.leaderboard.board import Leaderboard, TaskBoard
 from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
 from benchmarks.results.archives import CorruptFileError
-from benchmarks.results.references import CEILING
+from benchmarks.results.references import CEILING, FLOOR
 from benchmarks.results.rows import DECLINED, older_rows
 
 
@@ -37,6 +37,8 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
     notes = ["; ".join(meaning), *refusals]
     if board.ceiling is not None:
         notes.append(f"{CEILING} is told what nobody can know, as a ceiling of what is possible; it is no estimator")
+    if board.floor is not None:
+        notes.append(f"{FLOOR} never moves: where a drive ends near its start, its end is nearly right")
     for entry in board.entries:
         for failed in entry.failed:
             cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")

@@ -163,7 +163,7 @@ def _header(board: TaskBoard, metrics: list[Metric]) -> list[str]:
 
 def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
     """Return a row of text, each score with its interval. timed: with the time of an update."""
-    cells = ["–" if entry.rank is None else str(entry.rank), entry.estimator]
+    cells = ["–" if entry.rank is None else str(entry.rank), entry.shown]
     for metric in metrics:
         score = entry.scores.get(metric.name)
         text = metric.shown(None if score is None else score.mean)

@@ -81,7 +81,7 @@ def board_table(board: TaskBoard, link: Callable[[Entry], str | None] = lambda e
     for entry in board.rows:
         cells = [
             Cell("–" if entry.rank is None else str(entry.rank), "" if entry.rank is None else entry.rank),
-            Cell(entry.estimator, entry.estimator, link=link(entry) if entry in board.entries else None),
+            Cell(entry.shown, entry.estimator, link=link(entry) if entry in board.entries else None),
         ]
         for metric in metrics:
             score = entry.scores.get(metric.name)

@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from castor_envs.errors import did_you_mean
+
 
 class Commands(TyperGroup):
     """Commands by name, each a function of a module, given as "module:function".
@@ -34,6 +36,8 @@ class Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command that is run, imported."""
+        if args and args[0] not in self.table and not args[0].startswith("-"):
+            ctx.fail(f"no such command {args[0]!r}{did_you_mean(args[0], self.table)}")
         name, listed, rest = super().resolve_command(ctx, args)
         return name, listed if listed is None else self.imported(listed.name or ""), rest
 

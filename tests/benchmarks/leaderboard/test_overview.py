@@ -316,6 +316,11 @@ def test_the_reason_is_given(reason, changes):
     assert rows["whole"].groups["squares"].ratio == 1.0
 
 
+def test_a_mean_over_some_of_the_cases_says_so():
+    assert entry("half", 0.005, None, failed=(0, 1), lacking=(2, 3, 4)).shown == "half (15 of 20 cases)"
+    assert entry("whole", 0.01, 1).shown == "whole"
+
+
 @pytest.mark.parametrize("width", [40, 80, 120, 300])
 def test_a_narrow_terminal_shows_every_group(capsys, width):
     groups = [f"group-{k}-of-eight" for k in range(8)]
