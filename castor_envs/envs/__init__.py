@@ -36,7 +36,11 @@ ENVIRONMENTS = _declared(Path(__file__).parent)
 
 
 def make_many(
-    entry_point: str, num_envs: int, autoreset_mode: str | AutoresetMode = "NextStep", **arguments: Any
+    entry_point: str,
+    num_envs: int,
+    autoreset_mode: str | AutoresetMode = "NextStep",
+    threads: int | None = None,
+    **arguments: Any,
 ) -> Any:
     """Return `num_envs` environments: what ``gymnasium.make_vec`` makes.
 
@@ -62,7 +66,7 @@ def make_many(
         from castor_envs.envs.driving.vector import TrackingVectorEnv, steps_as_one
 
         if steps_as_one(made):
-            return TrackingVectorEnv(makers, **options)
+            return TrackingVectorEnv(makers, threads, **options)
     return SyncVectorEnv(makers, **options)
 
 

@@ -12,7 +12,9 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import register_jitable
 from numba.np.arrayobj import make_array, populate_array
 
+from castor_envs.kernels import select
 from castor_envs.kernels.arguments import Argument
+from castor_envs.kernels.lanes import LaneRecord, lanes_of
 
 WORD = ir.IntType(64)
 
@@ -52,14 +54,20 @@ def _called(function: FunctionType) -> set[FunctionType]:
     while waiting:
         caller = waiting.pop()
         named = (caller.__globals__.get(name) for name in caller.__code__.co_names)
-        new = {value for value in named if isinstance(value, FunctionType)} - found
+        plain = {value for value in named if isinstance(value, FunctionType)}
+        new = {value for value in plain if value.__module__ != select.__name__} - found
         found |= new
         waiting += new
     return found
 
 
 def _type(argument: Argument) -> types.Type:
-    scalar = from_dtype(argument.dtype)
+    dtype = argument.dtype
+    if lanes := lanes_of(dtype):
+        return types.Array(lanes, argument.dimensions, "C", aligned=False)
+    if any(dtype[name].subdtype for name in dtype.names or ()):
+        return types.Array(LaneRecord(dtype), argument.dimensions, "C", aligned=False)
+    scalar = from_dtype(dtype)
     return types.Array(scalar, argument.dimensions, "C") if argument.dimensions else scalar
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from castor_envs.kernels.arguments import Argument
+from castor_envs.kernels.arguments import Argument, in_lanes
 from castor_envs.kernels.cache import cached_code
 
 
@@ -47,6 +47,11 @@ class Kernel:
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.module, self.name, self.arguments)  # not the loaded code
 
+    def in_lanes(self, lanes: int) -> "Kernel":
+        """Return the same function of lanes, so many: it does for each what it does for one number."""
+        arguments = [given._replace(dtype=in_lanes(given.dtype, lanes)) for given in self.arguments]
+        return Kernel(self.module, self.name, tuple(arguments))
+
     @cached_property
     def _entry(self) -> Callable[[int], int]:
         code = cached_code(self.module, repr((self.name, self.arguments)), self._compiled)
@@ -62,10 +67,11 @@ def _slots(argument: Argument, value: Any) -> list[int]:
     """Return what stands in the block for an argument: the bits of a number, or an array's address and shape."""
     if not argument.dimensions:
         return [int(np.array(value, dtype=argument.dtype).view(np.int64))]
-    fits = isinstance(value, np.ndarray) and (value.dtype, value.ndim) == argument
-    if not fits or not value.flags.c_contiguous:
+    kind, lanes = argument.dtype.subdtype or (argument.dtype, ())
+    fits = isinstance(value, np.ndarray) and value.dtype == kind and value.ndim == argument.dimensions + len(lanes)
+    if not fits or value.shape[argument.dimensions :] != lanes or not value.flags.c_contiguous:
         raise TypeError(f"expected an array of {argument.dtype}, {argument.dimensions} dimensions, in C's order")
-    return [value.ctypes.data, *value.shape]
+    return [value.ctypes.data, *value.shape[: argument.dimensions]]
 
 
 _engines: list[llvm.ExecutionEngine] = []

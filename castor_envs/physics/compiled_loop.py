@@ -2,12 +2,13 @@
 
 from typing import Any
 
+from castor_envs.kernels.select import any_of, where
 from castor_envs.physics.solver import places_ahead, step_bodies
 from castor_envs.physics.tyre import wheel_forces
 
 
 def advance(
-    worlds: Any,
+    world: Any,
     motion: Any,
     inverse: Any,
     joints: Any,
@@ -18,21 +19,25 @@ def advance(
     loads: Any,
     middle: Any,
     end: Any,
+    state: Any,
+    kept: Any,
 ) -> None:
-    """Run the substeps of a sample period of all worlds, one after the other.
+    """Run the substeps of a sample period of a world: one record (`castor_envs.physics.stepper.WORLD`).
 
-    worlds (n,): records (`castor_envs.physics.stepper.WORLD`), which say what rows of all others are theirs.
+    loads (b, 3), middle and end (b, 5), kept (s,): scratch. state (s,): what motion, joints and wheels are views of.
+    Lanes with fewer substeps than others run on with them; their state is kept when they are done, and put back.
     """
-    for n in range(len(worlds)):
-        w = worlds[n]
-        bodies = motion[w.body : w.body_end]
-        masses, on = inverse[w.body : w.body_end], joints[w.joint : w.joint_end]
-        turns, rolling = order[w.turn : w.turn_end], wheels[w.wheel : w.wheel_end]
-        slippery, rough = patches[w.patch : w.patch_end], cables[w.cable : w.cable_end]
-        forces = loads[w.body : w.body_end]
-        halfway, after = middle[w.body : w.body_end], end[w.body : w.body_end]
-        for _ in range(w.substeps):
-            places_ahead(bodies, 0.5 * w.dt, halfway)
-            places_ahead(bodies, w.dt, after)
-            wheel_forces(bodies, halfway, after, rolling, slippery, rough, w.climbing, w.dt, forces)
-            step_bodies(bodies, masses, on, turns, w.gravity_x, w.gravity_y, w.dt, forces, after)
+    w = world[0]
+    for step in range(w.substeps):
+        places_ahead(motion, 0.5 * w.dt, middle)
+        places_ahead(motion, w.dt, end)
+        wheel_forces(motion, middle, end, wheels, patches, cables, w.climbing, w.dt, loads)
+        step_bodies(motion, inverse, joints, order, w.gravity_x, w.gravity_y, w.dt, loads, end)
+        if w.fewest <= step + 1 and w.fewest < w.substeps:
+            done = w.own_substeps == 1.0 + step
+            if any_of(done):
+                for i in range(len(state)):
+                    kept[i] = where(done, state[i], kept[i])
+    if w.fewest < w.substeps:
+        for i in range(len(state)):
+            state[i] = kept[i]

@@ -1,98 +1,200 @@
-"""Many vehicles of one layout, advanced in one compiled call."""
+"""Many vehicles of one structure, advanced side by side in the lanes of vector instructions, by several threads."""
 
-from collections.abc import Sequence
-from itertools import groupby
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.physics.solver import solving_order
-from castor_envs.physics.stepper import ADVANCE, WORLD, Simulation
+from castor_envs.kernels.arguments import aligned, in_lanes
+from castor_envs.physics.solver import JOINT, solving_order
+from castor_envs.physics.stepper import ADVANCE, DRIVES, WORLD, Drive, Simulation
+from castor_envs.physics.tyre import WHEEL
 
-TOGETHER = 4
-"""How many vehicles are solved side by side: while one's joint waits for the last result, the processor works on the
-others'. Measured from 1 to 16."""
+WIDTHS = 8, 16, 32
+"""Of worlds, in lanes. More than a register's keep the processor busy while one register waits for another."""
+LARGE = 16
+"""Bodies beyond which a vehicle is worked on in the narrowest worlds, which the processor's cache holds."""
+STRUCTURE = ("kind", "a", "b"), ("body", "grip")
+"""The fields of joints and of wheels that are one for all lanes."""
+
+
+def structure(one: Simulation) -> tuple[object, ...]:
+    """Return what simulations must have in common to be a fleet."""
+    return one.layout, one.iterations, one.floor.climbing, *(one.wheels[name].tobytes() for name in STRUCTURE[1])
 
 
 class Fleet:
-    """The states of simulations with as many bodies, joints and wheels each, in arrays with one row a vehicle.
+    """The states of B simulations of one `structure`, which keep their own: `load` and `give_back` copy them.
 
-    motion (B, b, 6), wheels (B, w), joints (B, j): as those of `Simulation`. The simulations keep their own states:
-    `load` copies one's state into its row, `give_back` copies the row into it. A vehicle's results are those of its
-    simulation alone, to the last bit, whatever its neighbours do.
+    A vehicle's results are those of its simulation alone, to the last bit, whatever its neighbours do and however many
+    threads there are. motion (B, b, 6): a copy, as that of `Simulation`. time (B,): s.
+
+    Vehicles stand in the lanes of worlds, (W, L), sorted by their substeps; what is left over is filled with copies of
+    the last one.
+
+    threads: among which worlds are divided; None for as many as there are processors.
     """
 
-    def __init__(self, simulations: Sequence[Simulation]) -> None:
+    def __init__(self, simulations: Sequence[Simulation], threads: int | None = None) -> None:
         self.simulations = tuple(simulations)
-        self.motion = np.stack([member.motion for member in self.simulations])
-        self.wheels = np.stack([member.wheels for member in self.simulations])
-        self.joints = np.stack([member.joints for member in self.simulations])
-        self.time = np.zeros(len(self.simulations))
-        self._periods = np.array([member.sample_period for member in self.simulations])
-        self._first = np.zeros(len(self.simulations), dtype=np.uint64)
-        self._build()
+        first, size = self.simulations[0], len(self.simulations)
+        bodies, joints, wheels = len(first.motion), len(first.joints), len(first.wheels)
+        width = WIDTHS[0] if bodies > LARGE else next((w for w in WIDTHS if w >= size), WIDTHS[-1])
+        self._shape = worlds, _ = -(-size // width), width
+        self._threads = min(worlds, threads or os.cpu_count() or 1)
+        order = np.argsort([member.substeps for member in self.simulations], kind="stable")
+        self._place = np.argsort(order)
+        members = order[np.minimum(np.arange(worlds * width), size - 1)].reshape(self._shape)
 
-    def _build(self) -> None:
-        """Put neighbours with equal floors and substeps into groups that are stepped as one world."""
-        bodies, joints, wheels = self.motion.shape[1], self.joints.shape[1], self.wheels.shape[1]
-        worlds, orders, patches, cables, lane = [], [], [], [], 0
-        for _, alike in groupby(self.simulations, key=_kind):
-            members = list(alike)
-            for start in range(0, len(members), TOGETHER):
-                group = members[start : start + TOGETHER]
-                one, size = group[0], len(group)
-                self._first[lane : lane + size] = np.arange(size) * bodies
-                layout = [(kind, a + i * bodies, b + i * bodies) for i in range(size) for kind, a, b in one.layout]
-                orders.append(solving_order(tuple(layout), one.iterations))
-                patches.append(one.patches)
-                cables.append(one.cables)
-                parts = [(lane * n, (lane + size) * n) for n in (bodies, joints)]
-                parts += [_end_of(orders), (lane * wheels, (lane + size) * wheels), _end_of(patches), _end_of(cables)]
-                worlds.append((*one.settings, *(place for part in parts for place in part)))
-                lane += size
-        flat = bodies * lane
-        inverse = np.concatenate([1.0 / member.masses for member in self.simulations])
-        self._run = ADVANCE.bind(
-            np.array(worlds, dtype=WORLD),
-            self.motion.reshape(flat, 6),
-            inverse,
-            self.joints.reshape(-1),
-            np.concatenate(orders),
-            self.wheels.reshape(-1),
-            np.concatenate(patches),
-            np.concatenate(cables),
-            *(np.empty((flat, columns)) for columns in (3, 5, 5)),
-        )
+        # All that changes in a world stands in one block.
+        self._joint, self._wheel = _Fields(JOINT, width), _Fields(WHEEL, width)
+        ends = np.cumsum([0, 6 * bodies, joints * self._joint.rows, wheels * self._wheel.rows])
+        self._state = aligned((worlds, int(ends[-1]), width))
+        motion, joint, wheel = (self._state[:, start:end] for start, end in pairwise(ends.tolist()))
+        self._motion = motion.reshape(worlds, bodies, 6, width)
+        self._joints = joint.reshape(worlds, joints, self._joint.rows, width)
+        self._wheels = wheel.reshape(worlds, wheels, self._wheel.rows, width)
+
+        self.motion = np.stack([member.motion for member in self.simulations])
+        self.time, self._periods = np.zeros(size), np.array([member.sample_period for member in self.simulations])
+        self._runs = [self._bound(world, [self.simulations[m] for m in members[world]]) for world in range(worlds)]
+
+    def _bound(self, world: int, members: Sequence[Simulation]) -> Callable[[], None]:
+        """Put members (L,) into a world; return what advances it."""
+        first, width = members[0], len(members)
+        joints = self._joint.records(self._joints[world])
+        wheels = self._wheel.records(self._wheels[world])
+        for records, single, names in zip((joints, wheels), (first.joints, first.wheels), STRUCTURE, strict=True):
+            for name in names:
+                records[name] = single[name]
+        for lane, member in enumerate(members):
+            self._put(world, lane, member)
+        settings = np.zeros(1, dtype=in_lanes(WORLD, width))
+        given = np.array([member.settings for member in members], dtype=WORLD)
+        for name in WORLD.names or ():
+            settings[name] = given[name] if given[name].dtype.kind == "f" else given[name].max()
+        settings["fewest"] = given["substeps"].min()
+        masses = _beside([1.0 / member.masses for member in members])
+        patches, cables = _floors([member.patches for member in members]), _floors([member.cables for member in members])
+        scratch = [aligned((len(first.motion), columns, width)) for columns in (3, 5, 5)]
+        state, kept = self._state[world], aligned(self._state[world].shape)
+        order, motion = solving_order(first.layout, first.iterations), self._motion[world]
+        there = wheels, patches, cables
+        return ADVANCE.in_lanes(width).bind(settings, motion, masses, joints, order, *there, *scratch, state, kept)
 
     def load(self, lane: int) -> None:
         """Take the state of a simulation."""
-        member, first = self.simulations[lane], self._first[lane]
-        self.motion[lane], self.wheels[lane], self.joints[lane] = member.motion, member.wheels, member.joints
-        self.wheels["body"][lane] += first
-        self.joints["a"][lane] += first
-        self.joints["b"][lane] += first
-        self.time[lane] = member.time
+        member = self.simulations[lane]
+        self._put(*self._at(lane), member)
+        self.motion[lane], self.time[lane] = member.motion, member.time
+
+    def _at(self, lane: int) -> tuple[int, int]:
+        return divmod(int(self._place[lane]), self._shape[1])
+
+    def _put(self, world: int, lane: int, member: Simulation) -> None:
+        self._motion[world, ..., lane] = member.motion
+        self._joint.put(member.joints, self._joints[world, ..., lane])
+        self._wheel.put(member.wheels, self._wheels[world, ..., lane])
 
     def give_back(self, lane: int) -> None:
         """Give a simulation its state."""
-        member, first = self.simulations[lane], self._first[lane]
-        member.resume(self.motion[lane], self.wheels[lane], self.joints[lane], self.time[lane])
-        member.wheels["body"] -= first
-        member.joints["a"] -= first
-        member.joints["b"] -= first
+        member, (world, at) = self.simulations[lane], self._at(lane)
+        joints = self._joint.taken(member.joints, self._joints[world, ..., at])
+        wheels = self._wheel.taken(member.wheels, self._wheels[world, ..., at])
+        wheels["drive"] = self._wheel.of("drive", self._wheels)[world]
+        member.resume(self.motion[lane], wheels, joints, self.time[lane])
+
+    def wheel_angles(self) -> Array:
+        """Return how far the wheels (B, w) have turned, rad."""
+        return self._members(self._wheel.of("angle", self._wheels))
+
+    def command(self, wheels: NDArray[np.intp], command: Array, limit: Array, drive: Drive) -> None:
+        """Set the mode of some wheels' motors, and their command (B, k) within +-limit."""
+        self._wheel.of("drive", self._wheels)[:, wheels] = DRIVES[drive]
+        within = np.minimum(np.maximum(command, -limit), limit)
+        self._wheel.of("command", self._wheels)[:, wheels] = self._lanes(within)
+
+    def steer(self, motors: NDArray[np.intp], rates: Array, most: Array) -> None:
+        """Command motors between bodies: rates (B, m), rad/s, of the second against the first, within impulses +-most."""
+        self._joint.of("rate", self._joints)[:, motors] = self._lanes(-rates)
+        self._joint.of("most", self._joints)[:, motors] = self._lanes(most)
 
     def advance(self) -> None:
         """Run one sample period of all vehicles."""
-        self._run()
+        if self._threads == 1:
+            _run_all(self._runs)
+        else:
+            list(self._pool.map(_run_all, [self._runs[k :: self._threads] for k in range(self._threads)]))
+        self.motion = self._members(self._motion)
         self.time += self._periods
 
+    @cached_property
+    def _pool(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(self._threads)
 
-def _kind(member: Simulation) -> tuple[object, ...]:
-    """Return what neighbours must have in common to be stepped as one world."""
-    return member.settings, member.iterations, member.layout, member.patches.tobytes(), member.cables.tobytes()
+    def _members(self, lanes: Array) -> Array:
+        """Return as rows of members (B, ...) what stands in lanes (W, ..., L)."""
+        rows = np.moveaxis(lanes, -1, 1)
+        return rows.reshape(-1, *rows.shape[2:])[self._place]
+
+    def _lanes(self, members: Array) -> Array:
+        """Return in lanes (W, k, L) what stands in rows of members (B, k)."""
+        rows = np.zeros((np.prod(self._shape), members.shape[1]))
+        rows[self._place] = members
+        return np.moveaxis(rows.reshape(*self._shape, -1), -1, 1)
 
 
-def _end_of(parts: Sequence[Array]) -> tuple[int, int]:
-    """Return where the last part begins and ends when all are joined."""
-    end = sum(len(part) for part in parts)
-    return end - len(parts[-1]), end
+class _Fields:
+    """Where the fields of a record stand in rows of lanes (..., rows, L), and in a single record."""
+
+    def __init__(self, dtype: np.dtype, width: int) -> None:
+        self.lanes, self._width = in_lanes(dtype, width), dtype.itemsize // 8
+        self.rows = self.lanes.itemsize // (8 * width)
+        self._place = {name: divmod(field[1] // 8, width) for name, field in (self.lanes.fields or {}).items()}
+        self._reals = [name for name in dtype.names or () if dtype[name].kind == "f"]
+        self._single = [(dtype.fields or {})[name][1] // 8 for name in self._reals]
+        self._several = [self._place[name][0] for name in self._reals]
+
+    def records(self, rows: Array) -> NDArray[np.void]:
+        """Return rows (n, rows, L) as records (n,)."""
+        return rows.reshape(-1).view(self.lanes)
+
+    def of(self, name: str, rows: Array) -> NDArray[Any]:
+        """Return a field of all records: reals (..., L), integers (...)."""
+        row, slot = self._place[name]
+        return rows[..., row, :] if name in self._reals else rows.view(np.int64)[..., row, slot]
+
+    def put(self, single: NDArray[np.void], rows: Array) -> None:
+        """Copy the reals of records (n,) into one lane (n, rows)."""
+        rows[:, self._several] = single.view(float).reshape(-1, self._width)[:, self._single]
+
+    def taken(self, single: NDArray[np.void], rows: Array) -> NDArray[np.void]:
+        """Return records (n,) with the reals of one lane (n, rows)."""
+        new = single.copy()
+        new.view(float).reshape(-1, self._width)[:, self._single] = rows[:, self._several]
+        return new
+
+
+def _floors(single: Sequence[Array]) -> Array:
+    """Return patches or cables (p, ...) of lanes (L,) side by side, as many of each: some are nowhere."""
+    most, nowhere = max(map(len, single)), np.zeros((1, single[0].shape[1]))
+    nowhere[0, 4] = -1.0  # half their length
+    return _beside([np.concatenate([floor, np.repeat(nowhere, most - len(floor), axis=0)]) for floor in single])
+
+
+def _beside(single: Sequence[Array]) -> Array:
+    """Return arrays (n, k) of lanes (L,) side by side, (n, k, L)."""
+    joined = aligned((*single[0].shape, len(single)))
+    joined[...] = np.stack(single, axis=-1)
+    return joined
+
+
+def _run_all(runs: Sequence[Callable[[], None]]) -> None:
+    for run in runs:
+        run()

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pymunk.constraints import Constraint, DampedRotarySpring, PivotJoint, SimpleMotor
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.kernels.select import where
+from castor_envs.physics.trigonometry import cosine_and_sine
 
 PIVOT, MOTOR, SPRING = 0, 1, 2
 
@@ -109,7 +111,7 @@ def places_ahead(motion: Array, ahead: float, places: Array) -> None:
         places[i, 0] = motion[i, 0] + ahead * motion[i, 3]
         places[i, 1] = motion[i, 1] + ahead * motion[i, 4]
         places[i, 2] = angle
-        places[i, 3], places[i, 4] = math.cos(angle), math.sin(angle)
+        places[i, 3], places[i, 4] = cosine_and_sine(angle)
 
 
 def step_bodies(motion, inverse, joints, order, gravity_x, gravity_y, dt, loads, places):
@@ -139,7 +141,9 @@ def step_bodies(motion, inverse, joints, order, gravity_x, gravity_y, dt, loads,
         elif joint.kind == MOTOR:
             rate = motion[joint.b, 5] - motion[joint.a, 5] + joint.rate
             before = joint.impulse_x
-            joint.impulse_x = min(max(before - rate * joint.inertia, -joint.most), joint.most)
+            wanted = before - rate * joint.inertia
+            wanted = where(wanted < -joint.most, -joint.most, wanted)
+            joint.impulse_x = where(wanted > joint.most, joint.most, wanted)
             twist(joint, motion, inverse, joint.impulse_x - before)
         else:
             rate = motion[joint.a, 5] - motion[joint.b, 5]

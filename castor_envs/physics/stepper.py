@@ -24,14 +24,10 @@ FASTEST = 1e3  # m/s and rad/s: nothing on wheels moves so fast, so physics has 
 
 WORLD = np.dtype(
     [
-        *((name, np.int64) for name in ("substeps", "climbing")),
-        *((name, float) for name in ("dt", "gravity_x", "gravity_y")),
-        # where its rows begin and end among those of all worlds
-        *(
-            (part + end, np.int64)
-            for part in ("body", "joint", "turn", "wheel", "patch", "cable")
-            for end in ("", "_end")
-        ),
+        # substeps a sample period: the most and the fewest of all lanes, and each one's own; whether cables are climbed;
+        # a substep's length (s), and gravity downhill (m/s2)
+        *((name, np.int64) for name in ("substeps", "fewest", "climbing")),
+        *((name, float) for name in ("own_substeps", "dt", "gravity_x", "gravity_y")),
     ],
     align=True,
 )
@@ -41,6 +37,7 @@ ADVANCE = Kernel(
     (
         *(array(WORLD, 1), array(float, 2), array(float, 2), array(JOINT, 1), array(np.uint64, 1)),
         *(array(law.WHEEL, 1), array(float, 2), array(float, 2), array(float, 2), array(float, 2), array(float, 2)),
+        *(array(float, 1), array(float, 1)),
     ),
 )
 DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
@@ -89,6 +86,7 @@ class Simulation:
         self._take()
         self.masses = np.array([(body.mass, body.moment) for body in bodies])
         self.joints = joint_records(bodies, joints, self.dt)
+        law.for_substeps(wheels, self.dt)
         self._fresh = wheels.copy(), self.joints.copy()
         self.iterations, self.layout = iterations, tuple(self.joints[["kind", "a", "b"]].tolist())
         self.patches, self.cables = floor.patch_array(), floor.cable_array()
@@ -109,16 +107,16 @@ class Simulation:
 
     @property
     def settings(self) -> tuple[float, ...]:
-        """What a record of `WORLD` begins with: substeps, climbing, a substep's length (s), gravity downhill (m/s2)."""
-        return self.substeps, self.floor.climbing, self.dt, *self.floor.downhill_gravity
+        """The record of `WORLD`."""
+        few = self.substeps
+        return few, few, self.floor.climbing, few, self.dt, *self.floor.downhill_gravity
 
     @cached_property
     def _run_substeps(self) -> Callable[[], None]:
         """The compiled loop over the substeps of a sample period."""
         order, bodies = solving_order(self.layout, self.iterations), len(self.motion)
-        ends = bodies, len(self.joints), len(order), len(self.wheels), len(self.patches), len(self.cables)
-        world = np.array([(*self.settings, *(place for end in ends for place in (0, end)))], dtype=WORLD)
-        scratch = np.empty((bodies, 3)), np.empty((bodies, 5)), np.empty((bodies, 5))
+        world = np.array([self.settings], dtype=WORLD)
+        scratch = np.empty((bodies, 3)), np.empty((bodies, 5)), np.empty((bodies, 5)), np.empty(0), np.empty(0)
         there = self.wheels, self.patches, self.cables
         return ADVANCE.bind(world, self.motion, 1.0 / self.masses, self.joints, order, *there, *scratch)
 

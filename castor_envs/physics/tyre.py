@@ -22,6 +22,8 @@ import math
 
 import numpy as np
 
+from castor_envs.kernels.select import any_of, where
+
 OFF, SERVO, VOLTAGE = 0, 1, 2
 STANDARD, OMNI = 0, 1
 
@@ -66,9 +68,33 @@ WHEEL = np.dtype(
         ("limit", float),
         ("torque", float),
         ("rise", float),
+        # what the above make of a substep's length dt (`for_substeps`): dt / sigma; along and across c / dt,
+        # k + c / dt, 1 over it, and dt k y
+        ("relaxing", float),
+        ("damped_long", float),
+        ("damped_lat", float),
+        ("stiff_long", float),
+        ("stiff_lat", float),
+        ("giving_long", float),
+        ("giving_lat", float),
+        ("yielding_long", float),
+        ("yielding_lat", float),
     ],
     align=True,
 )
+CLOSE = 1e-6
+"""A step of Newton's method, as a share of what it steps, after which the error, its square, is rounding."""
+
+
+def for_substeps(wheels, dt):
+    """Fill in what records of wheels say about substeps of dt (s)."""
+    wheels["relaxing"] = dt / wheels["relaxation"]
+    for way in ("long", "lat"):
+        stiffness = wheels[f"stiffness_{way}"]
+        wheels[f"damped_{way}"] = wheels[f"damping_{way}"] / dt
+        wheels[f"stiff_{way}"] = stiffness + wheels[f"damped_{way}"]
+        wheels[f"giving_{way}"] = 1.0 / wheels[f"stiff_{way}"]
+        wheels[f"yielding_{way}"] = dt * stiffness * wheels["creep_compliance"]
 
 
 def friction_at(x, y, otherwise, patches):
@@ -78,8 +104,8 @@ def friction_at(x, y, otherwise, patches):
         right, up = x - patches[i, 0], y - patches[i, 1]
         along = patches[i, 2] * right + patches[i, 3] * up
         across = patches[i, 2] * up - patches[i, 3] * right
-        if abs(along) <= patches[i, 4] and abs(across) <= patches[i, 5]:
-            friction = patches[i, 6]
+        covered = (abs(along) <= patches[i, 4]) & (abs(across) <= patches[i, 5])
+        friction = where(covered, patches[i, 6], friction)
     return friction
 
 
@@ -93,46 +119,50 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
     for i in range(len(cables)):
         right, up = 0.5 * (start_x + end_x) - cables[i, 0], 0.5 * (start_y + end_y) - cables[i, 1]
         along, middle = cables[i, 2] * right + cables[i, 3] * up, cables[i, 2] * up - cables[i, 3] * right
-        if abs(along) > cables[i, 4]:
-            continue
         half = 0.5 * abs(cables[i, 2] * (end_y - start_y) - cables[i, 3] * (end_x - start_x))
         clear = abs(middle) - half
-        if clear > 0.0 and clear * clear >= 4.0 * radius * cables[i, 5]:
-            continue
-        flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
-        across, part = middle, 1.0
-        if half > 0.0 and abs(middle) + half > edge:
-            low, high = max(middle - half, -edge), min(middle + half, edge)
-            across, part = 0.5 * (low + high), max(high - low, 0.0) / (2.0 * half)
-        root = math.sqrt(reach * reach - across * across)
-        if root - flat > highest:
-            highest, share = root - flat, part
-            gradient_x, gradient_y = across * cables[i, 3] / root, -across * cables[i, 2] / root
-            rise = math.sqrt(reach * reach - middle * middle) - flat if abs(middle) < edge else 0.0
+        beside = (clear <= 0.0) | (clear * clear < 4.0 * radius * cables[i, 5])
+        near = beside & (abs(along) <= cables[i, 4])
+        if any_of(near):
+            flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
+            over_edge = (half > 0.0) & (abs(middle) + half > edge)
+            low, high = where(middle - half < -edge, -edge, middle - half), where(middle + half > edge, edge, middle + half)
+            on_it = where(high > low, high - low, 0.0)
+            across = where(over_edge, 0.5 * (low + high), middle)
+            part = where(over_edge, on_it / (2.0 * where(over_edge, half, 1.0)), 1.0)
+            root = math.sqrt(reach * reach - across * across)
+            up_it = where(abs(middle) < edge, middle, edge)
+            risen = where(abs(middle) < edge, math.sqrt(reach * reach - up_it * up_it) - flat, 0.0)
+            higher = near & (root - flat > highest)
+            highest, share = where(higher, root - flat, highest), where(higher, part, share)
+            gradient_x = where(higher, across * cables[i, 3] / root, gradient_x)
+            gradient_y = where(higher, -across * cables[i, 2] / root, gradient_y)
+            rise = where(higher, risen, rise)
     return rise, share, gradient_x, gradient_y
 
 
-def slack_on_circle(pull, turning, resisting, lateral, limit):
-    """Return the least slack >= 1 with hypot(pull / (turning * slack + resisting), lateral / slack) <= limit.
+def force_on_circle(pull, turning, resisting, lateral, share, limit):
+    """Return the force along and across: pull / (turning * slack + resisting) and lateral / slack.
 
-    Newton's method on 1 / hypot, which is concave and nearly linear in slack: it closes in from below.
+    Slack is the least that is >= 1 and keeps the force, `share` times as large along, within the friction limit. It is
+    found by Newton's method on 1 / hypot, which is concave and nearly linear in slack: it closes in from below.
     """
-    slack = 1.0
+    slack, easing, less = 1.0, 1.0 / (turning + resisting), 1.0
+    force_long, force_lat = pull * easing, lateral
+    square = share * force_long * (share * force_long) + force_lat * force_lat
+    sliding = (square > limit * limit) & (limit > 0.0)
     for _ in range(30):
-        along, across = pull / (turning * slack + resisting), lateral / slack
-        size = math.sqrt(along * along + across * across)
-        if size <= limit:
+        if not any_of(sliding):
             break
-        if limit == 0.0:
-            return math.inf
-        along, across = along / size, across / size
-        step = (size / limit - 1.0) / (
-            along * along * turning / (turning * slack + resisting) + across * across / slack
-        )
-        slack += step
-        if step < 1e-9 * slack:
-            break
-    return slack
+        along, across = share * force_long, force_lat
+        falling = along * along * turning * easing + across * across * less
+        step = square * (math.sqrt(square) / limit - 1.0) / falling
+        slack = where(sliding, slack + step, slack)
+        easing, less = 1.0 / (turning * slack + resisting), 1.0 / slack
+        force_long, force_lat = pull * easing, lateral * less
+        square = share * force_long * (share * force_long) + force_lat * force_lat
+        sliding = sliding & (step > CLOSE * slack)
+    return where(limit > 0.0, force_long, 0.0), where(limit > 0.0, force_lat, 0.0)
 
 
 def turn_wheel(wheel, v_long, v_lat, limit, dt):
@@ -144,9 +174,7 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
     if wheel.grip == OMNI:
         v_long = v_long + wheel.roller * v_lat
     radius, inertia, spin = wheel.radius, wheel.inertia, wheel.speed
-    relaxing = 1.0 + dt * abs(radius * spin) / wheel.relaxation
-    relaxing_lat = relaxing + dt * wheel.stiffness_lat * wheel.creep_compliance
-    relaxing += dt * wheel.stiffness_long * wheel.creep_compliance
+    relaxed = 1.0 + abs(radius * spin) * wheel.relaxing
 
     # Motor: torque = a - b * spin at the end of the substep, within +-max_torque.
     a, b = 0.0, 0.0
@@ -159,36 +187,34 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
 
     # Contact: force along = (f0 + f1 * spin at the end of the substep) / slack. Slack is 1 while the bristles stick;
     # a sliding contact has as much as brings the force back to the friction circle, at the spin that this force leaves.
-    stiff, stiff_lat = wheel.stiffness_long + wheel.damping_long / dt, wheel.stiffness_lat + wheel.damping_lat / dt
-    held, held_lat = wheel.damping_long / dt * wheel.stretch_long, wheel.damping_lat / dt * wheel.stretch_lat
-    f0 = held - stiff * (wheel.stretch_long + dt * v_long) / relaxing
-    f1 = stiff * dt * radius / relaxing
+    held, held_lat = wheel.damped_long * wheel.stretch_long, wheel.damped_lat * wheel.stretch_lat
+    stiff = wheel.stiff_long / (relaxed + wheel.yielding_long)
+    f0, f1 = held - stiff * (wheel.stretch_long + dt * v_long), stiff * dt * radius
     lateral, share = 0.0, 1.0
     if wheel.grip == STANDARD:
-        lateral = held_lat - stiff_lat * (wheel.stretch_lat + dt * v_lat) / relaxing_lat
+        stiff_lat = wheel.stiff_lat / (relaxed + wheel.yielding_lat)
+        lateral = held_lat - stiff_lat * (wheel.stretch_lat + dt * v_lat)
     else:
         share = math.sqrt(1.0 + wheel.roller * wheel.roller)
     speed, torque, force_long, force_lat = spin, 0.0, 0.0, 0.0
     for _ in range(2):
         turning, pushed, resisting = inertia + dt * b, inertia * spin + dt * a, dt * radius * f1
         pull = f0 * turning + f1 * pushed
-        slack = slack_on_circle(share * pull, turning, resisting, lateral, limit)
-        force_long, force_lat = pull / (turning * slack + resisting), lateral / slack
+        force_long, force_lat = force_on_circle(pull, turning, resisting, lateral, share, limit)
         speed = (pushed - dt * radius * force_long) / turning
         torque = a - b * speed
-        if abs(torque) <= wheel.max_torque:
+        beyond = abs(torque) > wheel.max_torque
+        if not any_of(beyond):
             break
-        a, b = math.copysign(wheel.max_torque, torque), 0.0
-    stretch_long = (held - force_long) / stiff
-    stretch_lat = 0.0
+        a, b = where(beyond, math.copysign(wheel.max_torque, torque), a), where(beyond, 0.0, b)
+    wheel.stretch_long = (held - force_long) * wheel.giving_long
     if wheel.grip == STANDARD:
-        stretch_lat = (held_lat - force_lat) / stiff_lat
-
-    if wheel.drive == SERVO and abs(torque) < wheel.max_torque:
-        wheel.integral += dt * (wheel.command - speed)
+        wheel.stretch_lat = (held_lat - force_lat) * wheel.giving_lat
+    if wheel.drive == SERVO:
+        followed = wheel.integral + dt * (wheel.command - speed)
+        wheel.integral = where(abs(torque) < wheel.max_torque, followed, wheel.integral)
     wheel.angle += dt * speed
     wheel.speed = speed
-    wheel.stretch_long, wheel.stretch_lat = stretch_long, stretch_lat
     wheel.force_long, wheel.force_lat = force_long, force_lat
     wheel.limit, wheel.torque = limit, torque
 
@@ -222,18 +248,20 @@ def wheel_forces(bodies, middle, end, wheels, patches, cables, climbing, dt, loa
         # Forces act at the end of the substep: a cable's is the mean over half a substep before and after.
         place = end[wheel.body]
         arm_x, arm_y, e_x, e_y = contact_at(wheel, place)
-        place_x, place_y, way_x, way_y = place[0] + arm_x, place[1] + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
-        wheel.rise, share, gradient_x, gradient_y = rise_between(
-            place_x - way_x, place_y - way_y, place_x + way_x, place_y + way_y, wheel.radius, cables
-        )
-        climb = gradient_x * e_x + gradient_y * e_y
-        longer = 1.0 + share * (math.sqrt(1.0 + climb * climb) - 1.0)
+        share, gradient_x, gradient_y, longer = 0.0, 0.0, 0.0, 1.0
+        if len(cables):
+            place_x, place_y, way_x, way_y = place[0] + arm_x, place[1] + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
+            wheel.rise, share, gradient_x, gradient_y = rise_between(
+                place_x - way_x, place_y - way_y, place_x + way_x, place_y + way_y, wheel.radius, cables
+            )
+            climb = gradient_x * e_x + gradient_y * e_y
+            longer = 1.0 + share * (math.sqrt(1.0 + climb * climb) - 1.0)
         turn_wheel(wheel, longer * v_long, v_lat, limit, dt)
         along, across = longer * wheel.force_long, wheel.force_lat
         if wheel.grip == OMNI:
             across = wheel.roller * wheel.force_long
         force_x, force_y = along * e_x - across * e_y, along * e_y + across * e_x
-        if climbing:
+        if climbing and len(cables):
             force_x -= share * wheel.load * gradient_x
             force_y -= share * wheel.load * gradient_y
         loads[wheel.body, 0] += force_x

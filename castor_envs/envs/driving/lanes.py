@@ -12,8 +12,7 @@ from castor_envs.envs.sensed import SensedRobot, SensedTrain
 from castor_envs.geometry.arrays import Array, vectors
 from castor_envs.physics.fleet import Fleet
 from castor_envs.physics.solver import MOTOR
-from castor_envs.physics.stepper import DRIVES, Drive
-from castor_envs.physics.tyre import SERVO
+from castor_envs.physics.stepper import Drive
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.sensors.observation import Observation, observation
 
@@ -24,9 +23,9 @@ class Lanes:
     Members keep their own states: `load` takes a member's after its reset, `give_back` gives it to the member.
     """
 
-    def __init__(self, members: Sequence[SensedRobot] | Sequence[SensedTrain]) -> None:
+    def __init__(self, members: Sequence[SensedRobot] | Sequence[SensedTrain], threads: int | None) -> None:
         self.members = members
-        self.fleet = Fleet([member.world.simulation for member in members])
+        self.fleet = Fleet([member.world.simulation for member in members], threads)
         self.encoders = Encoders.stacked([member.encoders for member in members])
         self.counts = np.zeros(self.encoders.shape)
 
@@ -45,13 +44,9 @@ class Lanes:
 
     def _increments(self) -> Array:
         """Return how far the wheel encoders (B, driven wheels) have counted since they were read last."""
-        counts = self.encoders.wheel(self.fleet.wheels["angle"])
+        counts = self.encoders.wheel(self.fleet.wheel_angles())
         before, self.counts = self.counts, counts
         return counts - before
-
-    def _command(self, wheels: NDArray[np.intp], command: Array, limit: Array, drive: Drive) -> None:
-        self.fleet.wheels["drive"][:, wheels] = DRIVES[drive]
-        self.fleet.wheels["command"][:, wheels] = np.minimum(np.maximum(command, -limit), limit)
 
     def _poses(self, bodies: Sequence[int], centers: Array) -> Array:
         """Return the poses (B, k, 3) of the frames of bodies with centres of mass (B, k, 2) in them."""
@@ -67,8 +62,8 @@ class RobotLanes(Lanes):
 
     members: Sequence[SensedRobot]
 
-    def __init__(self, members: Sequence[SensedRobot]) -> None:
-        super().__init__(members)
+    def __init__(self, members: Sequence[SensedRobot], threads: int | None) -> None:
+        super().__init__(members, threads)
         worlds = [member.world for member in members]
         first, robots = worlds[0], [world.robot for world in worlds]
         self._driven, self._held, self._castor_bodies = first.driven_wheels, first.held_wheels, first.castor_bodies
@@ -79,19 +74,19 @@ class RobotLanes(Lanes):
         self._steering_speed = np.array([[robot.max_steering_speed] for robot in robots])
         dt = np.array([[world.dt] for world in worlds])
         self._steering_impulse = np.array([[robot.max_steering_torque] for robot in robots]) * dt
-        self._motors = np.flatnonzero(self.fleet.joints["kind"][0] == MOTOR)
+        self._motors = np.flatnonzero(first.simulation.joints["kind"] == MOTOR)
 
     def advance(self, wheels: Array, castors: Array, drive: Drive) -> None:
         """Drive for one sample period: commands (B, driven wheels) and (B, driven castors), as for `RobotWorld`."""
         limit = self._fastest if drive == "servo" else np.ones_like(self._fastest)
-        self._command(self._driven, wheels, limit, drive)
+        self.fleet.command(self._driven, wheels, limit, drive)
         if self._held.size:
-            self.fleet.wheels["drive"][:, self._held] = SERVO
-            self.fleet.wheels["command"][:, self._held] = 0.0
+            blocked = np.zeros((len(self.members), self._held.size))
+            self.fleet.command(self._held, blocked, np.ones_like(self._fastest), "servo")
         if self._motors.size:
             most = self._steering_speed
-            self.fleet.joints["rate"][:, self._motors] = -np.minimum(np.maximum(castors, -most), most)
-            self.fleet.joints["most"][:, self._motors] = self._steering_impulse
+            rates = np.minimum(np.maximum(castors, -most), most)
+            self.fleet.steer(self._motors, rates, np.broadcast_to(self._steering_impulse, rates.shape))
         self.fleet.advance()
 
     def sense(self, going: NDArray[np.bool_]) -> tuple[Observation, Array]:
@@ -111,8 +106,8 @@ class TrainLanes(Lanes):
 
     members: Sequence[SensedTrain]
 
-    def __init__(self, members: Sequence[SensedTrain]) -> None:
-        super().__init__(members)
+    def __init__(self, members: Sequence[SensedTrain], threads: int | None) -> None:
+        super().__init__(members, threads)
         worlds = [member.world for member in members]
         self._axles = list(range(worlds[0].train.n_axles))
         self._centers = np.stack([world.centers for world in worlds])
@@ -122,7 +117,7 @@ class TrainLanes(Lanes):
     def advance(self, wheels: Array, castors: Array, drive: Drive) -> None:
         """Drive for one sample period: commands (B, 2N), as for `TrainWorld`; there are no castors to steer."""
         limit = self._fastest if drive == "servo" else np.ones_like(self._fastest)
-        self._command(np.arange(wheels.shape[1]), wheels, limit, drive)
+        self.fleet.command(np.arange(wheels.shape[1]), wheels, limit, drive)
         self.fleet.advance()
 
     def sense(self, going: NDArray[np.bool_]) -> tuple[Observation, Array]:

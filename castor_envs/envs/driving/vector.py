@@ -15,6 +15,7 @@ from castor_envs.envs.driving.tracking import AHEAD, TrackingEnv, seen_from
 from castor_envs.envs.sensed import SensedRobot
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.physics.fleet import structure
 from castor_envs.physics.stepper import FASTEST
 from castor_envs.sensors.observation import Observation
 
@@ -28,10 +29,10 @@ class TrackingVectorEnv(SyncVectorEnv):
 
     envs: Any  # list[TrackingEnv]
 
-    def __init__(self, env_fns: Sequence[Any], **options: Any) -> None:
+    def __init__(self, env_fns: Sequence[Any], threads: int | None = None, **options: Any) -> None:
         super().__init__(env_fns, **options)
         first, sensed = self.envs[0], [env.sensed for env in self.envs]
-        self._lanes = RobotLanes(sensed) if isinstance(sensed[0], SensedRobot) else TrainLanes(sensed)
+        self._lanes = (RobotLanes if isinstance(sensed[0], SensedRobot) else TrainLanes)(sensed, threads)
         places = np.asarray(first.course.target(0.0))
         self._period = first.vehicle.sample_period
         self._fastest = np.stack([env.follower.fastest for env in self.envs])
@@ -185,12 +186,10 @@ class TrackingVectorEnv(SyncVectorEnv):
 
 def steps_as_one(envs: Sequence[TrackingEnv[Any]]) -> bool:
     """Return whether environments can be stepped as one: nothing that only one at a time can do, and one layout."""
-    layouts = {
-        (env.sensed.world.simulation.layout, len(env.sensed.world.wheels), env.action_space.shape) for env in envs
-    }
+    structures = {(*structure(env.sensed.world.simulation), env.control, env.action_space.shape) for env in envs}
     scaled = any(env.scaling is not None for env in envs)
     alike = all(env.vehicle == envs[0].vehicle for env in envs)
-    return all(env.steps_in_fleet for env in envs) and len(layouts) == 1 and (alike or not scaled)
+    return all(env.steps_in_fleet for env in envs) and len(structures) == 1 and (alike or not scaled)
 
 
 def _lanes_of(which: Any) -> list[int]:

@@ -81,28 +81,56 @@ def test_halving_the_substep_moves_little_on_a_rough_floor_too(name):
 DRIVES: tuple[Drive, ...] = ("servo", "voltage", "servo", "off")
 
 
-def episode(name, stepper, samples, substeps):
-    """Poses, castor angles and wheel angles of random driving by turns with servos, voltage, and motors off."""
-    robot, random = preset(name), np.random.default_rng(7)
+def commands(robot, samples):
+    """Random driving by turns with servos, voltage, and motors off: what `advance` takes, sample by sample."""
+    random = np.random.default_rng(7)
     angles = random.uniform(-math.pi, math.pi, len(robot.castors))
-    world = RobotWorld(robot, ROUGH, castor_angles=angles, stepper=stepper, substeps=substeps)
     rows = []
     for k in range(samples // 10):
         drive = DRIVES[k % 4]
         limit = 0.5 if drive == "voltage" else 0.4 * robot.max_wheel_speed
         wheels = random.uniform(-limit, limit, len(robot.driven_wheels))
-        steering = random.uniform(-4, 4, len(robot.driven_castors))
-        for _ in range(10):
-            world.advance(wheels, steering, drive)
-            rows.append([*world.pose, *world.castor_angles, *world.wheel_angles])
-    return np.array(rows)
+        rows += [(wheels, random.uniform(-4, 4, len(robot.driven_castors)), drive)] * 10
+    return angles, rows
 
 
-@pytest.mark.parametrize("name", ["asoc-prototype", "powered-caster", "tricycle", "differential", "omnimate", "swerve"])
+def state(world):
+    return np.array([*world.pose, *world.castor_angles, *world.wheel_angles])
+
+
+def episode(name, stepper, samples, substeps):
+    """Poses, castor angles and wheel angles of random driving."""
+    angles, rows = commands(preset(name), samples)
+    world = RobotWorld(preset(name), ROUGH, castor_angles=angles, stepper=stepper, substeps=substeps)
+    states = []
+    for row in rows:
+        world.advance(*row)
+        states.append(state(world))
+    return np.array(states)
+
+
+@pytest.mark.parametrize("name", ["powered-caster", "tricycle", "differential", "omnimate", "swerve"])
 def test_reference_and_compiled_stepper_agree(name):
     reference, compiled = (episode(name, stepper, samples=40, substeps=30) for stepper in ("reference", "compiled"))
     assert np.ptp(reference[:, :2]) > 0.1
     np.testing.assert_allclose(compiled, reference, rtol=0, atol=1e-12)
+
+
+def test_reference_and_compiled_stepper_agree_on_a_drive_that_magnifies_the_last_bit():
+    """From a sample on the prototype's does, 1e5 times in 50 ms, by any stepper: so both begin each 10 ms anew."""
+    robot = dataclasses.replace(preset("asoc-prototype"), sample_period=0.01)
+    angles, rows = commands(robot, samples=40)
+    driven = RobotWorld(robot, ROUGH, castor_angles=angles, substeps=6)
+    for row in (row for row in rows for _ in range(5)):
+        worlds = [RobotWorld(robot, ROUGH, stepper=stepper, substeps=6) for stepper in ("reference", "compiled")]
+        for world in worlds:
+            own = world.simulation.joints.copy()  # without impulses, as pymunk's are in a new world
+            world.simulation.resume(driven.simulation.motion, driven.wheels, own, driven.time)
+            assert len(world.simulation.space.bodies) == 4  # which moves them there
+            world.advance(*row)
+        np.testing.assert_allclose(state(worlds[1]), state(worlds[0]), rtol=0, atol=1e-12)
+        driven.advance(*row)
+    assert math.hypot(*driven.pose[:2]) > 0.1
 
 
 def train_episode(axles, stepper, samples):
