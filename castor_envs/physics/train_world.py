@@ -145,7 +145,7 @@ class TrainWorld:
     def joint_angles(self) -> list[Array]:
         """Of each frame the angles (links,) of its joints, from the rear, rad."""
         angle = self.simulation.motion[:, 2]
-        return [np.diff(angle[bodies]) for bodies in self.frame_bodies]
+        return [turned[1:] - turned[:-1] for turned in (angle[bodies] for bodies in self.frame_bodies)]
 
     @property
     def frame_shapes(self) -> list[Array]:

@@ -15,6 +15,7 @@ from castor_envs.physics.solver import MOTOR
 from castor_envs.physics.stepper import Drive
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.sensors.observation import Observation, observation
+from castor_envs.sensors.posture import PostureSensors
 
 
 class Lanes:
@@ -113,6 +114,17 @@ class TrainLanes(Lanes):
         self._centers = np.stack([world.centers for world in worlds])
         self._fastest = np.stack([world.limits for world in worlds])
         self._frame_bodies = worlds[0].frame_bodies
+        self._sensors = PostureSensors.stacked([world.train for world in worlds])
+
+    def load(self, lane: int) -> None:
+        """Take the state of a member."""
+        super().load(lane)
+        self._sensors.take(lane, self.members[lane].sensors)
+
+    def give_back(self, lane: int, seen: Observation) -> None:
+        """Give a member its state, and its newest observation."""
+        super().give_back(lane, seen)
+        self._sensors.give_back(lane, self.members[lane].sensors)
 
     def advance(self, wheels: Array, castors: Array, drive: Drive) -> None:
         """Drive for one sample period: commands (B, 2N), as for `TrainWorld`; there are no castors to steer."""
@@ -122,12 +134,9 @@ class TrainLanes(Lanes):
 
     def sense(self, going: NDArray[np.bool_]) -> tuple[Observation, Array]:
         """Return what all sensors say, with leading axis B, and the true poses (B, N, 3). going: who is read at all."""
-        size, frames = len(self.members), len(self._frame_bodies)
-        rps, age = np.zeros((size, 3 * frames)), np.zeros((size, frames))
         angle = self.fleet.motion[..., 2]
-        joints = [np.diff(angle[:, bodies], axis=-1) for bodies in self._frame_bodies]
-        for lane in np.flatnonzero(going).tolist():
-            read, age[lane] = self.members[lane].sensors.read([bent[lane] for bent in joints], self.fleet.time[lane])
-            rps[lane] = read.ravel()
+        joints = [bent[:, 1:] - bent[:, :-1] for bent in (angle[:, bodies] for bodies in self._frame_bodies)]
+        poses, age = self._sensors.read(joints, self.fleet.time, going)
+        rps = poses.reshape(len(self.members), -1)
         seen = observation(self._increments(), self.fleet.time, rps=rps, rps_age=age)
         return seen, self._poses(self._axles, self._centers)
