@@ -9,7 +9,7 @@ from castor_envs.physics.tyre import wheel_forces
 
 def advance(
     world: Any,
-    motion: Any,
+    bodies: Any,
     inverse: Any,
     joints: Any,
     order: Any,
@@ -24,15 +24,15 @@ def advance(
 ) -> None:
     """Run the substeps of a sample period of a world: one record (`castor_envs.physics.stepper.WORLD`).
 
-    loads (b, 3), middle and end (b, 5), kept (s,): scratch. state (s,): what motion, joints and wheels are views of.
+    loads, middle and end (b,), kept (s,): scratch. state (s,): what bodies, joints and wheels are views of.
     Lanes with fewer substeps than others run on with them; their state is kept when they are done, and put back.
     """
     w = world[0]
     for step in range(w.substeps):
-        places_ahead(motion, 0.5 * w.dt, middle)
-        places_ahead(motion, w.dt, end)
-        wheel_forces(motion, middle, end, wheels, patches, cables, w.climbing, w.dt, loads)
-        step_bodies(motion, inverse, joints, order, w.gravity_x, w.gravity_y, w.dt, loads, end)
+        places_ahead(bodies, 0.5 * w.dt, middle)
+        places_ahead(bodies, w.dt, end)
+        wheel_forces(bodies, middle, end, wheels, patches, cables, w.climbing, w.dt, loads)
+        step_bodies(bodies, inverse, joints, order, w.gravity_x, w.gravity_y, w.dt, loads, end)
         if w.fewest <= step + 1 and w.fewest < w.substeps:
             done = w.own_substeps == 1.0 + step
             if any_of(done):

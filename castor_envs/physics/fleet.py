@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.kernels.arguments import aligned, in_lanes
-from castor_envs.physics.solver import JOINT, solving_order
+from castor_envs.physics.solver import BODY, INVERSE, JOINT, LOAD, PLACE, solving_order
 from castor_envs.physics.stepper import ADVANCE, DRIVES, WORLD, Drive, Simulation
 from castor_envs.physics.tyre import WHEEL
 
@@ -80,13 +80,13 @@ class Fleet:
         for name in WORLD.names or ():
             settings[name] = given[name] if given[name].dtype.kind == "f" else given[name].max()
         settings["fewest"] = given["substeps"].min()
-        masses = _beside([1.0 / member.masses for member in members])
+        inverse = _beside([1.0 / member.masses for member in members]).reshape(-1).view(in_lanes(INVERSE, width))
         patches, cables = _floors([member.patches for member in members]), _floors([member.cables for member in members])
-        scratch = [aligned((len(first.motion), columns, width)) for columns in (3, 5, 5)]
+        scratch = [aligned((len(first.motion),), in_lanes(kind, width)) for kind in (LOAD, PLACE, PLACE)]
         state, kept = self._state[world], aligned(self._state[world].shape)
-        order, motion = solving_order(first.layout, first.iterations), self._motion[world]
-        there = wheels, patches, cables
-        return ADVANCE.in_lanes(width).bind(settings, motion, masses, joints, order, *there, *scratch, state, kept)
+        order, there = solving_order(first.layout, first.iterations), (wheels, patches, cables)
+        bodies = self._motion[world].reshape(-1).view(in_lanes(BODY, width))
+        return ADVANCE.in_lanes(width).bind(settings, bodies, inverse, joints, order, *there, *scratch, state, kept)
 
     def load(self, lane: int) -> None:
         """Take the state of a simulation."""

@@ -17,11 +17,17 @@ import pymunk
 from numpy.typing import NDArray
 from pymunk.constraints import Constraint, DampedRotarySpring, PivotJoint, SimpleMotor
 
-from castor_envs.geometry.arrays import Array
 from castor_envs.kernels.select import where
 from castor_envs.physics.trigonometry import cosine_and_sine
 
 PIVOT, MOTOR, SPRING = 0, 1, 2
+
+# Of each body its centre of mass in N, its heading, and their rates; where it is ahead of that; the inverse of its mass
+# and of its moment of inertia; what force and torque it feels.
+BODY = np.dtype([(name, float) for name in ("x", "y", "angle", "v_x", "v_y", "spin")])
+PLACE = np.dtype([(name, float) for name in ("x", "y", "angle", "cos", "sin")])
+INVERSE = np.dtype([(name, float) for name in ("mass", "inertia")])
+LOAD = np.dtype([(name, float) for name in ("x", "y", "torque")])
 
 JOINT = np.dtype(
     [
@@ -104,106 +110,104 @@ def solving_order(joints: tuple[tuple[int, int, int], ...], iterations: int) -> 
     return np.array([turn[2] for turn in sorted(turns)], dtype=np.uint64)
 
 
-def places_ahead(motion: Array, ahead: float, places: Array) -> None:
-    """Fill in where bodies are `ahead` seconds on: x, y, angle, and its cosine and sine, (b, 5)."""
-    for i in range(len(motion)):
-        angle = motion[i, 2] + ahead * motion[i, 5]
-        places[i, 0] = motion[i, 0] + ahead * motion[i, 3]
-        places[i, 1] = motion[i, 1] + ahead * motion[i, 4]
-        places[i, 2] = angle
-        places[i, 3], places[i, 4] = cosine_and_sine(angle)
+def places_ahead(bodies, ahead, places):
+    """Fill in where bodies (b,) are `ahead` seconds on."""
+    for i in range(len(bodies)):
+        body, place = bodies[i], places[i]
+        place.x, place.y = body.x + ahead * body.v_x, body.y + ahead * body.v_y
+        place.angle = body.angle + ahead * body.spin
+        place.cos, place.sin = cosine_and_sine(place.angle)
 
 
-def step_bodies(motion, inverse, joints, order, gravity_x, gravity_y, dt, loads, places):
-    """Advance bodies by dt.
-
-    motion (b, 6): x, y, angle, v_x, v_y, angular velocity. inverse (b, 2): of masses and inertias. order: of
-    `solving_order`. loads (b, 3): forces and torques. places: of `places_ahead` by dt.
-    """
-    for i in range(len(motion)):
-        motion[i, 0], motion[i, 1], motion[i, 2] = places[i, 0], places[i, 1], places[i, 2]
+def step_bodies(bodies, inverse, joints, order, gravity_x, gravity_y, dt, loads, places):
+    """Advance bodies (b,) by dt. order: of `solving_order`. places: of `places_ahead` by dt."""
+    for i in range(len(bodies)):
+        body, place = bodies[i], places[i]
+        body.x, body.y, body.angle = place.x, place.y, place.angle
     for k in range(len(joints)):
-        prepare(joints[k], motion, inverse, dt, places)
-    for i in range(len(motion)):
-        motion[i, 3] += (gravity_x + loads[i, 0] * inverse[i, 0]) * dt
-        motion[i, 4] += (gravity_y + loads[i, 1] * inverse[i, 0]) * dt
-        motion[i, 5] += loads[i, 2] * inverse[i, 1] * dt
+        prepare(joints[k], bodies, inverse, dt, places)
+    for i in range(len(bodies)):
+        body, load, its = bodies[i], loads[i], inverse[i]
+        body.v_x += (gravity_x + load.x * its.mass) * dt
+        body.v_y += (gravity_y + load.y * its.mass) * dt
+        body.spin += load.torque * its.inertia * dt
     for k in range(len(joints)):
         joint = joints[k]
         if joint.kind == PIVOT:
-            push(joint, motion, inverse, joint.impulse_x, joint.impulse_y)
+            push(joint, bodies, inverse, joint.impulse_x, joint.impulse_y)
         elif joint.kind == MOTOR:
-            twist(joint, motion, inverse, joint.impulse_x)
+            twist(joint, bodies, inverse, joint.impulse_x)
     for k in range(len(order)):
         joint = joints[order[k]]
         if joint.kind == PIVOT:
-            hold(joint, motion, inverse)
+            hold(joint, bodies, inverse)
         elif joint.kind == MOTOR:
-            rate = motion[joint.b, 5] - motion[joint.a, 5] + joint.rate
+            rate = bodies[joint.b].spin - bodies[joint.a].spin + joint.rate
             before = joint.impulse_x
             wanted = before - rate * joint.inertia
             wanted = where(wanted < -joint.most, -joint.most, wanted)
             joint.impulse_x = where(wanted > joint.most, joint.most, wanted)
-            twist(joint, motion, inverse, joint.impulse_x - before)
+            twist(joint, bodies, inverse, joint.impulse_x - before)
         else:
-            rate = motion[joint.a, 5] - motion[joint.b, 5]
+            rate = bodies[joint.a].spin - bodies[joint.b].spin
             braked = (joint.wanted_x - rate) * joint.damped
             joint.wanted_x = rate + braked
             before = joint.impulse_x
             change = before - (before - braked * joint.inertia)
             joint.impulse_x = before - change
-            twist(joint, motion, inverse, -change)
+            twist(joint, bodies, inverse, -change)
 
 
-def prepare(joint, motion, inverse, dt, places):
+def prepare(joint, bodies, inverse, dt, places):
     """Find a joint's arms and masses for a step; a spring turns its bodies."""
-    a, b = joint.a, joint.b
+    a, b = bodies[joint.a], bodies[joint.b]
     if joint.kind == SPRING:
-        torque = (motion[a, 2] - motion[b, 2] - joint.rest) * joint.stiffness
+        torque = (a.angle - b.angle - joint.rest) * joint.stiffness
         joint.impulse_x, joint.wanted_x = torque * dt, 0.0
-        twist(joint, motion, inverse, joint.impulse_x)
+        twist(joint, bodies, inverse, joint.impulse_x)
     elif joint.kind == PIVOT:
-        c, s = places[a, 3], places[a, 4]
-        a_x, a_y = c * joint.a_x - s * joint.a_y, s * joint.a_x + c * joint.a_y
-        c, s = places[b, 3], places[b, 4]
-        b_x, b_y = c * joint.b_x - s * joint.b_y, s * joint.b_x + c * joint.b_y
-        mass, inertia_a, inertia_b = inverse[a, 0] + inverse[b, 0], inverse[a, 1], inverse[b, 1]
+        place = places[joint.a]
+        a_x, a_y = place.cos * joint.a_x - place.sin * joint.a_y, place.sin * joint.a_x + place.cos * joint.a_y
+        place = places[joint.b]
+        b_x, b_y = place.cos * joint.b_x - place.sin * joint.b_y, place.sin * joint.b_x + place.cos * joint.b_y
+        inertia_a, inertia_b = inverse[joint.a].inertia, inverse[joint.b].inertia
+        mass = inverse[joint.a].mass + inverse[joint.b].mass
         xx = mass + a_y * a_y * inertia_a + b_y * b_y * inertia_b
         yy = mass + a_x * a_x * inertia_a + b_x * b_x * inertia_b
         xy = -a_x * a_y * inertia_a + -b_x * b_y * inertia_b
         inverse_determinant = 1.0 / (xx * yy - xy * xy)
         joint.mass_xx, joint.mass_yy = yy * inverse_determinant, xx * inverse_determinant
         joint.mass_xy = -xy * inverse_determinant
-        joint.wanted_x = (motion[b, 0] + b_x - (motion[a, 0] + a_x)) * joint.closing
-        joint.wanted_y = (motion[b, 1] + b_y - (motion[a, 1] + a_y)) * joint.closing
+        joint.wanted_x = (b.x + b_x - (a.x + a_x)) * joint.closing
+        joint.wanted_y = (b.y + b_y - (a.y + a_y)) * joint.closing
         joint.arm_a_x, joint.arm_a_y, joint.arm_b_x, joint.arm_b_y = a_x, a_y, b_x, b_y
 
 
-def twist(joint, motion, inverse, impulse):
+def twist(joint, bodies, inverse, impulse):
     """Turn the second body by an impulse (N m s), and the first one back."""
-    motion[joint.a, 5] -= impulse * inverse[joint.a, 1]
-    motion[joint.b, 5] += impulse * inverse[joint.b, 1]
+    bodies[joint.a].spin -= impulse * inverse[joint.a].inertia
+    bodies[joint.b].spin += impulse * inverse[joint.b].inertia
 
 
-def push(joint, motion, inverse, x, y):
+def push(joint, bodies, inverse, x, y):
     """Push the second body by an impulse (N s) at a pivot, and the first one back."""
-    a, b = joint.a, joint.b
-    motion[a, 3] -= x * inverse[a, 0]
-    motion[a, 4] -= y * inverse[a, 0]
-    motion[a, 5] += inverse[a, 1] * (joint.arm_a_y * x - joint.arm_a_x * y)
-    motion[b, 3] += x * inverse[b, 0]
-    motion[b, 4] += y * inverse[b, 0]
-    motion[b, 5] += inverse[b, 1] * (joint.arm_b_x * y - joint.arm_b_y * x)
+    a, its = bodies[joint.a], inverse[joint.a]
+    a.v_x -= x * its.mass
+    a.v_y -= y * its.mass
+    a.spin += its.inertia * (joint.arm_a_y * x - joint.arm_a_x * y)
+    b, its = bodies[joint.b], inverse[joint.b]
+    b.v_x += x * its.mass
+    b.v_y += y * its.mass
+    b.spin += its.inertia * (joint.arm_b_x * y - joint.arm_b_y * x)
 
 
-def hold(joint, motion, inverse):
+def hold(joint, bodies, inverse):
     """Correct the velocities of a pivot's bodies so that it stays together."""
-    a, b = joint.a, joint.b
-    spin_a, spin_b = motion[a, 5], motion[b, 5]
-    x = motion[b, 3] - joint.arm_b_y * spin_b - (motion[a, 3] - joint.arm_a_y * spin_a)
-    y = motion[b, 4] + joint.arm_b_x * spin_b - (motion[a, 4] + joint.arm_a_x * spin_a)
+    a, b = bodies[joint.a], bodies[joint.b]
+    x = b.v_x - joint.arm_b_y * b.spin - (a.v_x - joint.arm_a_y * a.spin)
+    y = b.v_y + joint.arm_b_x * b.spin - (a.v_y + joint.arm_a_x * a.spin)
     x, y = joint.wanted_x - x, joint.wanted_y - y
     before_x, before_y = joint.impulse_x, joint.impulse_y
     joint.impulse_x = before_x + (joint.mass_xx * x + joint.mass_xy * y)
     joint.impulse_y = before_y + (joint.mass_xy * x + joint.mass_yy * y)
-    push(joint, motion, inverse, joint.impulse_x - before_x, joint.impulse_y - before_y)
+    push(joint, bodies, inverse, joint.impulse_x - before_x, joint.impulse_y - before_y)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pymunk
@@ -15,7 +15,18 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.kernels.arguments import array
 from castor_envs.kernels.kernel import Kernel
 from castor_envs.physics import tyre as law
-from castor_envs.physics.solver import JOINT, MOTOR, SPRING, joint_records, places_ahead, solving_order
+from castor_envs.physics.solver import (
+    BODY,
+    INVERSE,
+    JOINT,
+    LOAD,
+    MOTOR,
+    PLACE,
+    SPRING,
+    joint_records,
+    places_ahead,
+    solving_order,
+)
 
 Drive = Literal["servo", "voltage", "off"]
 Stepper = Literal["compiled", "reference"]
@@ -35,12 +46,17 @@ ADVANCE = Kernel(
     "castor_envs.physics.compiled_loop",
     "advance",
     (
-        *(array(WORLD, 1), array(float, 2), array(float, 2), array(JOINT, 1), array(np.uint64, 1)),
-        *(array(law.WHEEL, 1), array(float, 2), array(float, 2), array(float, 2), array(float, 2), array(float, 2)),
+        *(array(WORLD, 1), array(BODY, 1), array(INVERSE, 1), array(JOINT, 1), array(np.uint64, 1)),
+        *(array(law.WHEEL, 1), array(float, 2), array(float, 2), array(LOAD, 1), array(PLACE, 1), array(PLACE, 1)),
         *(array(float, 1), array(float, 1)),
     ),
 )
 DRIVES = {"off": law.OFF, "servo": law.SERVO, "voltage": law.VOLTAGE}
+
+
+def records(rows: Array, kind: np.dtype) -> NDArray[np.void]:
+    """Return rows (n, k) as records (n,) of k numbers, in the same memory."""
+    return rows.view(kind)[:, 0]
 
 
 def move(body: pymunk.Body, motion: Array) -> None:
@@ -116,9 +132,10 @@ class Simulation:
         """The compiled loop over the substeps of a sample period."""
         order, bodies = solving_order(self.layout, self.iterations), len(self.motion)
         world = np.array([self.settings], dtype=WORLD)
-        scratch = np.empty((bodies, 3)), np.empty((bodies, 5)), np.empty((bodies, 5)), np.empty(0), np.empty(0)
+        scratch = (*(np.empty(bodies, dtype=kind) for kind in (LOAD, PLACE, PLACE)), np.empty(0), np.empty(0))
         there = self.wheels, self.patches, self.cables
-        return ADVANCE.bind(world, self.motion, 1.0 / self.masses, self.joints, order, *there, *scratch)
+        moving, inverse = records(self.motion, BODY), records(1.0 / self.masses, INVERSE)
+        return ADVANCE.bind(world, moving, inverse, self.joints, order, *there, *scratch)
 
     def restart(self, motion: Array) -> None:
         """Start again, bodies in `motion` (b, 6), as if made anew. Compiled ones only: pymunk's joints remember."""
@@ -167,17 +184,23 @@ class Simulation:
 
     def _advance_by_pymunk(self) -> None:
         """Run the substeps in plain Python: the same laws for wheels, pymunk for bodies and joints."""
-        records, loads = self.wheels.view(np.recarray), np.empty((len(self.motion), 3))
-        middle, end = np.empty((2, len(self.motion), 5))
-        there = self.patches, self.cables, self.floor.climbing
+        loads = np.empty(len(self.motion), dtype=LOAD).view(np.recarray)
         for _ in range(self.substeps):
-            places_ahead(self.motion, 0.5 * self.dt, middle)
-            places_ahead(self.motion, self.dt, end)
-            law.wheel_forces(self.motion, middle, end, records, *there, self.dt, loads)
+            self._wheel_forces(self.wheels, loads)
             for body, (x, y, torque) in zip(self._bodies, loads.tolist(), strict=True):
                 body.force, body.torque = (x, y), torque
             self._space.step(self.dt)
             self._take()
+
+    def _wheel_forces(self, wheels: NDArray[np.void], loads: Any) -> Any:
+        """Advance wheels by a substep in plain Python, fill in loads (b,); return the places (b,) of half a substep."""
+        bodies = records(self.motion, BODY).view(np.recarray)
+        middle, end = np.empty((2, len(bodies)), dtype=PLACE).view(np.recarray)
+        places_ahead(bodies, 0.5 * self.dt, middle)
+        places_ahead(bodies, self.dt, end)
+        there = self.patches, self.cables, self.floor.climbing
+        law.wheel_forces(bodies, middle, end, wheels.view(np.recarray), *there, self.dt, loads)
+        return middle
 
     def energy(self) -> float:
         """Return all mechanical energy: bodies, wheel spin, bristles, bent frames, slope, wheels on cables; J.
@@ -186,14 +209,10 @@ class Simulation:
         heights, bends and bristles are taken there, these halfway to where the next substep brings them.
         """
         motion, w, after = self.motion, self.wheels, self.wheels.copy()
-        middle, end = np.empty((2, len(motion), 5))
-        places_ahead(motion, 0.5 * self.dt, middle)
-        places_ahead(motion, self.dt, end)
-        there, unused = (self.patches, self.cables, self.floor.climbing), np.zeros((len(motion), 3))
-        law.wheel_forces(motion, middle, end, after.view(np.recarray), *there, self.dt, unused)
+        middle = self._wheel_forces(after, np.empty(len(motion), dtype=LOAD).view(np.recarray))
         masses, inertias = self.masses.T
         kinetic = 0.5 * np.sum(masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2)
-        height = -np.sum(masses[:, None] * middle[:, :2] * np.array(self.floor.downhill_gravity))
+        height = -np.sum(masses * (middle.x * self.floor.downhill_gravity[0] + middle.y * self.floor.downhill_gravity[1]))
         spin = 0.5 * np.sum(w["inertia"] * w["speed"] ** 2)
         long = 0.5 * (w["stretch_long"] + after["stretch_long"])
         lat = 0.5 * (w["stretch_lat"] + after["stretch_lat"])
@@ -208,12 +227,12 @@ class Simulation:
         angle = a[:, 2] - b[:, 2] - springs["rest"] + 0.5 * self.dt * (a[:, 5] - b[:, 5])
         return float(np.sum(0.5 * springs["stiffness"] * angle**2))
 
-    def _climbed(self, middle: Array) -> float:
-        """Return the potential energy of wheels on cables half a substep on, where bodies are `middle` (b, 5), J."""
+    def _climbed(self, middle: Any) -> float:
+        """Return the potential energy of wheels on cables half a substep on, where bodies are `middle` (b,), J."""
         energy = 0.0
         for wheel in self.wheels.view(np.recarray):
-            x, y = middle[wheel.body, :2]
-            arm_x, arm_y, _, _ = law.contact_at(wheel, middle[wheel.body])
-            place = x + arm_x, y + arm_y
+            body = middle[wheel.body]
+            arm_x, arm_y, _, _ = law.contact_at(wheel, body)
+            place = body.x + arm_x, body.y + arm_y
             energy += wheel.load * law.rise_between(*place, *place, wheel.radius, self.cables)[0]
         return float(energy)

@@ -220,8 +220,8 @@ def turn_wheel(wheel, v_long, v_lat, limit, dt):
 
 
 def contact_at(wheel, place):
-    """Return the arm to the contact and the rolling direction, in N, of a wheel on a body at `place` (5,)."""
-    c, s = place[3], place[4]
+    """Return the arm to the contact and the rolling direction, in N, of a wheel on a body at a place."""
+    c, s = place.cos, place.sin
     return (
         c * wheel.x - s * wheel.y,
         s * wheel.x + c * wheel.y,
@@ -233,24 +233,26 @@ def contact_at(wheel, place):
 def wheel_forces(bodies, middle, end, wheels, patches, cables, climbing, dt, loads):
     """Advance all wheels by dt and add up what they do to the bodies.
 
-    bodies (b, 6): x, y, angle, v_x, v_y, angular velocity. middle, end (b, 5): their places half of dt and dt ahead
-    (`castor_envs.physics.solver.places_ahead`). loads (b, 3), overwritten: force x, y in N, torque.
+    bodies (b,), middle and end, their places half of dt and dt ahead, loads (overwritten): records of
+    `castor_envs.physics.solver`.
     """
-    loads[:] = 0.0
+    for i in range(len(loads)):
+        load = loads[i]
+        load.x, load.y, load.torque = 0.0, 0.0, 0.0
     for k in range(len(wheels)):
         wheel = wheels[k]
         body, place = bodies[wheel.body], middle[wheel.body]
         arm_x, arm_y, e_x, e_y = contact_at(wheel, place)
-        u_x, u_y = body[3] - body[5] * arm_y, body[4] + body[5] * arm_x
+        u_x, u_y = body.v_x - body.spin * arm_y, body.v_y + body.spin * arm_x
         v_long, v_lat = u_x * e_x + u_y * e_y, u_y * e_x - u_x * e_y
-        limit = wheel.load * friction_at(place[0] + arm_x, place[1] + arm_y, wheel.friction, patches)
+        limit = wheel.load * friction_at(place.x + arm_x, place.y + arm_y, wheel.friction, patches)
 
         # Forces act at the end of the substep: a cable's is the mean over half a substep before and after.
         place = end[wheel.body]
         arm_x, arm_y, e_x, e_y = contact_at(wheel, place)
         share, gradient_x, gradient_y, longer = 0.0, 0.0, 0.0, 1.0
         if len(cables):
-            place_x, place_y, way_x, way_y = place[0] + arm_x, place[1] + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
+            place_x, place_y, way_x, way_y = place.x + arm_x, place.y + arm_y, 0.5 * dt * u_x, 0.5 * dt * u_y
             wheel.rise, share, gradient_x, gradient_y = rise_between(
                 place_x - way_x, place_y - way_y, place_x + way_x, place_y + way_y, wheel.radius, cables
             )
@@ -264,6 +266,7 @@ def wheel_forces(bodies, middle, end, wheels, patches, cables, climbing, dt, loa
         if climbing and len(cables):
             force_x -= share * wheel.load * gradient_x
             force_y -= share * wheel.load * gradient_y
-        loads[wheel.body, 0] += force_x
-        loads[wheel.body, 1] += force_y
-        loads[wheel.body, 2] += arm_x * force_y - arm_y * force_x
+        load = loads[wheel.body]
+        load.x += force_x
+        load.y += force_y
+        load.torque += arm_x * force_y - arm_y * force_x
