@@ -41,21 +41,28 @@ JOINT = np.dtype(
         ("b_y", float),
         ("closing", float),
         # of a motor and a spring: the inertia between bodies; of a motor its rate (rad/s) and greatest impulse
-        # (N m s); of a spring its stiffness (N m/rad), its angle at rest, and the share of the rate that it damps
+        # (N m s); of a spring its stiffness (N m/rad), its angle at rest, the share of the rate that it damps, and by
+        # what shares of it both bodies are braked
         ("inertia", float),
         ("rate", float),
         ("most", float),
         ("stiffness", float),
         ("rest", float),
         ("damped", float),
-        # of the last step: impulse (of a motor or spring in x alone), arms on both bodies, inverse of the mass that a
-        # pivot feels, wanted velocity
+        ("braking_a", float),
+        ("braking_b", float),
+        # of the last step: impulse (of a motor in x alone); of a pivot its arms on both bodies, by how much an impulse
+        # at them turns these, and the inverse of the mass that it feels; wanted velocity
         ("impulse_x", float),
         ("impulse_y", float),
         ("arm_a_x", float),
         ("arm_a_y", float),
         ("arm_b_x", float),
         ("arm_b_y", float),
+        ("turn_a_x", float),
+        ("turn_a_y", float),
+        ("turn_b_x", float),
+        ("turn_b_y", float),
         ("mass_xx", float),
         ("mass_xy", float),
         ("mass_yy", float),
@@ -85,6 +92,9 @@ def joint_records(bodies: Sequence[pymunk.Body], joints: Sequence[Constraint], d
         elif isinstance(joint, DampedRotarySpring):
             record["kind"], record["stiffness"], record["rest"] = SPRING, joint.stiffness, joint.rest_angle
             record["damped"] = 1.0 - math.exp(-joint.damping * dt * inverse_inertia)
+            record["braking_a"], record["braking_b"] = (
+                record["damped"] * record["inertia"] / body.moment for body in (a, b)
+            )
         else:
             raise TypeError(f"the solver knows no {type(joint).__name__}")
     return records
@@ -149,13 +159,12 @@ def step_bodies(bodies, inverse, joints, order, gravity_x, gravity_y, dt, loads,
             joint.impulse_x = where(wanted > joint.most, joint.most, wanted)
             twist(joint, bodies, inverse, joint.impulse_x - before)
         else:
-            rate = bodies[joint.a].spin - bodies[joint.b].spin
-            braked = (joint.wanted_x - rate) * joint.damped
-            joint.wanted_x = rate + braked
-            before = joint.impulse_x
-            change = before - (before - braked * joint.inertia)
-            joint.impulse_x = before - change
-            twist(joint, bodies, inverse, -change)
+            a, b = bodies[joint.a], bodies[joint.b]
+            rate = a.spin - b.spin
+            braked = joint.wanted_x - rate
+            joint.wanted_x = rate + braked * joint.damped
+            a.spin += braked * joint.braking_a
+            b.spin -= braked * joint.braking_b
 
 
 def prepare(joint, bodies, inverse, dt, places):
@@ -163,8 +172,8 @@ def prepare(joint, bodies, inverse, dt, places):
     a, b = bodies[joint.a], bodies[joint.b]
     if joint.kind == SPRING:
         torque = (a.angle - b.angle - joint.rest) * joint.stiffness
-        joint.impulse_x, joint.wanted_x = torque * dt, 0.0
-        twist(joint, bodies, inverse, joint.impulse_x)
+        joint.wanted_x = 0.0
+        twist(joint, bodies, inverse, torque * dt)
     elif joint.kind == PIVOT:
         place = places[joint.a]
         a_x, a_y = place.cos * joint.a_x - place.sin * joint.a_y, place.sin * joint.a_x + place.cos * joint.a_y
@@ -181,6 +190,8 @@ def prepare(joint, bodies, inverse, dt, places):
         joint.wanted_x = (b.x + b_x - (a.x + a_x)) * joint.closing
         joint.wanted_y = (b.y + b_y - (a.y + a_y)) * joint.closing
         joint.arm_a_x, joint.arm_a_y, joint.arm_b_x, joint.arm_b_y = a_x, a_y, b_x, b_y
+        joint.turn_a_x, joint.turn_a_y = a_x * inertia_a, a_y * inertia_a
+        joint.turn_b_x, joint.turn_b_y = b_x * inertia_b, b_y * inertia_b
 
 
 def twist(joint, bodies, inverse, impulse):
@@ -194,11 +205,11 @@ def push(joint, bodies, inverse, x, y):
     a, its = bodies[joint.a], inverse[joint.a]
     a.v_x -= x * its.mass
     a.v_y -= y * its.mass
-    a.spin += its.inertia * (joint.arm_a_y * x - joint.arm_a_x * y)
+    a.spin += joint.turn_a_y * x - joint.turn_a_x * y
     b, its = bodies[joint.b], inverse[joint.b]
     b.v_x += x * its.mass
     b.v_y += y * its.mass
-    b.spin += its.inertia * (joint.arm_b_x * y - joint.arm_b_y * x)
+    b.spin += joint.turn_b_x * y - joint.turn_b_y * x
 
 
 def hold(joint, bodies, inverse):
@@ -207,7 +218,7 @@ def hold(joint, bodies, inverse):
     x = b.v_x - joint.arm_b_y * b.spin - (a.v_x - joint.arm_a_y * a.spin)
     y = b.v_y + joint.arm_b_x * b.spin - (a.v_y + joint.arm_a_x * a.spin)
     x, y = joint.wanted_x - x, joint.wanted_y - y
-    before_x, before_y = joint.impulse_x, joint.impulse_y
-    joint.impulse_x = before_x + (joint.mass_xx * x + joint.mass_xy * y)
-    joint.impulse_y = before_y + (joint.mass_xy * x + joint.mass_yy * y)
-    push(joint, bodies, inverse, joint.impulse_x - before_x, joint.impulse_y - before_y)
+    x, y = joint.mass_xx * x + joint.mass_xy * y, joint.mass_xy * x + joint.mass_yy * y
+    joint.impulse_x += x
+    joint.impulse_y += y
+    push(joint, bodies, inverse, x, y)

@@ -84,6 +84,8 @@ WHEEL = np.dtype(
 )
 CLOSE = 1e-6
 """A step of Newton's method, as a share of what it steps, after which the error, its square, is rounding."""
+NO_FORCE = 1e-60
+"""N: a friction limit up to it is none, so that its square is still a number."""
 
 
 def for_substeps(wheels, dt):
@@ -150,7 +152,7 @@ def force_on_circle(pull, turning, resisting, lateral, share, limit):
     slack, easing, less = 1.0, 1.0 / (turning + resisting), 1.0
     force_long, force_lat = pull * easing, lateral
     square = share * force_long * (share * force_long) + force_lat * force_lat
-    sliding = (square > limit * limit) & (limit > 0.0)
+    sliding = (square > limit * limit) & (limit > NO_FORCE)
     for _ in range(30):
         if not any_of(sliding):
             break
@@ -162,7 +164,7 @@ def force_on_circle(pull, turning, resisting, lateral, share, limit):
         force_long, force_lat = pull * easing, lateral * less
         square = share * force_long * (share * force_long) + force_lat * force_lat
         sliding = sliding & (step > CLOSE * slack)
-    return where(limit > 0.0, force_long, 0.0), where(limit > 0.0, force_lat, 0.0)
+    return where(limit > NO_FORCE, force_long, 0.0), where(limit > NO_FORCE, force_lat, 0.0)
 
 
 def turn_wheel(wheel, v_long, v_lat, limit, dt):
