@@ -160,11 +160,10 @@ def step_bodies(bodies, inverse, joints, order, gravity_x, gravity_y, dt, loads,
             twist(joint, bodies, inverse, joint.impulse_x - before)
         else:
             a, b = bodies[joint.a], bodies[joint.b]
-            rate = a.spin - b.spin
-            braked = joint.wanted_x - rate
-            joint.wanted_x = rate + braked * joint.damped
-            a.spin += braked * joint.braking_a
-            b.spin -= braked * joint.braking_b
+            spin_a, spin_b = a.spin, b.spin
+            braked = joint.wanted_x - (spin_a - spin_b)
+            a.spin, b.spin = spin_a + braked * joint.braking_a, spin_b - braked * joint.braking_b
+            joint.wanted_x = spin_a - spin_b + braked * joint.damped
 
 
 def prepare(joint, bodies, inverse, dt, places):
@@ -202,14 +201,13 @@ def twist(joint, bodies, inverse, impulse):
 
 def push(joint, bodies, inverse, x, y):
     """Push the second body by an impulse (N s) at a pivot, and the first one back."""
-    a, its = bodies[joint.a], inverse[joint.a]
-    a.v_x -= x * its.mass
-    a.v_y -= y * its.mass
-    a.spin += joint.turn_a_y * x - joint.turn_a_x * y
-    b, its = bodies[joint.b], inverse[joint.b]
-    b.v_x += x * its.mass
-    b.v_y += y * its.mass
-    b.spin += joint.turn_b_x * y - joint.turn_b_y * x
+    a, b, its_a, its_b = bodies[joint.a], bodies[joint.b], inverse[joint.a], inverse[joint.b]
+    a_x, a_y = a.v_x - x * its_a.mass, a.v_y - y * its_a.mass
+    b_x, b_y = b.v_x + x * its_b.mass, b.v_y + y * its_b.mass
+    spin_a = a.spin + (joint.turn_a_y * x - joint.turn_a_x * y)
+    spin_b = b.spin + (joint.turn_b_x * y - joint.turn_b_y * x)
+    a.v_x, a.v_y, a.spin = a_x, a_y, spin_a
+    b.v_x, b.v_y, b.spin = b_x, b_y, spin_b
 
 
 def hold(joint, bodies, inverse):
@@ -219,6 +217,6 @@ def hold(joint, bodies, inverse):
     y = b.v_y + joint.arm_b_x * b.spin - (a.v_y + joint.arm_a_x * a.spin)
     x, y = joint.wanted_x - x, joint.wanted_y - y
     x, y = joint.mass_xx * x + joint.mass_xy * y, joint.mass_xy * x + joint.mass_yy * y
+    push(joint, bodies, inverse, x, y)
     joint.impulse_x += x
     joint.impulse_y += y
-    push(joint, bodies, inverse, x, y)
