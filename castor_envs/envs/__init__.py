@@ -45,8 +45,9 @@ def make_many(
     """Return `num_envs` environments: what ``gymnasium.make_vec`` makes.
 
     An argument given as a list has one value for each of them; any other is that of all. Environments whose agents
-    drive are stepped as one (`castor_envs.envs.driving.vector`) unless they have effects, an estimator or a
-    window; others one after the other. Seeds, episodes and numbers are those of single environments, bit for bit.
+    drive are stepped as one (`castor_envs.envs.driving.vector`) unless they have effects, an estimator or a window, or
+    are built differently; others one after the other. Seeds, episodes and numbers are those of single environments, bit
+    for bit, also for any number of threads; None takes as many as there are processors, where that pays.
     """
     kind: Any = load_env_creator(entry_point)
     several = [name for name, value in arguments.items() if isinstance(value, list)]
@@ -65,7 +66,7 @@ def make_many(
     if hasattr(kind, "steps_in_fleet"):
         from castor_envs.envs.driving.vector import TrackingVectorEnv, steps_as_one
 
-        if steps_as_one(made):
+        if num_envs > 1 and steps_as_one(made):
             return TrackingVectorEnv(makers, threads, **options)
     return SyncVectorEnv(makers, **options)
 

@@ -4,8 +4,9 @@ Code is looked for, in this order, in the folder that the variable CASTOR_CACHE 
 the kernel's module (where an installation is shared, whoever may write there compiles for all) and in the user's own
 cache. It is kept in the first of these that can be written; where none can be, each process compiles for itself.
 
-A file's name has a digest of all that the code depends on: the sources of the kernel's module and of every module of
-this package that it imports, directly or not, how it is called, the versions of numba and llvmlite, and the processor.
+A file's name has a digest of all that the code depends on: the sources of the kernel's module, of the compiler, and of
+every module of this package that these import, directly or not, how it is called, the versions of numba and llvmlite,
+and the processor.
 So an edited source, another version or another machine is another file, and code is never taken for another one's.
 """
 
@@ -30,6 +31,7 @@ except ImportError:  # Windows
     fcntl = None
 
 VARIABLE = "CASTOR_CACHE"
+COMPILER = "castor_envs.kernels.compiler"
 _DIGEST = 32
 """Bytes of SHA-256 before the code in a file: LLVM would not survive a damaged one."""
 
@@ -40,7 +42,7 @@ def cached_code(module: str, call: str, compiled: Callable[[], bytes]) -> bytes:
     call: how the kernel is called, as text. Of several processes that need it at once, one compiles.
     """
     sources = kernel_sources(module)
-    name = f"{module.rpartition('.')[2]}-{_digest(sources, call)}.o"
+    name = f"{module.rpartition('.')[2]}-{_digest([*sources, *kernel_sources(COMPILER)], call)}.o"
     places = _places(sources[0].parent)
     for place in places:
         if (code := _read(place / name)) is not None:

@@ -1,8 +1,8 @@
-"""Chipmunk's step of bodies on joints, as far as vehicles need it: without collisions, with the same arithmetic.
+"""Chipmunk's step of bodies on joints, as far as vehicles need it: without collisions.
 
-Everything here is plain Python for numba to compile (`castor_envs.physics.compiled_loop`). The operations are those of
-Chipmunk 7 (``cpSpaceStep``, ``cpPivotJoint.c``, ``cpSimpleMotor.c``, ``cpDampedRotarySpring.c``) in the same order, so
-results are those of pymunk to the last bit wherever both are compiled without fused operations.
+Everything here is plain Python for numba to compile (`castor_envs.physics.compiled_loop`), for one world or for lanes
+of them. The method is that of Chipmunk 7 (``cpSpaceStep``, ``cpPivotJoint.c``, ``cpSimpleMotor.c``,
+``cpDampedRotarySpring.c``), impulse by impulse in the same order; results differ from pymunk's by rounding.
 
 A step moves the bodies, lets springs and forces change their velocities, and then corrects the velocities joint by
 joint, by impulses that are remembered for the next step, `iterations` times (a projected Gauss-Seidel method).
@@ -51,18 +51,14 @@ JOINT = np.dtype(
         ("damped", float),
         ("braking_a", float),
         ("braking_b", float),
-        # of the last step: impulse (of a motor in x alone); of a pivot its arms on both bodies, by how much an impulse
-        # at them turns these, and the inverse of the mass that it feels; wanted velocity
+        # of the last step: impulse (of a motor in x alone); of a pivot its arms on both bodies, and the inverse of
+        # the mass that it feels; wanted velocity
         ("impulse_x", float),
         ("impulse_y", float),
         ("arm_a_x", float),
         ("arm_a_y", float),
         ("arm_b_x", float),
         ("arm_b_y", float),
-        ("turn_a_x", float),
-        ("turn_a_y", float),
-        ("turn_b_x", float),
-        ("turn_b_y", float),
         ("mass_xx", float),
         ("mass_xy", float),
         ("mass_yy", float),
@@ -189,8 +185,6 @@ def prepare(joint, bodies, inverse, dt, places):
         joint.wanted_x = (b.x + b_x - (a.x + a_x)) * joint.closing
         joint.wanted_y = (b.y + b_y - (a.y + a_y)) * joint.closing
         joint.arm_a_x, joint.arm_a_y, joint.arm_b_x, joint.arm_b_y = a_x, a_y, b_x, b_y
-        joint.turn_a_x, joint.turn_a_y = a_x * inertia_a, a_y * inertia_a
-        joint.turn_b_x, joint.turn_b_y = b_x * inertia_b, b_y * inertia_b
 
 
 def twist(joint, bodies, inverse, impulse):
@@ -200,12 +194,15 @@ def twist(joint, bodies, inverse, impulse):
 
 
 def push(joint, bodies, inverse, x, y):
-    """Push the second body by an impulse (N s) at a pivot, and the first one back."""
+    """Push the second body by an impulse (N s) at a pivot, and the first one back.
+
+    All is read before anything is written: a compiler must take every body for any other's memory.
+    """
     a, b, its_a, its_b = bodies[joint.a], bodies[joint.b], inverse[joint.a], inverse[joint.b]
     a_x, a_y = a.v_x - x * its_a.mass, a.v_y - y * its_a.mass
     b_x, b_y = b.v_x + x * its_b.mass, b.v_y + y * its_b.mass
-    spin_a = a.spin + (joint.turn_a_y * x - joint.turn_a_x * y)
-    spin_b = b.spin + (joint.turn_b_x * y - joint.turn_b_y * x)
+    spin_a = a.spin + its_a.inertia * (joint.arm_a_y * x - joint.arm_a_x * y)
+    spin_b = b.spin + its_b.inertia * (joint.arm_b_x * y - joint.arm_b_y * x)
     a.v_x, a.v_y, a.spin = a_x, a_y, spin_a
     b.v_x, b.v_y, b.spin = b_x, b_y, spin_b
 

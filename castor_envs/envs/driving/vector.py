@@ -115,6 +115,11 @@ class TrackingVectorEnv(SyncVectorEnv):
         super().set_attr(name, values)
         self._load_all()
 
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close all members, and end the threads."""
+        self._lanes.fleet.close()
+        super().close_extras(**kwargs)
+
     def _motors(self, fraction: Array) -> Array:
         """Return what actions (B, ...) tell the motors (B, m), as `TrackingEnv` does for one."""
         first = self.envs[0]

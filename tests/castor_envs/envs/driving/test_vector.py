@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-import castor_envs.physics.fleet
 from castor_envs.envs.driving.vector import TrackingVectorEnv
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
@@ -123,10 +122,17 @@ def test_members_are_found_as_they_are_and_moved_on_from_there():
         assert not differing(vector.step(actions), loop.step(actions))
 
 
-@pytest.mark.parametrize("together", [1, 3])
-def test_who_is_solved_beside_whom_changes_nothing(monkeypatch, together):
-    monkeypatch.setattr(castor_envs.physics.fleet, "TOGETHER", together)
-    follow(*both(ROBOT, [{"robot": "asoc-prototype"}] * 5), steps=5)
+def test_threads_change_nothing():
+    members = [{"robot": "differential", "floor": floor} for floor in (ROUGH, SLIPPERY)] * 20
+    vector, loop = both(ROBOT, members)
+    threaded = vector_of(ROBOT, len(members), threads=2, **{key: [m[key] for m in members] for key in members[0]})
+    follow(threaded, loop, steps=5)
+    follow(vector, threaded, steps=5)
+
+
+def test_one_alone_is_not_stepped_in_lanes():
+    vector = gym.make_vec(ROBOT, num_envs=1, vectorization_mode="vector_entry_point")
+    assert type(vector.unwrapped) is SyncVectorEnv
 
 
 def test_what_only_one_at_a_time_can_do_is_done_one_after_the_other():

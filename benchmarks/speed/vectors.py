@@ -1,0 +1,101 @@
+"""Many environments stepped as one, as multiples of Gymnasium's loop over single ones, and by several threads."""
+
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import SyncVectorEnv
+
+import castor_envs  # noqa: F401  (registers the environments)
+from benchmarks.speed.figures import Effort, Figure, Group, Work, by_turns
+from benchmarks.speed.steps import DRIVEN
+
+SIZES = 64, 1024
+STEPS = 4
+THREADS = 2
+
+
+def figures(effort: Effort) -> Iterator[Figure]:
+    """Yield what a step of a vector takes for each member, of how many of the loop's that is, and what threads gain."""
+    for title, (name, vehicle) in DRIVEN.items():
+        loop = SyncVectorEnv([lambda name=name, vehicle=vehicle: _single(name, vehicle)] * SIZES[0])
+        made = {size: _vector(name, vehicle, size, 1) for size in SIZES}
+        for size, vector in made.items():
+            envs: dict[str, Any] = {"vector": vector, "loop": loop}
+            variants = {key: _steps(env) for key, env in envs.items()}
+            times = by_turns(variants, effort.rounds, lambda envs=envs: [env.reset(seed=0) for env in envs.values()])
+            each = {key: [taken / STEPS / envs[key].num_envs for taken in of] for key, of in times.items()}
+            gained = statistics.median(a / b for a, b in zip(each["loop"], each["vector"], strict=True))
+            yield Figure(f"step of {size} {title}s as one, for each", 1e6 * statistics.median(each["vector"]), "us")
+            yield Figure(f"steps of {size} {title}s as one in the time of one of SyncVectorEnv", gained, "x")
+        threaded = _vector(name, vehicle, SIZES[-1], THREADS)
+        threaded.reset(seed=0)
+        gained = _faster(_steps(made[SIZES[-1]]), _steps(threaded), effort.rounds)
+        yield Figure(f"{SIZES[-1]} {title}s as one by {THREADS} threads, of one thread, by the clock", gained, "x")
+        threaded.close()
+    yield Figure(f"{THREADS} threads that only compute, of one, by the clock", _faster(*_spins(), effort.rounds), "x")
+
+
+def _single(name: str, vehicle: str) -> Any:
+    return gym.make(name, **_of(name, vehicle))
+
+
+def _vector(name: str, vehicle: str, size: int, threads: int) -> Any:
+    return gym.make_vec(
+        name, num_envs=size, vectorization_mode="vector_entry_point", threads=threads, **_of(name, vehicle)
+    )
+
+
+def _of(name: str, vehicle: str) -> dict[str, Any]:
+    return {"train" if name == "castor/CFMMR-v1" else "robot": vehicle}
+
+
+def _steps(env: Any) -> Work:
+    env.action_space.seed(0)
+    actions = [0.3 * env.action_space.sample() for _ in range(STEPS)]
+
+    def steps() -> None:
+        for action in actions:
+            env.step(action)
+
+    return steps
+
+
+def _faster(one: Work, several: Work, rounds: int) -> float:
+    """Return how many times faster the second is by the clock: the median over rounds in which both take turns."""
+    return statistics.median(_clocked(one) / _clocked(several) for _ in range(rounds))
+
+
+def _clocked(work: Work) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def _spins() -> tuple[Work, Work]:
+    """Return the same work for one thread and for several: what the machine has to offer at that time."""
+    data = [np.linspace(0.0, 1.0, 20_000) for _ in range(THREADS)]
+
+    def spin(values: Any) -> None:
+        for _ in range(100):
+            np.sin(values)  # which lets the interpreter go on
+
+    def one() -> None:
+        for values in data:
+            spin(values)
+
+    def several() -> None:
+        threads = [threading.Thread(target=spin, args=(values,)) for values in data]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    return one, several
+
+
+GROUP = Group("Vectors of environments", figures)
