@@ -3,7 +3,7 @@
 import statistics
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import gymnasium as gym
@@ -27,17 +27,20 @@ def figures(effort: Effort) -> Iterator[Figure]:
         for size, vector in made.items():
             envs: dict[str, Any] = {"vector": vector, "loop": loop}
             variants = {key: _steps(env) for key, env in envs.items()}
-            times = by_turns(variants, effort.rounds, lambda envs=envs: [env.reset(seed=0) for env in envs.values()])
+            rounds = max(1, effort.rounds * SIZES[0] // size)
+            times = by_turns(variants, rounds, lambda envs=envs: [env.reset(seed=0) for env in envs.values()])
             each = {key: [taken / STEPS / envs[key].num_envs for taken in of] for key, of in times.items()}
             gained = statistics.median(a / b for a, b in zip(each["loop"], each["vector"], strict=True))
-            yield Figure(f"step of {size} {title}s as one, for each", 1e6 * statistics.median(each["vector"]), "us")
-            yield Figure(f"steps of {size} {title}s as one in the time of one of SyncVectorEnv", gained, "x")
+            told = f"{size} of {title} as one"
+            yield Figure(f"step of {told}, for each", 1e6 * statistics.median(each["vector"]), "us")
+            yield Figure(f"step of each of {SIZES[0]} in SyncVectorEnv, of each of {told}", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
         threaded.reset(seed=0)
         gained = _faster(_steps(made[SIZES[-1]]), _steps(threaded), effort.rounds)
-        yield Figure(f"{SIZES[-1]} {title}s as one by {THREADS} threads, of one thread, by the clock", gained, "x")
+        yield Figure(f"{SIZES[-1]} of {title} on one thread, of on {THREADS}, by the clock", gained, "x")
         threaded.close()
-    yield Figure(f"{THREADS} threads that only compute, of one, by the clock", _faster(*_spins(), effort.rounds), "x")
+    gained = _faster(*_spins(), effort.rounds)
+    yield Figure(f"sines alone on one thread, of on {THREADS}, by the clock: what the machine gives", gained, "x")
 
 
 def _single(name: str, vehicle: str) -> Any:

@@ -5,6 +5,8 @@ keeps lanes as a last axis; a compiled function sees each row of it as one numbe
 this.
 """
 
+# pyright: reportCallIssue=false
+
 import math
 import operator
 from collections.abc import Callable
@@ -14,10 +16,10 @@ import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
 from numba.core.cgutils import get_or_insert_function
-from numba.core.datamodel import register_default
 from numba.core.datamodel.models import PrimitiveModel, RecordModel
+from numba.core.datamodel.registry import register_default
 from numba.core.imputils import lower_builtin, lower_cast
-from numba.core.typeconv import Conversion
+from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, overload
 
@@ -49,7 +51,7 @@ class LaneRecord(types.Record):
 
     def __init__(self, dtype: np.dtype) -> None:
         self._dtype = dtype
-        fields = [
+        fields: Any = [
             (name, {"type": lanes_of(field[0]) or from_dtype(field[0]), "offset": field[1]})
             for name, field in (dtype.fields or {}).items()
         ]
@@ -81,7 +83,10 @@ class _MaskModel(PrimitiveModel):
 register_default(LaneRecord)(RecordModel)
 
 
-@lower_cast(types.Number, Lanes)
+casts: Any = lower_cast(types.Number, Lanes)
+
+
+@casts
 def _same_in_all(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
     vector, word = context.get_value_type(wanted), ir.IntType(32)
     number = context.cast(builder, value, given, types.float64)
@@ -92,16 +97,20 @@ def _same_in_all(context: Any, builder: Any, given: Any, wanted: Any, value: Any
 def _declare(function: Any, given: type, result: type, operands: int, emit: Callable[..., Any]) -> None:
     """Let a function of lanes (or masks, as `given` says), or of them and numbers, be what `emit` writes."""
 
-    @infer_global(function)
+    infers: Any = infer_global(function)
+
+    @infers
     class _Typing(AbstractTemplate):
         key = function
 
         def generic(self, args: Any, kws: Any) -> Any:
-            lanes = next((kind for kind in args if isinstance(kind, given)), None)
+            lanes: Any = next((kind for kind in args if isinstance(kind, given)), None)
             fits = lanes and all(kind == lanes or isinstance(kind, types.Number) for kind in args)
             return signature(result(lanes.count), *[lanes] * operands) if fits and len(args) == operands else None
 
-    @lower_builtin(function, *[given] * operands)
+    lowers: Any = lower_builtin(function, *[given] * operands)
+
+    @lowers
     def _lowered(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return emit(builder, *args)
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,14 +57,32 @@ class Run:
 
     def progress(self, t: Array) -> tuple[Array, Array]:
         """Return the length covered and the speed at times t since the run's start."""
-        ramp = self.peak / self.acceleration
-        t = np.minimum(np.maximum(t, 0.0), self.duration)
-        left = self.duration - t
-        speed = np.minimum(self.peak, self.acceleration * np.minimum(t, left))
-        rising = 0.5 * self.acceleration * t**2
-        steady = self.peak * (t - 0.5 * ramp)
-        falling = self.length - 0.5 * self.acceleration * left**2
-        return np.where(t < ramp, rising, np.where(left < ramp, falling, steady)), speed
+        return _progress(t, self.length, self.peak, self.acceleration, self.duration)
+
+
+def _progress(t: Array, length: Any, peak: Any, acceleration: Any, duration: Any) -> tuple[Array, Array]:
+    """Return the length covered and the speed at times t since the start of one run, or of one for each time."""
+    ramp = peak / acceleration
+    t = np.minimum(np.maximum(t, 0.0), duration)
+    left = duration - t
+    speed = np.minimum(peak, acceleration * np.minimum(t, left))
+    rising = 0.5 * acceleration * t**2
+    steady = peak * (t - 0.5 * ramp)
+    falling = length - 0.5 * acceleration * left**2
+    return np.where(t < ramp, rising, np.where(left < ramp, falling, steady)), speed
+
+
+class _Tables(NamedTuple):
+    """Of all runs: length, peak, acceleration and duration, (4, r); the lengths covered before them, and the first of
+    their legs, (r + 1,). Of all legs: where they begin along the whole way, (l,), the poses there and motions, (l, 3).
+    """
+
+    runs: Array
+    before: Array
+    first: NDArray[np.intp]
+    begins: Array
+    poses: Array
+    motions: Array
 
 
 @dataclass(frozen=True)
@@ -90,17 +108,21 @@ class Trajectory:
         return np.concatenate([[0.0], np.cumsum([run.duration for run in self.runs])])
 
     @cached_property
-    def _legs(self) -> list[tuple[Array, Array, Array]]:
-        """For each run: lengths (l + 1,) and poses (l + 1, 3) at its legs' begins and its end; their motions (l, 3)."""
-        pose, starts = np.array(self.start, dtype=float), []
+    def _tables(self) -> _Tables:
+        pose, before, first = self.start, [0.0], [0]
+        begins, poses, motions = [], [], []
         for run in self.runs:
-            poses = [pose]
+            at = before[-1]
             for leg in run.legs:
-                pose = moved(pose, np.array(leg.motion) * leg.length)
+                begins.append(at)
                 poses.append(pose)
-            lengths = np.cumsum([0.0, *(leg.length for leg in run.legs)])
-            starts.append((lengths, np.array(poses), np.array([leg.motion for leg in run.legs])))
-        return starts
+                motions.append(leg.motion)
+                at, pose = at + leg.length, _end(pose, leg.motion, leg.length)
+            before.append(before[-1] + run.length)
+            first.append(len(begins))
+        runs = [(run.length, run.peak, run.acceleration, run.duration) for run in self.runs]
+        many = np.array(runs).T, np.array(before), np.array(first), np.array(begins)
+        return _Tables(*many, np.array(poses, dtype=float), np.array(motions, dtype=float))
 
     def breakpoints(self) -> Array:
         """Return the times at which the motion is not smooth: ends of runs, ramps and legs."""
@@ -116,36 +138,26 @@ class Trajectory:
 
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return pose (..., 3) in N and twist (..., 3) in B at times t (...), s; at rest before and after."""
-        t = np.asarray(t, dtype=float)
-        number = np.clip(np.searchsorted(self._run_starts, t, side="right") - 1, 0, len(self.runs) - 1)
-        if t.ndim == 0:  # a controller asks for one time after another
-            pose, twist = self._in_run(int(number), t[None])
-            return pose[0], twist[0]
-        pose, twist = np.empty((*t.shape, 3)), np.empty((*t.shape, 3))
-        for i in np.unique(number):
-            within = number == i
-            pose[within], twist[within] = self._in_run(i, t[within])
-        return pose, twist
+        tables, (leg, along, speed) = self._tables, self._on_leg(np.asarray(t, dtype=float))
+        motion = tables.motions[leg]
+        return moved(tables.poses[leg], motion * along[..., None]), motion * speed[..., None]
 
     def twist_at(self, t: float) -> Array:
         """Return the twist (3,) in B at one time, s: that of `at`, in half the time."""
-        number = min(max(int(np.searchsorted(self._run_starts, t, side="right")) - 1, 0), len(self.runs) - 1)
-        leg, _, speed = self._on_leg(number, np.array([t], dtype=float))
-        return (self._legs[number][2][leg] * speed[..., None])[0]
+        leg, _, speed = self._on_leg(np.asarray(t, dtype=float))
+        return self._tables.motions[leg] * speed[..., None]
 
-    def _in_run(self, i: int, t: Array) -> tuple[Array, Array]:
-        """Return poses (k, 3) and twists (k, 3) at times t (k,) in run i."""
-        lengths, poses, motions = self._legs[i]
-        leg, covered, speed = self._on_leg(i, t)
-        motion = motions[leg]
-        return moved(poses[leg], motion * (covered - lengths[leg])[..., None]), motion * speed[..., None]
-
-    def _on_leg(self, i: int, t: Array) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return the leg of run i at times t (k,), the length covered, and the speed."""
-        run, lengths = self.runs[i], self._legs[i][0]
-        covered, speed = run.progress(t - self._run_starts[i])
-        leg = np.minimum(np.maximum(np.searchsorted(lengths, covered, side="right") - 1, 0), len(run.legs) - 1)
-        return leg, covered, speed
+    def _on_leg(self, t: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return the legs (...), of all, at times t (...), the lengths covered on them, and the speeds."""
+        tables, runs = self._tables, len(self.runs)
+        run = np.minimum(np.maximum(np.searchsorted(self._run_starts, t, side="right") - 1, 0), runs - 1)
+        covered, speed = _progress(t - self._run_starts[run], *tables.runs[:, run])
+        first, before = tables.first[run], tables.before[run]
+        if len(tables.begins) == runs:
+            return first, covered, speed
+        begun = np.searchsorted(tables.begins, before + covered, side="right") - 1
+        leg = np.minimum(np.maximum(begun, first), tables.first[run + 1] - 1)
+        return leg, covered - (tables.begins[leg] - before), speed
 
 
 def _time_at(run: Run, length: float) -> float:
@@ -168,6 +180,17 @@ def moved(pose: ArrayLike, displacement: ArrayLike) -> Array:
     x, y = displacement[..., 0] * chord, displacement[..., 1] * chord
     c, s = np.cos(direction), np.sin(direction)
     return vectors(pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y, pose[..., 2] + turn)
+
+
+Three = tuple[float, float, float]
+
+
+def _end(pose: Three, motion: Three, length: float) -> Three:
+    """Return where a leg ends that begins at a pose: `moved` of one."""
+    x, y, half = motion[0] * length, motion[1] * length, motion[2] * length / 2
+    chord = math.sin(half) / half if half else 1.0
+    c, s = chord * math.cos(pose[2] + half), chord * math.sin(pose[2] + half)
+    return pose[0] + c * x - s * y, pose[1] + s * x + c * y, pose[2] + 2 * half
 
 
 def umbmark(
@@ -266,17 +289,22 @@ def wander(
     if it would leave the arena.
     """
     runs: list[Run] = []
-    pose, time = np.zeros(3), 0.0
+    pose, time = (0.0, 0.0, 0.0), 0.0
     while time < duration:
         way = random.uniform(-np.pi, np.pi) if holonomic else 0.0
         turn = random.uniform(-1.5, 1.5)
         leg = Leg((math.cos(way), math.sin(way), turn), random.uniform(0.3, 1.2))
-        steps = np.linspace(0.0, leg.length, 20)[:, None] * np.array(leg.motion)
-        if np.max(np.hypot(*moved(pose, steps)[:, :2].T)) > arena:
+        if math.hypot(*pose[:2]) + leg.length > arena and _leaves(arena, pose, leg):
             if holonomic:
                 continue
             leg = Leg((0.0, 0.0, 1.0), random.uniform(0.5, 2.5))
         run = Run((leg,), speed, acceleration)
         runs.append(run)
-        pose, time = moved(pose, np.array(leg.motion) * leg.length), time + run.duration
+        pose, time = _end(pose, leg.motion, leg.length), time + run.duration
     return Trajectory("random wander", tuple(runs))
+
+
+def _leaves(arena: float, pose: Three, leg: Leg) -> bool:
+    """Return whether a leg that begins at a pose goes farther than `arena` from the origin, looked at in 20 places."""
+    places = (_end(pose, leg.motion, leg.length * k / 19) for k in range(20))
+    return any(math.hypot(x, y) > arena for x, y, _ in places)

@@ -84,7 +84,8 @@ class Fleet:
             settings[name] = given[name] if given[name].dtype.kind == "f" else given[name].max()
         settings["fewest"] = given["substeps"].min()
         inverse = _beside([1.0 / member.masses for member in members]).reshape(-1).view(in_lanes(INVERSE, width))
-        patches, cables = _floors([member.patches for member in members]), _floors([member.cables for member in members])
+        patches = _floors([member.patches for member in members])
+        cables = _floors([member.cables for member in members])
         scratch = [aligned((len(first.motion),), in_lanes(kind, width)) for kind in (LOAD, PLACE, PLACE)]
         state, kept = self._state[world], aligned(self._state[world].shape)
         order, there = solving_order(first.layout, first.iterations), (wheels, patches, cables)
@@ -129,7 +130,7 @@ class Fleet:
         self._wheel.of("command", self._wheels)[:, wheels] = self._lanes(within)
 
     def steer(self, motors: NDArray[np.intp], rates: Array, most: Array) -> None:
-        """Command motors between bodies: rates (B, m), rad/s, of the second against the first, within impulses +-most."""
+        """Command motors between bodies: rates (B, m), rad/s, of the second against the first; impulses up to most."""
         self._joint.of("rate", self._joints)[:, motors] = self._lanes(-rates)
         self._joint.of("most", self._joints)[:, motors] = self._lanes(most)
 
@@ -165,8 +166,9 @@ class _Fields:
         self.lanes, self._width = in_lanes(dtype, width), dtype.itemsize // 8
         self.rows = self.lanes.itemsize // (8 * width)
         self._place = {name: divmod(field[1] // 8, width) for name, field in (self.lanes.fields or {}).items()}
-        self._reals = [name for name in dtype.names or () if dtype[name].kind == "f"]
-        self._single = [(dtype.fields or {})[name][1] // 8 for name in self._reals]
+        single = {name: field for name, field in (dtype.fields or {}).items() if field[0].kind == "f"}
+        self._reals = list(single)
+        self._single = [field[1] // 8 for field in single.values()]
         self._several = [self._place[name][0] for name in self._reals]
 
     def records(self, rows: Array) -> NDArray[np.void]:

@@ -80,7 +80,10 @@ class RobotWorld:
         pose, twist = np.asarray(pose, dtype=float), np.asarray(twist, dtype=float)
         angles = np.zeros(len(self.robot.castors)) if castor_angles is None else np.array(castor_angles, float)
         theta = np.where(self.geometry.fixed, self.geometry.angle, angles)
-        rates = np.nan_to_num(castor_rates(self.geometry, theta, twist))
+        rates, speed = np.zeros(len(theta)), np.zeros(len(self.wheels))
+        if twist.any():
+            rates = np.nan_to_num(castor_rates(self.geometry, theta, twist))
+            speed = inverse(self.geometry, theta, rates, twist).rate
         motion = [motion_of(pose[:2], pose[2], twist, self.center)]
         for i, castor in enumerate(self.robot.castors):
             if castor.steering != "fixed":
@@ -89,7 +92,7 @@ class RobotWorld:
                 u = twist[:2] + twist[2] * np.array([-pivot[1], pivot[0]])
                 castor_twist = np.array([*rotate_single(u, -theta[i]), twist[2] + rates[i]])
                 motion.append(motion_of(at, pose[2] + theta[i], castor_twist, castor_center(self.robot, i)))
-        return np.array(motion), inverse(self.geometry, theta, rates, twist).rate
+        return np.array(motion), speed
 
     def _build(self, motion: Array) -> tuple[list[pymunk.Body], list[Constraint]]:
         base = pymunk.Body(self._mass, self._inertia)

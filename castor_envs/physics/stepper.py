@@ -35,8 +35,8 @@ FASTEST = 1e3  # m/s and rad/s: nothing on wheels moves so fast, so physics has 
 
 WORLD = np.dtype(
     [
-        # substeps a sample period: the most and the fewest of all lanes, and each one's own; whether cables are climbed;
-        # a substep's length (s), and gravity downhill (m/s2)
+        # substeps a sample period: the most and the fewest of all lanes, and each one's own; whether cables are
+        # climbed; a substep's length (s), and gravity downhill (m/s2)
         *((name, np.int64) for name in ("substeps", "fewest", "climbing")),
         *((name, float) for name in ("own_substeps", "dt", "gravity_x", "gravity_y")),
     ],
@@ -212,7 +212,8 @@ class Simulation:
         middle = self._wheel_forces(after, np.empty(len(motion), dtype=LOAD).view(np.recarray))
         masses, inertias = self.masses.T
         kinetic = 0.5 * np.sum(masses * (motion[:, 3] ** 2 + motion[:, 4] ** 2) + inertias * motion[:, 5] ** 2)
-        height = -np.sum(masses * (middle.x * self.floor.downhill_gravity[0] + middle.y * self.floor.downhill_gravity[1]))
+        gravity_x, gravity_y = self.floor.downhill_gravity
+        height = -np.sum(masses * (gravity_x * middle.x + gravity_y * middle.y))
         spin = 0.5 * np.sum(w["inertia"] * w["speed"] ** 2)
         long = 0.5 * (w["stretch_long"] + after["stretch_long"])
         lat = 0.5 * (w["stretch_lat"] + after["stretch_lat"])

@@ -128,7 +128,8 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
         if any_of(near):
             flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
             over_edge = (half > 0.0) & (abs(middle) + half > edge)
-            low, high = where(middle - half < -edge, -edge, middle - half), where(middle + half > edge, edge, middle + half)
+            low = where(middle - half < -edge, -edge, middle - half)
+            high = where(middle + half > edge, edge, middle + half)
             on_it = where(high > low, high - low, 0.0)
             across = where(over_edge, 0.5 * (low + high), middle)
             part = where(over_edge, on_it / (2.0 * where(over_edge, half, 1.0)), 1.0)

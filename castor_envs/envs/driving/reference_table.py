@@ -27,7 +27,7 @@ class ReferenceTable:
 
     def __init__(self, course: Course, period: float, ahead: Sequence[float]) -> None:
         self._course, self._period, self._ahead = course, period, np.array(ahead)
-        self._goal, self._block = course.target(course.duration), -1
+        self._block = -1
 
     def at(self, sample: int) -> Reference:
         """Return the reference of a sample, counted from 0; its arrays are not to be changed."""
@@ -39,9 +39,8 @@ class ReferenceTable:
         block = sample // ROWS
         if block != self._block:
             now = np.arange(block * ROWS, (block + 1) * ROWS) * self._period
-            shown = self._course.target(now[:, None] + self._ahead)
-            goal = np.broadcast_to(self._goal, (ROWS, 1, *self._goal.shape))
-            places = np.concatenate([shown, goal], axis=1)
-            self._rows = Reference(places, self._course.twist(now + 0.5 * self._period))
+            times = np.full((ROWS, len(self._ahead) + 1), self._course.duration)
+            times[:, :-1] = now[:, None] + self._ahead
+            self._rows = Reference(self._course.target(times), self._course.twist(now + 0.5 * self._period))
             self._block = block
         return self._rows

@@ -1,4 +1,4 @@
-"""What stands in a lane is to the last bit what it would be alone: whoever its neighbours are, in any width, on threads."""
+"""What stands in a lane is to the last bit what it would be alone: beside any others, in any width, on threads."""
 
 import dataclasses
 
@@ -53,7 +53,10 @@ def differing(worlds, samples, fast=0.7, **options):
     return [
         lane
         for lane, (one, state) in enumerate(zip(simulations, states, strict=True))
-        if any(now.tobytes() != then.tobytes() for now, then in zip((one.motion, one.wheels, one.joints), state))
+        if any(
+            now.tobytes() != then.tobytes()
+            for now, then in zip((one.motion, one.wheels, one.joints), state, strict=True)
+        )
         or fleet.motion[lane].tobytes() != one.motion.tobytes()
     ]
 
