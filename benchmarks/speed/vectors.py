@@ -1,4 +1,4 @@
-"""Many environments stepped as one, as multiples of Gymnasium's loop over single ones, and by several threads."""
+"""Many environments stepped as one, beside Gymnasium's loop over single ones, and by several threads."""
 
 import statistics
 import threading
@@ -31,16 +31,15 @@ def figures(effort: Effort) -> Iterator[Figure]:
             times = by_turns(variants, rounds, lambda envs=envs: [env.reset(seed=0) for env in envs.values()])
             each = {key: [taken / STEPS / envs[key].num_envs for taken in of] for key, of in times.items()}
             gained = statistics.median(a / b for a, b in zip(each["loop"], each["vector"], strict=True))
-            told = f"{size} of {title} as one"
-            yield Figure(f"step of {told}, for each", 1e6 * statistics.median(each["vector"]), "us")
-            yield Figure(f"step of each of {SIZES[0]} in SyncVectorEnv, of each of {told}", gained, "x")
+            yield Figure(f"step of {title}, {size} at once, for each", 1e6 * statistics.median(each["vector"]), "us")
+            yield Figure(f"step of {title} in SyncVectorEnv, of {size} at once", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
         threaded.reset(seed=0)
         gained = _faster(_steps(made[SIZES[-1]]), _steps(threaded), effort.rounds)
-        yield Figure(f"{SIZES[-1]} of {title} on one thread, of on {THREADS}, by the clock", gained, "x")
+        yield Figure(f"step of {title}, {SIZES[-1]} at once by one thread, of by {THREADS}, by the clock", gained, "x")
         threaded.close()
     gained = _faster(*_spins(), effort.rounds)
-    yield Figure(f"sines alone on one thread, of on {THREADS}, by the clock: what the machine gives", gained, "x")
+    yield Figure(f"sines alone by one thread, of by {THREADS}, by the clock", gained, "x")
 
 
 def _single(name: str, vehicle: str) -> Any:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pymunk.constraints import Constraint, DampedRotarySpring, PivotJoint, SimpleMotor
 
 from castor_envs.kernels.select import where
-from castor_envs.physics.trigonometry import cosine_and_sine
+from castor_envs.kernels.trigonometry import cosine_and_sine
 
 PIVOT, MOTOR, SPRING = 0, 1, 2
 
@@ -113,7 +113,7 @@ def solving_order(joints: tuple[tuple[int, int, int], ...], iterations: int) -> 
         level = max(ready.get(end, 0) for end in ends)
         ready.update(dict.fromkeys(ends, level + 1))
         turns.append((level, kind, turn % len(joints)))
-    return np.array([turn[2] for turn in sorted(turns)], dtype=np.uint64)
+    return np.array([turn[2] for turn in sorted(turns)], dtype=np.uint16)
 
 
 def places_ahead(bodies, ahead, places):

@@ -46,7 +46,7 @@ ADVANCE = Kernel(
     "castor_envs.physics.compiled_loop",
     "advance",
     (
-        *(array(WORLD, 1), array(BODY, 1), array(INVERSE, 1), array(JOINT, 1), array(np.uint64, 1)),
+        *(array(WORLD, 1), array(BODY, 1), array(INVERSE, 1), array(JOINT, 1), array(np.uint16, 1)),
         *(array(law.WHEEL, 1), array(float, 2), array(float, 2), array(LOAD, 1), array(PLACE, 1), array(PLACE, 1)),
         *(array(float, 1), array(float, 1)),
     ),

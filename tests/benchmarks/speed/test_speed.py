@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import cli
-from benchmarks.speed import diagnosis, first_second, steps, updates
+from benchmarks.speed import diagnosis, first_second, steps, updates, vectors
 from benchmarks.speed import figures as measuring
 from benchmarks.speed.figures import Effort, by_turns, process_cpu, ratio
 from castor_envs.cli import command_line
@@ -42,7 +42,9 @@ def test_processes_that_fail_are_named():
 def test_the_table_has_every_group(monkeypatch, capsys):
     monkeypatch.setattr(first_second, "PROCESSES", {"nothing": ["-c", "pass"]})
     monkeypatch.setattr(first_second, "RUN", ["-c", "pass"])
-    monkeypatch.setattr(steps, "DRIVEN", {"differential": steps.DRIVEN["differential"]})
+    for module in (steps, vectors):
+        monkeypatch.setattr(module, "DRIVEN", {"differential": steps.DRIVEN["differential"]})
+    monkeypatch.setattr(vectors, "SIZES", (2, 3))
     monkeypatch.setattr(updates, "ROBOTS", 3)
     with pytest.raises(SystemExit) as leaving:
         command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--quick", "--json"])
@@ -50,7 +52,13 @@ def test_the_table_has_every_group(monkeypatch, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["format"] == "castor-speed/1"
     groups = {group["title"]: group["figures"] for group in told["groups"]}
-    assert list(groups) == ["Diagnosis", "The first second", "Steps", "Updates of estimators"]
+    assert list(groups) == [
+        "Diagnosis",
+        "The first second",
+        "Steps",
+        "Updates of estimators",
+        "Vectors of environments",
+    ]
     assert groups["Diagnosis"] == []
     for figure in chain.from_iterable(groups.values()):
         assert figure["value"] > 0, figure

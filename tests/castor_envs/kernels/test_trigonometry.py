@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.physics.trigonometry import cosine_and_sine
+from castor_envs.kernels.trigonometry import cosine_and_sine
 
 angles = st.floats(-1e4, 1e4) | st.integers(-6000, 6000).map(lambda quarters: quarters * math.pi / 2)
 
