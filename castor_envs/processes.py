@@ -54,6 +54,9 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 _READY, _BEGUN = "ready", "begun"
 
+_starting = threading.Lock()
+"""Held while a worker is started, which needs the environment for itself."""
+
 
 @dataclass(frozen=True, eq=False)
 class Job:
@@ -178,6 +181,28 @@ def run_jobs(agenda: Agenda, processes: int) -> Generator[tuple[Job, Outcome], N
             worker.kill()
 
 
+class OneWorker:
+    """A worker process that runs one job after another as they are given; a new one takes its place when it ends."""
+
+    def __init__(self):
+        self._next: Job | None = None
+        self._outcomes = run_jobs(self, 1)
+
+    def next_job(self) -> Job | None:
+        """Return the job that was given, once."""
+        job, self._next = self._next, None
+        return job
+
+    def outcome(self, job: Job) -> Outcome:
+        """Run a job; return its outcome."""
+        self._next = job
+        return next(self._outcomes)[1]
+
+    def close(self) -> None:
+        """End the process."""
+        self._outcomes.close()
+
+
 def end_if_forked() -> None:
     """End this process if a plug-in made it by a fork in a worker: it must not go on with the worker's work.
 
@@ -199,7 +224,9 @@ class _Worker:
         self.connection, worker_end = context.Pipe()
         self.errors, worker_errors = context.Pipe(duplex=False)
         self.process = context.Process(target=_serve, args=(worker_end, worker_errors), daemon=True)
-        with _environment(), _sigint_deferred():
+        with _starting, _environment(), _sigint_deferred():
+            if multiprocessing.current_process().daemon:  # as a Dask worker is: it may start none, lest they outlive it
+                multiprocessing.current_process().daemon = False  # ours end with it by themselves
             self.process.start()
         worker_end.close()
         worker_errors.close()

@@ -1,5 +1,6 @@
 """``castor-bench run``."""
 
+import contextlib
 import os
 import shlex
 import sys
@@ -26,9 +27,11 @@ from benchmarks.progress import TerminalProgress
 from benchmarks.results.robots import save_robot
 from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import choose, declining_everything, failed_rows
+from benchmarks.run.clusters import connect
 from benchmarks.run.plan import run as run_plan
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs.cli import command_line
+from castor_envs.errors import InputError
 
 MOST_NAMED = 5
 """Most failures that are named in the last line of a run, so that it fits in one or two lines."""
@@ -50,13 +53,22 @@ def run(
         typer.Option("--method", help="A calibration method, named like an estimator, for the calibration tasks."),
     ] = None,
     cases: Annotated[int | None, typer.Option(help="Cases of each task; default: the official number.")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Worker processes; default: one for each core.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Worker processes, or jobs of a cluster at a time; default: all that there are.")
+    ] = None,
     timeout: Annotated[
         float, typer.Option(help="Seconds that an estimator or a method may take for an episode.")
     ] = 60.0,
     results: Results = DEFAULT_RESULTS,
     measured: MeasuredData = None,
     robot: OtherRobotName = None,
+    backend: Annotated[
+        str | None,
+        typer.Option(help="Where jobs run: loky, dask or ray; default: worker processes of this machine."),
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(help="Of the cluster, such as tcp://host:8786 (dask) or ray://host:10001 (ray).")
+    ] = None,
 ) -> None:
     """Run what is missing, then show the leaderboard; exit code 1 if a requested row failed.
 
@@ -69,14 +81,20 @@ def run(
     above_zero("--timeout", timeout)
     check_results_folder(results)
     user_robot = None if robot is None else OtherRobot.load(robot)
+    if address is not None and backend is None:
+        raise InputError("--address: is the address of a cluster; name its kind too (--backend dask or ray)")
     choice = choose(task or [], estimator or [], method or [], cases, timeout, measured, user_robot, group or [])
     with (
         command_line.keeping(f"what is done is kept in {results}: the same command continues"),
         TerminalProgress() as progress,
+        contextlib.ExitStack() as stack,
     ):
         if user_robot is not None:
             save_robot(results, user_robot)
-        missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress)
+        cluster = None if backend is None else connect(backend, address, jobs)
+        if cluster is not None:
+            stack.callback(cluster.close)
+        missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress, cluster)
     board = boards.build(choice.tasks, results, cases, missing, choice.sources, choice.left_out)
     detailed = len(choice.tasks) <= MOST_DETAILED
     shown = [task.name for task in choice.tasks] if detailed else []

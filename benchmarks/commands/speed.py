@@ -19,13 +19,15 @@ def speed(
     processes: Annotated[
         int, typer.Option(help="Processes that are started for each figure of one.")
     ] = Effort.processes,
+    jobs: Annotated[int, typer.Option(help="Jobs that are sent to worker processes and clusters.")] = Effort.jobs,
     quick: Annotated[bool, typer.Option("--quick", help="Diagnose no logs, which takes minutes.")] = False,
     as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-speed/1).")] = False,
 ) -> None:
     """Measure how fast everything is on this machine, beside the peers that are installed: CPU times, medians."""
     at_least("--rounds", rounds, 1)
     at_least("--processes", processes, 1)
-    effort = Effort(rounds, processes, ()) if quick else Effort(rounds, processes)
+    at_least("--jobs", jobs, 1)
+    effort = Effort(rounds, processes, () if quick else Effort.sides, jobs)
     shown, groups = console(), []
     for group in offers("benchmarks.speed", "GROUP"):
         figures = list(group.figures(effort))

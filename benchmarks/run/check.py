@@ -1,12 +1,11 @@
 """The conformance check in a worker process, which also detects a plug-in that hangs or ends its process."""
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 from castor_envs.errors import InputError
-from castor_envs.processes import Died, Done, Exceeded, Job, Raised, TimedOut, run_jobs
+from castor_envs.processes import Died, Done, Exceeded, Job, OneWorker, Raised, TimedOut
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
 from estimators.plugins.conformance import check as conformance
@@ -92,16 +91,11 @@ class _Worker:
 
     def __init__(self, timeout: float):
         self._timeout = timeout
-        self._jobs: deque[Job] = deque()
-        self._outcomes = run_jobs(self, 1)
-
-    def next_job(self) -> Job | None:
-        return self._jobs.popleft() if self._jobs else None
+        self._process = OneWorker()
 
     def call(self, function: Callable[..., Any], *arguments: Any, limited: bool = True) -> Any:
         """Return what the function returns; raises _LostError, RuntimeError, or an InputError that it returns."""
-        self._jobs.append(Job(function, arguments, timeout=self._timeout if limited else None))
-        match next(self._outcomes)[1]:
+        match self._process.outcome(Job(function, arguments, timeout=self._timeout if limited else None)):
             case Done(InputError() as error):
                 raise error
             case Done(value):
@@ -116,7 +110,7 @@ class _Worker:
                 raise raised.again("a worker process failed")
 
     def close(self) -> None:
-        self._outcomes.close()
+        self._process.close()
 
 
 def _findings(worker: _Worker, spec: str, robot: Vehicle, brief: bool = False) -> list[Finding]:

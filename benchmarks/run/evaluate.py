@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.progress import RunProgress
 from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import DECLINED, ResultsStore, Row
+from benchmarks.run.clusters import Cluster
 from benchmarks.run.worker_calibrate import Calibrated, calibrate_and_follow, observed_calibration
 from benchmarks.run.worker_estimate import Estimate, Failure, estimate_singly, estimate_stacked, observed_runs
 from benchmarks.scoring.registry import score
@@ -81,9 +82,9 @@ class Estimating:
         self._timeouts: Counter[tuple[str, str, str]] = Counter()
         self._again: deque[Work] = deque()
 
-    def run(self, processes: int) -> None:
-        """Do all work."""
-        with closing(run_jobs(self, processes)) as outcomes:
+    def run(self, processes: int, cluster: Cluster | None = None) -> None:
+        """Do all work, in processes of this machine or on a cluster."""
+        with closing(run_jobs(self, processes) if cluster is None else cluster.run_jobs(self)) as outcomes:
             for job, outcome in outcomes:
                 self._take(job.subject, outcome)
 

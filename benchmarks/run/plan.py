@@ -21,6 +21,7 @@ from benchmarks.results.rows import (
     clean_results_folder,
     older_rows,
 )
+from benchmarks.run.clusters import Cluster
 from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
 from benchmarks.run.record import record_episode, record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
@@ -57,21 +58,24 @@ def run(
     processes: int = 1,
     timeout: float = 60.0,
     progress: RunProgress | None = None,
+    cluster: Cluster | None = None,
 ) -> dict[str, str]:
     """Run what is missing of a plan into a results folder; returns why tasks could not be run, by name.
 
-    timeout: s, for an estimator in one episode. A row that failed by a shorter time limit is tried again.
+    timeout: s, for an estimator in one episode. A row that failed by a shorter time limit is tried again. cluster: what
+    records and runs estimators instead of this machine's processes; what an update costs is measured here all the same.
 
     Raises InputError if the results folder cannot be one, RuntimeError if a task cannot record an episode.
     """
     check_results_folder(results)
     clean_results_folder(results)
-    return _Run(results, processes, timeout, progress or SilentProgress()).run(plan)
+    return _Run(results, processes, timeout, progress or SilentProgress(), cluster).run(plan)
 
 
 class _Run:
-    def __init__(self, results: Path, processes: int, timeout: float, progress: RunProgress):
+    def __init__(self, results: Path, processes: int, timeout: float, progress: RunProgress, cluster: Cluster | None):
         self.results, self.processes, self.timeout, self.progress = results, processes, timeout, progress
+        self.cluster = cluster
         self.episodes = EpisodeStore(results)
         self.rows = ResultsStore(results)
         self.found: dict[tuple, tuple[str, float | None] | None] = {}
@@ -87,7 +91,7 @@ class _Run:
         missing = {a.task.name: a.task.missing for a in plan if a.task.missing is not None}
         plan = [assignment for assignment in plan if assignment.task.name not in missing]
         needed = [(a.task, case) for a in plan for case in a.cases if self._to_record(a, case)]
-        problems = record_missing(self.results, needed, self.processes, self.progress)
+        problems = record_missing(self.results, needed, self.processes, self.progress, self.cluster)
         plan = [assignment for assignment in plan if assignment.task.name not in problems]
         lacking = [self._lacking(assignment) for assignment in plan]
         rows = sum(len(entries) for cases in lacking for entries in cases.values())
@@ -97,7 +101,7 @@ class _Run:
             for assignment, cases in zip(plan, lacking, strict=True)
             for work in self._works(assignment.task, cases)
         )
-        Estimating(works, self.rows, self.timeout, self.progress).run(self.processes)
+        Estimating(works, self.rows, self.timeout, self.progress).run(self.processes, self.cluster)
         self._time(plan)
         for error in {error.path: error for error in self.rows.corrupt}.values():
             self.progress.warn(f"{error}; it has been computed again")

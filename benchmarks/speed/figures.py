@@ -32,11 +32,12 @@ class Figure(NamedTuple):
 @dataclass(frozen=True)
 class Effort:
     """How much is measured. rounds: of variants by turns; processes: started for each figure of a whole process;
-    sides: of the squares whose logs are diagnosed, m."""
+    sides: of the squares whose logs are diagnosed, m; jobs: that are sent to worker processes and clusters."""
 
     rounds: int = 30
     processes: int = 5
     sides: tuple[float, ...] = (1.0, 4.0)
+    jobs: int = 200
 
 
 @dataclass(frozen=True)

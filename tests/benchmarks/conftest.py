@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.run import check, evaluate, plan, record
+from benchmarks.run import evaluate, plan, record
 from benchmarks.show import follow as show_follow
+from castor_envs import processes
 from castor_envs.errors import InputError
 from castor_envs.processes import Done, Raised
 
@@ -71,7 +72,7 @@ def in_this_process():
 
     For what does not hang on processes, which take longer to start than most jobs do.
     """
-    return functools.partial(_patched, (check, evaluate, plan, record, show_follow), "run_jobs", _run_jobs_here)
+    return functools.partial(_patched, (processes, evaluate, plan, record, show_follow), "run_jobs", _run_jobs_here)
 
 
 @pytest.fixture

@@ -2,16 +2,20 @@
 
 import importlib.util
 import json
+import pickle
+from concurrent.futures import Future
 from itertools import chain
 from pathlib import Path
 
 import pytest
 
 from benchmarks import cli
-from benchmarks.speed import diagnosis, first_second, steps, updates, vectors
+from benchmarks.run.clusters import Cluster, contained
+from benchmarks.speed import clusters, diagnosis, first_second, steps, updates, vectors
 from benchmarks.speed import figures as measuring
 from benchmarks.speed.figures import Effort, by_turns, process_cpu, ratio
 from castor_envs.cli import command_line
+from castor_envs.processes import Done
 
 ROOT = Path(__file__).parents[3]
 
@@ -39,6 +43,21 @@ def test_processes_that_fail_are_named():
         process_cpu(["-c", "unknown"], 1)
 
 
+def here(slots):
+    """A cluster in this process, which starts nothing."""
+
+    def submit(function, *arguments):
+        future = Future()
+        if function is contained:
+            called, given = pickle.loads(arguments[1])
+            future.set_result(Done(called(*given)))
+        else:
+            future.set_result(function(*arguments))
+        return future
+
+    return Cluster(slots, submit, (), lambda: None)
+
+
 def test_the_table_has_every_group(monkeypatch, capsys):
     monkeypatch.setattr(first_second, "PROCESSES", {"nothing": ["-c", "pass"]})
     monkeypatch.setattr(first_second, "RUN", ["-c", "pass"])
@@ -46,13 +65,16 @@ def test_the_table_has_every_group(monkeypatch, capsys):
         monkeypatch.setattr(module, "DRIVEN", {"differential": steps.DRIVEN["differential"]})
     monkeypatch.setattr(vectors, "SIZES", (2, 3))
     monkeypatch.setattr(updates, "ROBOTS", 3)
+    monkeypatch.setattr(clusters, "WAYS", (None, "loky"))
+    monkeypatch.setattr(clusters, "connect", lambda way, address, processes: here(1))
     with pytest.raises(SystemExit) as leaving:
-        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--quick", "--json"])
+        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--jobs", "2", "--quick", "--json"])
     assert leaving.value.code == 0
     told = json.loads(capsys.readouterr().out)
     assert told["format"] == "castor-speed/1"
     groups = {group["title"]: group["figures"] for group in told["groups"]}
     assert list(groups) == [
+        "Past this process",
         "Diagnosis",
         "The first second",
         "Steps",
@@ -76,7 +98,7 @@ def test_a_square_of_a_side_is_diagnosed(monkeypatch):
     assert 0 < figure.value < 1
 
 
-def test_the_page_shows_the_stored_figures():
+def test_the_pages_show_the_stored_figures():
     spec = importlib.util.spec_from_file_location("make_speed_table", ROOT / "scripts" / "make_speed_table.py")
     assert spec is not None
     assert spec.loader is not None
@@ -85,3 +107,5 @@ def test_the_page_shows_the_stored_figures():
     page, stored = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert stored["format"] == "castor-speed/1"
     assert script.with_table(page, stored) == page, "run python scripts/make_speed_table.py"
+    page = script.CLUSTERS.read_text(encoding="utf-8")
+    assert script.with_million(page, stored) == page, "run python scripts/make_speed_table.py"
