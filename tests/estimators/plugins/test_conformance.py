@@ -74,10 +74,10 @@ class Forgetful(Careful):
     """Keeps the last pivot counts over a reset, as an attribute set only once would."""
 
     def reset(self, robot, pose):
-        last = getattr(getattr(self, "inner", None), "_castors", None)
+        last = getattr(getattr(self, "inner", None), "_stack", None)
         super().reset(robot, pose)
         if last is not None:
-            self.inner._castors["angle"] = last["angle"]
+            self.inner._stack.parts[0]["angle"] = last.parts[0]["angle"]
 
 
 class Shared(Careful):
