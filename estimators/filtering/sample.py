@@ -12,7 +12,7 @@ from castor_envs.kernels.arguments import REAL, array
 from castor_envs.kernels.kernel import Kernel
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
 from estimators.steps.castor_odometry import displace, sinc
-from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, equation, solved, swivelled
+from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, SINGULAR, bent, equation, solved, swivelled
 
 SLIP, SIDE_SLIP = 5e-4, 2e-4
 """m after 1 m: standard deviations of the random walks of slip along a wheel's rolling direction and to its side."""
@@ -30,6 +30,12 @@ holds while its reading stays, of others, and of one that the floor turns."""
 
 REPEATED = 5.0
 """Factor on the variance of rounding for a reading that repeats: its error is that of the last."""
+
+AGAIN = 1.0
+"""The same of a measurement that was released in the sample before: what slips goes on slipping for a while."""
+
+WEAR = 1e-4
+"""After 1 m: random walk of radii, 0.3 % in a kilometre, as of tyres under a payload."""
 
 LEAST_WAY = 0.02
 """Of the way of the contact that rolls farthest in a sample: the shortest one for which a stiffness is computed."""
@@ -62,7 +68,7 @@ FILTER = np.dtype([("slip", float), ("creeps", np.int64)], align=True)
 SWIVEL = 3
 """Where measured states begin: after the pose; n castors, d wheels, no side slip of c, and a gyro, if there is one."""
 LEFT, BY_ANGLE, SWING, WAY, STIFFNESS = range(5)
-RESIDUAL, VARIANCE, SLIPS = range(3)
+RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
 
 
 def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves):
@@ -92,7 +98,7 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
             arm = of_wheel.lateral + known * x[lateral + i] + row.roller * arm
             rolled = of_wheel.radius * math.exp(known * x[radius + i]) * of_wheel.count * wheel[robot, row.wheel]
         east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
-        equation(equations, 0, i, castor, east, north, row.roller, arm, rolled, row.weight, 1)
+        equation(equations, 0, i, castor, row, east, north, arm, rolled, 1)
         found[SWING, i] = arm
     along, across, turn = solved(equations, 0, 1)
     a = 2.0 * math.sin(0.5 * turn)
@@ -120,6 +126,7 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
             carry[radius + i, at_row], carry[lateral + i, at_row] = -way * left, -turned
             carry[offset + j, at_row] = -row.roller * turned
         else:
+            left -= bent(equations, 0, i, along, across, a)
             carry[offset + j, at_row] = -turned
         found[LEFT, i] = left
     return along, across, turn
@@ -165,16 +172,39 @@ def balanced(carry, at, end, moves, first, stiffness, small):
             carry[s, first + i] = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
 
 
-def bent(row, found, i, swivel, offset, off):
+def turn_off_mean(castors, rows, robot, found, first, moves, small):
+    """Return by how much the body's turning rate at the end of a sample differs from its mean, times the sample, rad.
+
+    Wheels turn evenly in a sample, as motors are told; as castors swivel meanwhile, the motion that fits the equations
+    best changes by that of their derivatives by the angles.
+    """
+    for k in range(4):
+        for other in range(3):
+            small[k, other] = 0.0
+    for i in range(rows.shape[1]):
+        row = rows[robot, i]
+        for k in range(3):
+            part = row.weight * moves[k, first + i]
+            small[UW, k] -= part * found[BY_ANGLE, i] * castors[robot, row.castor].swivel
+            for other in range(3):
+                small[k, other] += part * moves[other, first + i]
+    least = SINGULAR * (small[0, 0] + small[1, 1] + small[2, 2])
+    for k in range(3):
+        small[k, k] += least
+    inverted(small)
+    return 0.5 * motion(small, 2)
+
+
+def unevenness(found, i, swivel, offset, off):
     """Return the variance, m^2, of an equation of a castor that does not turn evenly in a sample.
 
-    off: error of the angle half-way, rad. And a castor that trails its pivot turns along a tractrix, whose chord
-    differs from that of a circle by the third order of the way over the offset.
+    off: error of the angle half-way, rad. Along a tractrix the third order of the way over the offset is in doubt: a
+    part of it is that of `bent`, all of it where motors turn castors evenly.
     """
     way = found[WAY, i]
-    trailing = way * way * swivel / (24.0 * offset) if offset > 0.0 else 0.0
+    tractrix = way * way * swivel / (24.0 * offset) if offset > 0.0 else 0.0
     least = min(off, 1.0)
-    return (found[BY_ANGLE, i] * off) ** 2 + (0.5 * way * least * least) ** 2 + trailing * trailing
+    return (found[BY_ANGLE, i] * off) ** 2 + (0.5 * way * least * least) ** 2 + tractrix * tractrix
 
 
 def carried_over(covariance, changed, carry, spread):
@@ -207,23 +237,23 @@ def released(covariance, first, moves, residual, variance, slip, gate, factor, w
     """Factor the measurements' covariance (see `factored`), with those released that contradict all others; return
     twice the negative log-likelihood.
 
-    While the largest residual beside all others exceeds `gate` standard deviations, that measurement, and all that tie
-    with it (`TIE`), get the variance `slip` (q,), which then is 0; where it is 0 from the start, they stay. Residuals
-    of the first wheels are of states themselves, which get it too.
+    While residuals beside all others exceed their gates (q,), in standard deviations, the one that does so by most (in
+    squares), and all that tie with it (`TIE`), get the variance `slip` (q,), whose sign then changes; those of which it
+    is 0 stay.
     """
     q = residual.shape[0]
     explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
     for _ in range(q):
         most = 0.0
         for i in range(q):
+            whitened[W, i] = -math.inf
             if slip[i] > 0.0:
-                most = max(most, beside(i, factor, whitened, small))
-        if not most > gate:
+                whitened[W, i] = beside(i, factor, whitened, small) ** 2 - gate[i] ** 2
+                most = max(most, whitened[W, i])
+        if not most > 0.0:
             break
         for i in range(q):
-            whitened[W, i] = beside(i, factor, whitened, small) if slip[i] > 0.0 else 0.0
-        for i in range(q):
-            if whitened[W, i] > 0.0 and whitened[W, i] ** 2 > most * most - TIE:
+            if whitened[W, i] > most - TIE:
                 variance[i] += slip[i]
                 slip[i] = -slip[i]
         explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
@@ -260,8 +290,9 @@ def _advance(
     """Take one sample of each of B robots.
 
     castors, carried (B, n), wheels (B, d), rows (B, m): of types `CASTOR`, `CARRIED`, `WHEEL` and `ROW`. start, pose
-    (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 3): a turn,
-    rad, its variance, and the sample's duration, s, 0 where there is none. freed (B, F, q): the variances of slip of
+    (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 4): a turn,
+    rad, the variance of what it is off but for readings' noise, the sample's duration, s, 0 where there is none, and
+    that noise, rad/s. freed (B, F, q): the variances of slip of
     those measurements that are released. wheel and pivot: the counts. Others: room.
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
@@ -276,10 +307,11 @@ def _advance(
         for i in range(d):
             moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
         for f in range(filters.shape[0]):
-            for i in range(q):
-                freed[robot, f, i] = 0.0
             if not moves_on:
                 continue
+            for i in range(q):
+                measured[GATES, i] = gate if freed[robot, f, i] == 0.0 else min(gate, AGAIN)
+                freed[robot, f, i] = 0.0
             x, p, creeps = state[robot, f], covariance[robot, f], filters[f].creeps != 0
             for s in range(size):
                 for r in range(at):
@@ -299,6 +331,8 @@ def _advance(
                         more += carry[s, first + i] * x[s]
                     found[LEFT, i] += more / wheels[robot, i].radius if i < d else more
 
+            has_gyro = at > first + m and duration > 0.0
+            off_mean = turn_off_mean(castors, rows, robot, found, first, moves, small) if has_gyro else 0.0
             # Equations of rolling become those of the wheels' angles.
             for i in range(d):
                 of_wheel = wheels[robot, i]
@@ -323,14 +357,24 @@ def _advance(
             moves[0, 0], moves[1, 0], moves[2, 0] = cos, -sin, -0.5 * north
             moves[0, 1], moves[1, 1], moves[2, 1] = sin, cos, 0.5 * east
             moves[2, 2] = 1.0
-            if at > first + m:  # a gyro
-                if duration > 0.0:
-                    carry[size - 1, at - 1], moves[2, at - 1] = duration, 1.0
-                    p[size - 1, size - 1] += DRIFT**2 * duration
-                measured[RESIDUAL, q - 1] = turn_read - turn - duration * x[size - 1] if duration > 0.0 else 0.0
-                measured[VARIANCE, q - 1] = turn_variance + LEAST
-                measured[SLIPS, q - 1] = 0.0
+            bias, reading = size - 2, size - 1
+            if has_gyro:
+                carry[bias, at - 1], carry[reading, at - 1], moves[2, at - 1] = duration, 0.5 * duration, 1.0
             carried_over(p, at, carry, spread)
+            if at > first + m:
+                measured[RESIDUAL, q - 1] = measured[SLIPS, q - 1] = 0.0
+                measured[VARIANCE, q - 1] = turn_variance + off_mean * off_mean + LEAST
+            if has_gyro:
+                # The mean of two readings; that of the sample's end is new, and is half of the next one.
+                measured[RESIDUAL, q - 1] = turn_read - turn - duration * (x[bias] + 0.5 * x[reading])
+                p[bias, bias] += DRIFT**2 * duration
+                x[reading] = 0.0
+                for s in range(size):
+                    p[reading, s] = p[s, reading] = 0.0
+                noise = gyro[robot, 3] ** 2
+                p[reading, reading] = noise
+                p[reading, at - 1] = p[at - 1, reading] = 0.5 * duration * noise
+                p[at - 1, at - 1] += 0.25 * duration * duration * noise
 
             # Noise of the sample, and what is measured.
             for j in range(n):
@@ -356,12 +400,13 @@ def _advance(
                     for other in range(m):
                         if rows[robot, other].castor == j:
                             p[first + i, first + other] += by_swing * found[SWING, other]
-                    here, variance = n + i, bent(rows[robot, i], found, i, swivel, of_castor.offset, off)
+                    here, variance = n + i, unevenness(found, i, swivel, of_castor.offset, off)
                     if i < d:
                         of_wheel = wheels[robot, i]
                         radius = of_wheel.radius * (1.0 if creeps else math.exp(x[at + i]))
                         rolled = of_wheel.count * wheel[robot, rows[robot, i].wheel]
                         variance += filters[f].slip ** 2 * abs(radius * rolled) + LEAST
+                        p[at + i, at + i] += WEAR**2 * abs(radius * rolled)
                         p[first + i, first + i] += variance / (radius * radius)
                         x[first + i] += found[LEFT, i] - rolled
                         measured[RESIDUAL, here] = -x[first + i]
@@ -372,8 +417,9 @@ def _advance(
                         measured[VARIANCE, here] = SIDE_SLIP**2 * found[WAY, i] + LEAST + variance
                         measured[SLIPS, here] = RELEASED**2
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
+            gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(
-                p, SWIVEL, moves, residual, variance, slips, gate, factor, whitened, small
+                p, SWIVEL, moves, residual, variance, slips, gates, factor, whitened, small
             )
             for i in range(n, n + m):
                 if slips[i] < 0.0:

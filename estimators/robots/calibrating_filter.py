@@ -63,7 +63,7 @@ UNSEEN = 20.0
 UNEVEN = 2.0
 """Error of a castor's angle half-way, as a part of the change of its swivel rate, where the rate begins from zero."""
 
-GATE = 3.5
+GATE = 3.0
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
 one in 2000 is."""
 
@@ -115,7 +115,7 @@ class CalibratingFilter:
         n, d, m, gyro = len(rows.known), len(rows.wheels), len(rows.castor), int(geometry.gyro is not None)
         at = SWIVEL + n + m + gyro
         self._rows, self._at = rows, _Numbers.of(at, n, d)
-        size = self._at.y.stop + gyro
+        size = self._at.y.stop + 2 * gyro
 
         carried = np.zeros(castors.shape, CARRIED)
         encoded = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev[rows.known])
@@ -144,7 +144,8 @@ class CalibratingFilter:
             variance[..., k, self._at.offset] = (errors.offset * offset) ** 2
             variance[..., k, self._at.zero] = errors.pivot_zero**2
             variance[..., k, self._at.x] = variance[..., k, self._at.y] = errors.pivot**2
-        variance[..., self._at.y.stop :] = BIAS**2
+        if geometry.gyro is not None:
+            variance[..., -2], variance[..., -1] = BIAS**2, geometry.gyro.noise**2
         known = variance[..., None] * np.eye(size)
         if covariance is not None:
             turn = se2.rotation(-start[..., 2])
@@ -156,10 +157,10 @@ class CalibratingFilter:
         q = n + m + gyro
         parts = [
             *map(Part, (castors, carried, wheels, equations, start, start)),
-            *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(3))),
+            *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(4))),
             Part(np.zeros((len(bank), q)), 2),
         ]
-        room = [(1, m, NUMBERS), (5, m), (size, at), (3, size), (at, size), (3, q), (2, q, q), (5, q), (4, 3)]
+        room = [(1, m, NUMBERS), (5, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
         self._gyro, self._turns = geometry.gyro, GyroTurns()
         self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, start)
@@ -186,7 +187,7 @@ class CalibratingFilter:
             told[...] = 0.0
         else:
             told[..., 0], told[..., 2] = read.turn, read.duration
-            told[..., 1] = (read.duration * gyro.noise) ** 2 / 2 + read.uneven**2
+            told[..., 1], told[..., 3] = read.uneven**2, gyro.noise
 
     @property
     def pose(self) -> Array:
@@ -229,7 +230,7 @@ class CalibratingFilter:
     @property
     def gyro_bias(self) -> Array:
         """The bias (...) of the gyro as learned so far, rad/s."""
-        return np.sum(self._probabilities * self._stack.parts[STATE][..., -1], axis=-1)
+        return np.sum(self._probabilities * self._stack.parts[STATE][..., -2], axis=-1)
 
     @property
     def covariance(self) -> Array:

@@ -82,13 +82,15 @@ ROW = np.dtype(
         ("way_per_count", float),
         ("roller", float),
         ("arm", float),
+        # 1 / (12 offset), 1/m, of no side slip of a castor that the floor turns, 0 of others
+        ("bend", float),
         ("contacts", float),
         ("weight", float),
     ],
     align=True,
 )
-NUMBERS = 7
-G_X, G_Y, LEVER, ROLLED, SWUNG, SWIVELLED, WEIGHT = range(NUMBERS)
+NUMBERS = 10
+G_X, G_Y, LEVER, ROLLED, SWUNG, SWIVELLED, WEIGHT, BEND, X, Y = range(NUMBERS)
 """Numbers of an equation, as kernels hold them: the row for (t_x, t_y, a); for the right side rolled, 2 h sin(d_theta /
 2) and d_theta; the weight."""
 
@@ -110,11 +112,12 @@ def swivelled(castors, robot, pivot, at):
         castor.cos, castor.sin = math.cos(castor.half_way), math.sin(castor.half_way)
 
 
-def equation(equations, k, i, castor, x, y, roller, arm, rolled, weight, arc):
-    """Write equation i of robot k into equations (B, m, 7), from its castor as `swivelled` and its pivot x, y (m).
+def equation(equations, k, i, castor, row, x, y, arm, rolled, arc):
+    """Write equation i of robot k into equations (B, m, 10): of a row, its castor as `swivelled`, and its pivot x, y.
 
-    roller: the tangent of the roller angle; of no side slip NaN.
+    arm, rolled: m.
     """
+    roller = row.roller
     cos, sin = castor.cos, castor.sin
     if math.isnan(roller):
         g_x, g_y = -sin, cos
@@ -124,7 +127,9 @@ def equation(equations, k, i, castor, x, y, roller, arm, rolled, weight, arc):
     equations[k, i, G_X], equations[k, i, G_Y] = g_x, g_y
     equations[k, i, LEVER] = x * g_y - y * g_x - arm * across
     equations[k, i, ROLLED], equations[k, i, SWUNG] = rolled, arm * along
-    equations[k, i, SWIVELLED], equations[k, i, WEIGHT] = castor.swivel, weight
+    equations[k, i, SWIVELLED], equations[k, i, WEIGHT] = castor.swivel, row.weight
+    equations[k, i, BEND] = row.bend * castor.swivel if arc else 0.0
+    equations[k, i, X], equations[k, i, Y] = x, y
 
 
 def set_up(castors, rows, robot, wheel, equations, k, arc):
@@ -133,11 +138,11 @@ def set_up(castors, rows, robot, wheel, equations, k, arc):
         row = rows[robot, i]
         castor = castors[robot, row.castor]
         rolled = row.way_per_count * wheel[robot, row.wheel] if row.wheel >= 0 else 0.0
-        equation(equations, k, i, castor, castor.x, castor.y, row.roller, row.arm, rolled, row.weight, arc)
+        equation(equations, k, i, castor, row, castor.x, castor.y, row.arm, rolled, arc)
 
 
 def solved(equations, k, arc):
-    """Return the displacement x, y (m) in the axes half-way and the turn (rad) that fit equations (B, m, 7) of k best.
+    """Return the displacement x, y (m) in the axes half-way and the turn (rad) that fit equations (B, m, 10) of k best.
 
     Motions that the equations do not determine at these angles are taken as small.
     """
@@ -163,18 +168,21 @@ def solved(equations, k, arc):
     yy += least - l_y * xy
     l_ay = (ya - l_a * xy) / yy
     aa += least - l_a * xa - l_ay * l_ay * yy
-    x, y, turn = 0.0, 0.0, 0.0
+    x, y, a, turn = 0.0, 0.0, 0.0, 0.0
     for _ in range(REFINEMENTS):
         across = math.cos(0.5 * turn) if arc else 1.0
         r_x, r_y, r_a = across * swung_x, across * swung_y, across * swung_a
         chord, of_swivel = 1.0, math.nan
         for i in range(m):
-            if equations[k, i, ROLLED] == 0.0:
+            if equations[k, i, ROLLED] != 0.0:
+                swivel = equations[k, i, SWIVELLED]
+                if arc and swivel != of_swivel:
+                    chord, of_swivel = sinc(0.5 * (turn + swivel)), swivel
+                way = equations[k, i, WEIGHT] * chord * equations[k, i, ROLLED]
+            elif equations[k, i, BEND] != 0.0:
+                way = equations[k, i, WEIGHT] * bent(equations, k, i, x, y, a)
+            else:
                 continue
-            swivel = equations[k, i, SWIVELLED]
-            if arc and swivel != of_swivel:
-                chord, of_swivel = sinc(0.5 * (turn + swivel)), swivel
-            way = equations[k, i, WEIGHT] * chord * equations[k, i, ROLLED]
             r_x += equations[k, i, G_X] * way
             r_y += equations[k, i, G_Y] * way
             r_a += equations[k, i, LEVER] * way
@@ -187,6 +195,12 @@ def solved(equations, k, arc):
         if turn == before or not arc:
             break
     return x, y, turn
+
+
+def bent(equations, k, i, x, y, a):
+    """Return by how much no side slip of a castor, equation i of robot k, is off for a motion x, y, a, m: see above."""
+    way_x, way_y = x - equations[k, i, Y] * a, y + equations[k, i, X] * a
+    return (way_x * way_x + way_y * way_y) * equations[k, i, BEND]
 
 
 def _read(castors, rows, equations, wheel, pivot):
@@ -288,6 +302,9 @@ class Rows(NamedTuple):
         rows["way_per_count"][..., :d] = self.way_per_count
         rows["arm"] = geometry.offset[..., self.castor]
         rows["arm"][..., :d] = geometry.lateral[..., self.wheels] + roller * rows["arm"][..., :d]
+        of_side = self.castors
+        turned = np.where(geometry.driven | geometry.fixed, np.nan, geometry.trail)[..., of_side]
+        rows["bend"][..., d:] = np.nan_to_num(1 / (12 * turned))
         rows["contacts"], rows["weight"] = self.contacts, weight
         return castors, rows
 
@@ -336,7 +353,7 @@ class Motion(NamedTuple):
 def solve(equations: Equations, weight: Array) -> Motion:
     """Return the motion that fits equations with weights (..., m), 1 / variance up to a factor, best. See `solved`."""
     matrix, rolled, arm, swivel = equations
-    parts = np.broadcast_arrays(rolled, 2 * arm * np.sin(swivel / 2), swivel, weight)
+    parts = np.broadcast_arrays(rolled, 2 * arm * np.sin(swivel / 2), swivel, weight, *np.zeros(3))
     stacked = np.concatenate([matrix, np.stack(parts, axis=-1)], axis=-1)
     motion = np.empty((*stacked.shape[:-2], 3))
     _SOLVE.bind(stacked.reshape(-1, *stacked.shape[-2:]), motion.reshape(-1, 3), 1)()

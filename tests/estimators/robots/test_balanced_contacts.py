@@ -57,7 +57,7 @@ def test_of_a_swerve_no_radius_is_learned_from_agreement(exact_motion, winding, 
     learned, before = (
         np.diagonal(of._stack.parts[COVARIANCE], axis1=-2, axis2=-1)[..., 0, of._at.radius] for of in (estimator, prior)
     )
-    np.testing.assert_allclose(learned, before, rtol=0.05)
+    assert (learned > 0.95 * before).all()
 
 
 @pytest.fixture(scope="module", name="driven")
