@@ -21,6 +21,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
 from discrepancy.posterior.calibrated import NOTHING, SIGNATURE
+from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, is_dimension, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
@@ -28,9 +29,10 @@ from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, 
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
+from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.variances.noise_excess import noise_of, noisy_answers
-from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, explains_better, gap_grows, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
 
 LOOKS = 6
@@ -70,16 +72,24 @@ class Diagnosis(Generic[V, S]):
     after: S
     held_out: tuple[S, S] | None
     creep: float | None = None
+    dimensions: tuple[Dimension, ...] = ()
 
     @property
     def found(self) -> V:
-        """The robot, or the train, with the named effects, and with the learned curves of unnamed ones."""
+        """The robot, or the train, with the named effects, and with the learned curves of unnamed ones; dimensions as
+        they are guessed together, if they are."""
+        return with_effects(self.robot, self.sized)
+
+    @property
+    def sized(self) -> list[Sized]:
+        """The effects that `found` has."""
+        together = {dimension.sized.candidate: dimension.sized for dimension in self.dimensions}
         named = [
-            answer
+            Sized(answer.candidate, answer.amplitudes)
             for answer in self.answers
             if answer.learned or (answer.verdict == "named" and answer.effect is not None)
         ]
-        return with_effects(self.robot, [Sized(answer.candidate, answer.amplitudes) for answer in named])
+        return [*(effect for effect in named if effect.candidate not in together), *together.values()]
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -128,8 +138,8 @@ def _diagnosed(
     events, released, base, curve, looked = Events(), Released(), robot, None, False
     plain = linearise(base, logs, creep=creep, places=places)
     names = len({hypothesis.name for hypothesis in hypotheses_of(base, plain)[0]})
-    late = jitter_answer(robot, logs, held_out, clean, names)
-    jitter = 0.0 if late is None or late.unnamed else late.size
+    jittery = jitter_answer(robot, logs, held_out, clean, names)
+    jitter = 0.0 if jittery is None or jittery.unnamed else jittery.size
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         known = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
@@ -152,14 +162,26 @@ def _diagnosed(
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released, jitter=jitter)
 
     worse = WORSE * sum(len(log) for log in logs)
-    first = linearise(base, logs, creep=creep, places=places, jitter=jitter) if jitter else plain
+
+    def afresh(effects: Sequence[Sized]) -> Linearised:
+        changed = with_effects(base, effects)
+        return linearise(changed, logs, creep=creep, places=places, released=released, jitter=jitter)
+
+    begin = most_likely(robot, logs, plain)
+    first = afresh(begin) if jitter or begin else plain
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        named, seen, posterior, answers = named_together(base, look, ask, worse, first)
+        named, seen, posterior, answers = named_together(base, look, ask, worse, first, begin)
         found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
+            new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
+            odds = math.log((1 - NOTHING) / NOTHING / names)
+            if new and (late := exchanged(base, look, worse, named, (), seen, new, odds)):
+                begin = late[0]
+                first = afresh(begin)
+                continue
             events, released = extended, extended.released(found, logs, seen)
-            first = linearise(base, logs, creep=creep, places=places, released=released, jitter=jitter)
+            first = afresh(begin)
             continue
         if looked or not (channels := encoders_of(answers)):
             break
@@ -168,11 +190,11 @@ def _diagnosed(
             curve = None
             break
         base = robot.with_effects(curve.effect)
-        first = linearise(base, logs, creep=creep, places=places, released=released, jitter=jitter)
-    held, lacking, order, confirmed = None, None, None, [None] * len(events)
+        first = afresh(begin)
+    held, lacking, order, confirmed, free = None, None, None, [None] * len(events), Released()
     if held_out:
         among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
-        after, free = linearise(found, held_out, creep=creep, among=among, jitter=jitter), Released()
+        after = linearise(found, held_out, creep=creep, among=among, jitter=jitter)
         after.forget()
         if len(events):
             recurring, confirmed = events.in_other_logs(found, held_out, after)
@@ -182,7 +204,7 @@ def _diagnosed(
         held = plainly, after
         lacking = held[0] if curve is None else linearise(robot, held_out, creep=creep, among=(), released=free)
         order = order_of(after, good)
-    beside = [*events.answers(found, logs, seen, confirmed), *([] if late is None else [late])]
+    beside = [*events.answers(found, logs, seen, confirmed), *([] if jittery is None else [jittery])]
     beside += [] if curve is None else [answer_of(robot, curve, logs)]
     beside += noisy_answers(seen, None if held is None else held[1], usual)
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
@@ -191,21 +213,44 @@ def _diagnosed(
     answers = [*answers, *beside]
     answers = judged(answers, named, held, order, material)
     held = None if held is None or lacking is None else (lacking.without_designs(), held[1].without_designs())
-    return Diagnosis(
+    diagnosis = Diagnosis(
         robot, verdict_of(answers), answers, inclusion, plain.without_designs(), seen.without_designs(), held, creep
     )
+    built = dimensions_of(robot, seen)
+    if not held_out or not any(effect.candidate.family in answer.credible for effect in built for answer in answers):
+        return diagnosis
+    of_model = {effect.candidate: effect for effect in (*begin, *named)}
+    built = [of_model.get(effect.candidate, effect) for effect in built]
+    others = [effect for effect in named if effect.candidate not in {dimension.candidate for dimension in built}]
+    together = [one for one in guessed(look, seen, good, built, others) if one.matters(seen, material)]
+    changed = replace(diagnosis, dimensions=tuple(together))
+    nuisances = [effect for effect in named if not is_dimension(seen, effect)]
+
+    def in_held_out(one: Diagnosis[RobotDescription, Linearised]) -> Linearised:
+        sizes = [effect for effect in one.sized if is_dimension(seen, effect)]
+        return linearise(
+            with_effects(base, [*sizes, *nuisances]), held_out, creep=creep, among=(), released=free, jitter=jitter
+        )
+
+    pair = in_held_out(diagnosis), in_held_out(changed)
+    return changed if explains_better(*pair, material) and not gap_grows(*pair, material) else diagnosis
 
 
 def named_together(
-    vehicle: Any, look: Look[S], ask: Callable[[S, Sequence[Sized]], Asked], worse: float, first: S
+    vehicle: Any,
+    look: Look[S],
+    ask: Callable[[S, Sequence[Sized]], Asked],
+    worse: float,
+    first: S,
+    begin: Sequence[Sized] = (),
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs without any of these effects; worse: see `refitted`.
+    first: statistics of the logs with the effects `begin` in the model; worse: see `refitted`.
     """
-    seen, tried = first, [frozenset[str]()]
-    named: tuple[Sized, ...] = ()
+    seen, named = first, tuple(begin)
+    tried = [frozenset(effect.candidate.family for effect in named)]
     while True:
         posterior, answers = ask(seen, named)
         for least in (SECOND, 0.0):

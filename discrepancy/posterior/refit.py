@@ -47,6 +47,11 @@ class Sized:
         """The effect; raises ValueError for amplitudes that it cannot have."""
         return self.candidate.effect(self.amplitudes)
 
+    @property
+    def size(self) -> float:
+        """The size, in the unit of the amplitudes."""
+        return float(self.amplitudes[0]) if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
+
     def moved(self, by: Array) -> "Sized":
         """Return the candidate with its amplitudes changed, clipped to their bounds."""
         amplitudes = self.amplitudes + by

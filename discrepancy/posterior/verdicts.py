@@ -60,6 +60,20 @@ def verdict_of(answers: Sequence[Answer]) -> Verdict:
     return "negligible" if answers else "no discrepancy"
 
 
+def explains_better(before: Seen, after: Seen, material: Material) -> bool:
+    """Whether logs are likelier by what a credible set needs, or their gap is smaller by what matters."""
+    if after.log_evidence - before.log_evidence > LOG_ODDS:
+        return True
+    if before.gap is None or after.gap is None:
+        return False
+    return any(was - now > matters for was, now, matters in zip(before.gap, after.gap, material, strict=True))
+
+
+def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
+    """Whether the gap is larger by what matters."""
+    return before.gap is not None and after.gap is not None and after.gap[0] - before.gap[0] > material.position
+
+
 def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) -> tuple[Verdict, str]:
     description, largest_cost = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
     if np.all(largest_cost < np.array(material)):
@@ -106,7 +120,9 @@ class _HeldOut:
         others = [other for other in self.named if other.candidate != answer.candidate]
         together, of_others = self._about_without([*others, effect]), self._about_without(others)
         if together is not None and of_others is not None:
-            return together - of_others
+            gained = self.with_named.log_evidence - self.without.log_evidence
+            if gained < together + LOG_ODDS:  # else the signature hardly shows, beside what passes for noise without it
+                return together - of_others
         size = sizes_of([place_in_model(self.with_named, effect.candidate)], [effect.amplitudes], self.with_named)
         return self._log_ratio(size, [log.at(-size) for log in self.with_named.logs])
 
@@ -118,21 +134,13 @@ class _HeldOut:
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""
-        if self.with_named.log_evidence - self.without.log_evidence > LOG_ODDS:
-            return True
         ratio = self._about_without(self.named)
-        if ratio is not None and ratio > LOG_ODDS:
-            return True
-        before, after = self.without.gap, self.with_named.gap
-        if before is None or after is None:
-            return False
-        return any(was - now > matters for was, now, matters in zip(before, after, material, strict=True))
+        return explains_better(self.without, self.with_named, material) or (ratio is not None and ratio > LOG_ODDS)
 
     def grows(self, material: Material) -> bool:
         """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what
         makes odometry worse is not the cause, or not all of it."""
-        before, after = self.without.gap, self.with_named.gap
-        return before is not None and after is not None and after[0] - before[0] > material.position
+        return gap_grows(self.without, self.with_named, material)
 
     def _sized(self, answer: Answer) -> Sized:
         """Return the effect of an answer as it is in the model."""

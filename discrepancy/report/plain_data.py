@@ -11,6 +11,7 @@ from castor_envs.vehicles.effect import Effect
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
+from discrepancy.posterior.dimensions import Dimension
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
@@ -43,6 +44,7 @@ def as_data(
         "verdict": min(verdicts, key=(*WEAKEST_FIRST, "no discrepancy").index),
         "mistakes": gross,
         "answers": [answer_data(answer) for answer in diagnosis.answers],
+        "dimensions": [_dimension(dimension) for dimension in diagnosis.dimensions],
         "probabilities": diagnosis.inclusion,
         "names": _names(diagnosis),
         "gap": gaps(before, after),
@@ -72,6 +74,13 @@ def answer_data(answer: Answer) -> Data:
         "check": "" if effect is None else effect.check,
         "separating_drive": None,
     }
+
+
+def _dimension(dimension: Dimension) -> Data:
+    """Return a dimension that is guessed together with the others as plain data."""
+    candidate, size, error = dimension.sized.candidate, dimension.sized.size, COVERAGE * float(np.max(dimension.error))
+    unit = candidate.kinds[0].unit
+    return {"what": candidate.what, "size": size, "unit": unit, "interval": [size - error, size + error]}
 
 
 def drive_data(drive: SeparatingDrive) -> Data:

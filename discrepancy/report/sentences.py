@@ -48,6 +48,7 @@ def sentence(data: Data) -> str:
         trifles = [str(answer.get("what")) for answer in mappings(data.get("answers"))]
         nothing = f"Nothing that matters is missing: {', '.join(trifles)} costs too little." if trifles else ""
         parts.append(nothing or "The robot's file explains these logs: nothing is missing.")
+    parts.append(together(data))
     return " ".join(part for part in parts if part)
 
 
@@ -70,6 +71,7 @@ def as_lines(data: Data) -> list[str]:
         lines.append(sentence(data))
     elif trifles := [answer["what"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
         lines.append(f"costs too little to matter: {', '.join(trifles)}")
+    lines += [said for said in (together(data),) if said and material(data)]
     lines += gaps_of(data)
     replays = mapping(data["replay"])
     if before := mapping(replays.get("before")):
@@ -116,6 +118,13 @@ def left_out(data: Data) -> str:
     ]
     best = sorted(rivals, key=lambda rival: -rival[1])[:MOST]
     return f"The likeliest of what is left out: {listed(best)}." if best else ""
+
+
+def together(data: Data) -> str:
+    """Return what is guessed of dimensions that are not sure one by one; nothing if nothing is."""
+    told = [f"{dimension['what']} {size_of(dimension)}" for dimension in mappings(data.get("dimensions"))]
+    said = "Held-out logs confirm dimensions guessed together, which need not be sure one by one"
+    return f"{said}; {data.get('file', 'robot.json')} has them: {'; '.join(told)}." if told else ""
 
 
 def unexplained(data: Data) -> bool:

@@ -1,0 +1,59 @@
+"""Encoders that are read so late that no linear signature shows it.
+
+The signature of a latency is right for times in which speeds hardly change. Where a wheel contradicts the others
+intermittently (`at_times`), how far the others say that it rolled is compared with what its encoder shows some time
+later; the time at which they agree best is where the whole model is fitted from.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.priors import bounds_of
+from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.variances.at_times import Faulty
+from estimators.likelihood.disagreement import slip_of_row
+
+
+def late_encoders(
+    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, faulty: Sequence[Faulty]
+) -> list[Sized]:
+    """Return a latency of each wheel that contradicts the others, where its encoder agrees better with them some time
+    later."""
+    found, wheels = [], {_place(robot, k): k for k in range(len(robot.wheels))}
+    rows = {int(seen.designs[0].model.rows[fault.row]): fault.row for fault in faulty}
+    for candidate in candidates_of(robot):
+        kind = candidate.kinds[0]
+        if (
+            isinstance(kind, EncoderLatency)
+            and (row := rows.get(wheels.get((kind.castor, kind.wheel), -1))) is not None
+        ):
+            late = _latency(seen, logs, row, bounds_of(kind)[1])
+            found += [Sized(candidate, np.array([late]))] if late else []
+    return found
+
+
+def _latency(seen: Linearised, logs: Sequence[Log], row: int, most: float) -> float:
+    """Return the time (s), of up to `most`, after which the encoder of a row shows best how far the wheel rolled by the
+    other rows."""
+    period = float(np.median(np.diff(logs[0].t)))
+    tried, squares = period * np.arange(round(most / period) + 1), 0.0
+    for design, log in zip(seen.designs, logs, strict=True):
+        missed, _ = slip_of_row(design.model, design.geometry, design.state, row)
+        shown = design.model.rolled(design.geometry, design.state)[:, row]
+        truly, shows = (np.concatenate([[0.0], np.cumsum(steps)]) for steps in (shown + missed, shown))
+        since = log.t >= log.t[0] + most
+        off = [np.diff(np.interp(log.t[since] - late, log.t, truly) - shows[since]) for late in tried]
+        squares = squares + np.sum(np.square(off), axis=1)
+    return float(tried[np.argmin(squares)])
+
+
+def _place(robot: RobotDescription, k: int) -> tuple[int, int | None]:
+    """Return castor and wheel, from 1, of a wheel by its number among all, from 0."""
+    castor = robot.wheel_castors[k]
+    return castor + 1, 1 + sum(earlier == castor for earlier in robot.wheel_castors[:k])

@@ -1,0 +1,112 @@
+"""Dimensions guessed together: laws of their posterior, sizes by calibration, and a measured robot whose odometry they
+bring nearer to the reference where no name is certain."""
+
+# pyright: reportOptionalSubscript=false
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from castor_envs.effects.dimensions import PivotBias, PivotPositionX, WheelRadius
+from castor_envs.logs.importers.optiodom import find_sessions, read_session
+from castor_envs.logs.log import Log
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.dimensions import dimensions_of, most_likely, shared_cauchy
+from discrepancy.posterior.finder import diagnose
+from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.refit import with_effects
+from discrepancy.trials.pymunk_generator import drive
+
+
+@pytest.mark.parametrize("score", [0.0, 3.0, -40.0])
+def test_a_single_size_has_the_posterior_of_a_cauchy_prior(score):
+    """The mixture of normal distributions is within 5 % of the Cauchy distribution."""
+    information, scale = 4.0, 0.5
+
+    def density(size):
+        return np.exp(score * size - information * size**2 / 2) / (1 + (size / scale) ** 2)
+
+    ends = score / information - 5, score / information + 5
+    mass, first, second = (quad(lambda b, n=n: density(b) * b**n, *ends, limit=200)[0] for n in range(3))
+    mean, error = shared_cauchy(np.array([[information]]), np.array([score]), np.array([scale]))
+    assert mean[0] == pytest.approx(first / mass, abs=0.02)
+    assert error[0] ** 2 == pytest.approx(second / mass - (first / mass) ** 2, rel=0.1)
+
+
+def test_what_logs_determine_is_as_they_say_and_the_rest_is_0():
+    information, score = np.diag([1e8, 1e8, 0.0]), np.array([1e6, -3e6, 0.0])
+    mean, error = shared_cauchy(information, score, np.full(3, 1e-3))
+    assert mean == pytest.approx([0.01, -0.03, 0.0], rel=1e-3, abs=1e-9)
+    assert error[:2] == pytest.approx(1e-4, rel=0.01)
+
+
+def test_one_dimension_far_off_makes_another_one_less_unlikely_to_be():
+    """Half a tolerance of a fault, hardly seen, beside one that is off by nothing or by a hundred of these."""
+    weak, scale = 4.0, np.ones(2)
+    little, _ = shared_cauchy(np.diag([weak, 1e4]), np.array([weak * 0.5, 0.0]), scale)
+    much, _ = shared_cauchy(np.diag([weak, 1e4]), np.array([weak * 0.5, 1e6]), scale)
+    assert little[0] < 0.75 * 0.5
+    assert much[0] == pytest.approx(0.5, rel=0.01)
+
+
+def test_posterior_means_are_the_same_in_other_units():
+    random = np.random.default_rng(1)
+    root = random.normal(size=(4, 4))
+    information, score, unit = root @ root.T, random.normal(size=4), np.array([1e-3, 1.0, 50.0, 1e4])
+    plain = shared_cauchy(information, score, np.full(4, 0.1))
+    scaled = shared_cauchy(information / np.outer(unit, unit), score / unit, 0.1 * unit)
+    assert np.array(scaled) / unit == pytest.approx(np.array(plain), rel=1e-6)
+
+
+def driven(name, *effects, seed=3):
+    robot = preset(name)
+    motion = wander(np.random.default_rng([seed, 1]), duration=20.0, holonomic=False)
+    return robot, drive(robot.with_effects(*effects), motion, seed, duration=20.0)
+
+
+def test_dimensions_that_encoders_cannot_contradict_begin_as_calibration_finds_them():
+    hidden = (
+        PivotBias(castor=1, value=0.02),
+        PivotPositionX(castor=1, value=0.01),
+        WheelRadius(castor=1, wheel=1, value=-0.02),
+    )
+    robot, log = driven("tricycle", *hidden)
+    seen = linearise(robot, [log])
+    begin = most_likely(robot, [log], seen)
+    sizes = {effect.candidate.family: effect.size for effect in begin}
+    assert sizes["wheel_radius 1 1"] == pytest.approx(-0.02, abs=0.002)
+    assert sizes["pivot_bias 1"] == pytest.approx(0.02, abs=0.002)
+    assert sizes["pivot_position_x 1"] == pytest.approx(0.01, abs=0.002)
+    assert linearise(with_effects(robot, begin), [log], among=()).log_evidence > seen.log_evidence + 10
+    assert {effect.candidate for effect in begin} <= {effect.candidate for effect in dimensions_of(robot, seen)}
+    blind = Log(log.t, log.wheel, log.pivot)
+    assert most_likely(robot, [blind], linearise(robot, [blind])) == ()
+
+
+def test_where_encoders_contradict_each_other_nothing_is_begun_with():
+    robot, log = driven("asoc-prototype")
+    assert most_likely(robot, [log], linearise(robot, [log], among=())) == ()
+
+
+@pytest.mark.slow
+def test_a_measured_robot_comes_nearer_to_the_reference_where_no_name_is_certain():
+    root = Path(os.environ.get("CASTOR_DATA", ""))
+    if not os.environ.get("CASTOR_DATA") or not (root / "optiodom").is_dir():
+        pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/")
+    session = read_session(find_sessions(root)["020120212354"])
+    (run,) = session.runs
+    half = len(run) // 2
+    log, held_out = (
+        Log(run.t[rows], run.wheel[rows], run.pivot[rows], reference=run.reference[rows])
+        for rows in (slice(None, half), slice(half, None))
+    )
+    told = diagnose(session.robot, [log], [held_out])
+    assert not [answer for answer in told.answers if answer.verdict == "named"]
+    assert {dimension.sized.candidate.family for dimension in told.dimensions} >= {"track 1", "all_wheel_radius"}
+    assert len(told.found.effects) == len(told.dimensions)
+    before, after = (linearise(robot, [held_out], among=()).gap for robot in (session.robot, told.found))
+    assert after[0] < before[0] / 2
