@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.export.cases import export_cases, export_form
 from benchmarks.leaderboard import board as boards
 from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import overviews_markdown, print_overviews
@@ -23,7 +24,6 @@ from benchmarks.options import (
     console,
     with_rows,
 )
-from benchmarks.results.export import export_cases, export_form
 from benchmarks.results.forget import forget
 from benchmarks.results.rescore import rescore_task
 from benchmarks.results.robots import with_stored_robots

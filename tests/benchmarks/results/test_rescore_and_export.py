@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.export.cases import export_cases, export_form
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.results.export import export_cases, export_form
 from benchmarks.results.rescore import rescore, rescore_task
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
+from benchmarks.export.floor_map import write_floor_map
 from benchmarks.results.episodes import run_name, write_episode, write_floor
-from benchmarks.results.floor_map import write_floor_map
 from benchmarks.results.rows import ResultsStore
 from benchmarks.tasks.task import Case, Episode, Task
 from castor_envs.errors import InputError, did_you_mean

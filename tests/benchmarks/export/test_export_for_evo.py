@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.results.export import export_cases, export_form, write_poses
-from benchmarks.results.floor_map import floor_map
+from benchmarks.export.cases import export_cases, export_form, write_poses
+from benchmarks.export.floor_map import floor_map
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
 from benchmarks.scoring.path_metrics import absolute_trajectory_error, relative_pose_error
