@@ -97,7 +97,7 @@ def joint_records(bodies: Sequence[pymunk.Body], joints: Sequence[Constraint], d
 
 
 @lru_cache
-def solving_order(joints: tuple[tuple[int, int, int], ...], iterations: int) -> NDArray[np.uint64]:
+def solving_order(joints: tuple[tuple[int, int, int], ...], iterations: int) -> NDArray[np.uint16]:
     """Return joints, by their indices, in an order in which a step may correct velocities; not to be changed.
 
     As `iterations` times one joint after the other, but what waits for nothing comes first: along a chain, the next
