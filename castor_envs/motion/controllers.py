@@ -41,34 +41,38 @@ class KinematicController:
     direction of travel, or to its opposite if that is nearer.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription | Sequence[RobotDescription]) -> None:
+        """Take a robot, or several of one layout and sample period, for arrays with a leading axis of as many."""
         self._geometry = Geometry.of(robot)
-        self._period = robot.sample_period
-        self._limit = np.where(self._geometry.driven, robot.max_steering_speed, np.inf)
-        self._driven_wheels = np.array(robot.driven_wheels, dtype=np.intp)
-        self._driven_castors = np.array(robot.driven_castors, dtype=np.intp)
+        one = isinstance(robot, RobotDescription)
+        first = robot if one else robot[0]
+        most = robot.max_steering_speed if one else np.array([[each.max_steering_speed] for each in robot])
+        self._period = first.sample_period
+        self._limit = np.where(self._geometry.driven, most, np.inf)
+        self._driven_wheels = np.array(first.driven_wheels, dtype=np.intp)
+        self._driven_castors = np.array(first.driven_castors, dtype=np.intp)
 
     def commands(self, castor_angle: ArrayLike, twist: ArrayLike) -> Commands:
-        """Return commands for measured castor angles (n,) and the desired twist (3,) in B in mid-period."""
+        """Return commands for measured castor angles (..., n) and the desired twist (..., 3) in B in mid-period."""
         geometry, theta = self._geometry, np.asarray(castor_angle, dtype=float)
         twist = np.asarray(twist, dtype=float)
         steered = self._steering_rates(theta, twist)
         middle = theta + 0.5 * self._period * self._rates(theta, twist, steered)
         rate = self._rates(middle, twist, steered)
         wheel = inverse(geometry, middle, rate, twist).rate
-        return Commands(wheel[self._driven_wheels], rate[self._driven_castors])
+        return Commands(wheel[..., self._driven_wheels], rate[..., self._driven_castors])
 
     def _rates(self, theta: Array, twist: Array, steered: Array) -> Array:
-        """Return castor rates (n,): of rolling where the castor trails, else `steered`; within the motors' limit."""
+        """Return castor rates (..., n): of rolling where castors trail, else `steered`; within the motors' limit."""
         rate = np.where(self._geometry.trailing, castor_rates(self._geometry, theta, twist), steered)
         return np.minimum(np.maximum(rate, -self._limit), self._limit)
 
     def _steering_rates(self, theta: Array, twist: Array) -> Array:
-        """Return the rates (n,) that turn driven castors to their pivots' direction of travel in a period; else 0."""
+        """Return rates (..., n) that turn driven castors to their pivots' direction of travel in a period; else 0."""
         u = pivot_velocity(self._geometry, twist)
-        away = np.arctan2(u[:, 1], u[:, 0]) - theta
+        away = np.arctan2(u[..., 1], u[..., 0]) - theta
         nearest = away - np.pi * np.round(away / np.pi)
-        turning = self._geometry.driven & (np.hypot(u[:, 0], u[:, 1]) > STANDSTILL)
+        turning = self._geometry.driven & (np.hypot(u[..., 0], u[..., 1]) > STANDSTILL)
         return np.where(turning, nearest / self._period, 0.0)
 
 
@@ -84,10 +88,13 @@ def posture_correction(speed: ArrayLike, error: Array) -> tuple[Array, Array]:
     return ahead, speed * (ACROSS * error[..., 1] + np.sign(speed) * TURN * np.sin(error[..., 2]))
 
 
-def axle_wheel_rates(axles: Sequence[Geometry], twists: Array) -> Array:
-    """Return the wheels' rates (2N,), axle by axle, left then right, rad/s, by rolling at the axles' twists (N, 3)."""
-    rates = [inverse(axle, axle.angle, np.zeros(1), twist).rate for axle, twist in zip(axles, twists, strict=True)]
-    return np.concatenate(rates)
+def axle_wheel_rates(axles: Geometry, twists: Array) -> Array:
+    """Return the wheels' rates (..., 2N), axle by axle, left then right, rad/s, by rolling at the axles' twists.
+
+    axles: of all axles (k,) in a row. twists (..., N, 3): of as many.
+    """
+    rates = inverse(axles, axles.angle, np.zeros_like(axles.angle), twists.reshape(-1, 3)).rate
+    return rates.reshape(*twists.shape[:-2], -1)
 
 
 class TrainSteering:
@@ -102,7 +109,7 @@ class TrainSteering:
 
     def __init__(self, train: TrainDescription) -> None:
         self._period = train.sample_period
-        self._geometry = [Geometry.of(module) for module in train.modules]
+        self._geometry = Geometry.rolling(train.modules)
         self._zero = np.full((len(train.frames), 3), np.nan)
 
     def twists(self, place: Array, after: Array, way: float, rps: ArrayLike, age: ArrayLike) -> Array:

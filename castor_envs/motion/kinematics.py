@@ -81,12 +81,18 @@ class Geometry:
             for name in same:
                 if getattr(member, name) != getattr(first, name):
                     raise ValueError(f"robots of one batch must agree in {name}")
+        return cls._stacked(members)
+
+    @classmethod
+    def rolling(cls, robots: Sequence[RobotDescription]) -> "Geometry":
+        """Return the geometry of robots of one layout, (k, ...), for their motion alone: sensors are the first's."""
+        return cls._stacked([_of_robot(robot) for robot in robots])
+
+    @classmethod
+    def _stacked(cls, members: Sequence["Geometry"]) -> "Geometry":
         numbers = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
         stacked = {name: np.stack([getattr(member, name) for member in members]) for name in numbers}
-        return cls(
-            **stacked,
-            **{name: getattr(first, name) for name in (*layout, *same)},
-        )
+        return dataclasses.replace(members[0], **stacked)
 
     @property
     def n_castors(self) -> int:

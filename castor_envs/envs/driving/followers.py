@@ -1,17 +1,17 @@
 """Followers: scripted drivers that see what agents of the tracking environments see, and correct what goes wrong.
 
 They are the baseline of policies, and what a policy may correct (`control="residual"`). They keep no state: what motors
-are told is a function of the newest observation.
+are told is a function of the newest observation. One of several vehicles of a kind takes arrays with a leading axis.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.geometry.arrays import Array, Numbers
-from castor_envs.geometry.se2 import rotate_single
+from castor_envs.geometry.arrays import Array, Numbers, vectors
+from castor_envs.geometry.se2 import rotate
 from castor_envs.motion.controllers import ALONG, KinematicController, axle_wheel_rates, posture_correction
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.mobility import moves_sideways
@@ -27,21 +27,22 @@ rate of turning at which a wheel half a metre from the origin has it."""
 class Follower(ABC):
     """A scripted driver: from an observation (the Dict of the tracking environments) to what motors are to do.
 
-    fastest: the motors' greatest speeds (m,), rad/s: of driven wheels, of which there are `wheels`, then of castors.
-    corrections (n,): the numbers of its twists that a vehicle can choose, by their places in these, flat.
+    fastest: the motors' greatest speeds (..., m), rad/s: of driven wheels, of which there are `wheels`, then of
+    castors. corrections (n,): the numbers of its twists that a vehicle can choose, by their places in these, flat.
     """
 
     def __init__(self, wheel_speeds: Array, castor_speeds: Array, corrections: NDArray[np.bool_]) -> None:
-        self.wheels, self.fastest = len(wheel_speeds), np.concatenate([wheel_speeds, castor_speeds])
+        self.wheels, self.fastest = wheel_speeds.shape[-1], np.concatenate([wheel_speeds, castor_speeds], axis=-1)
         self.corrections = np.flatnonzero(corrections)
+        self._most = np.resize(MOST, corrections.size)[self.corrections]
 
     @abstractmethod
     def twist(self, observation: Mapping[str, Numbers]) -> Array:
-        """Return the twist (3,), or the twists (N, 3) of a train's axles, for the next sample period."""
+        """Return the twist (..., 3), or the twists (..., N, 3) of a train's axles, for the next sample period."""
 
     @abstractmethod
     def motors(self, observation: Mapping[str, Numbers], twist: Array) -> Array:
-        """Return the speeds (m,) at which motors give a twist, (3,) or (N, 3), by rolling, rad/s."""
+        """Return the speeds (..., m) at which motors give a twist, (..., 3) or (..., N, 3), by rolling, rad/s."""
 
     def action(self, observation: Mapping[str, Numbers]) -> NDArray[np.float32]:
         """Return the action (m,) in [-1, 1] of the scripted driver where actions are speeds (`control="speed"`)."""
@@ -49,9 +50,9 @@ class Follower(ABC):
         return np.clip(speeds / self.fastest, -1.0, 1.0).astype(np.float32)
 
     def corrected(self, observation: Mapping[str, Numbers], fraction: Array) -> Array:
-        """Return the motors' speeds (m,), rad/s, when a policy corrects the twist by fractions (n,) of `MOST`."""
+        """Return the motors' speeds (..., m), rad/s, where a policy corrects twists by fractions (..., n) of `MOST`."""
         twist = self.twist(observation)
-        twist.flat[self.corrections] += np.resize(MOST, twist.size)[self.corrections] * fraction
+        twist.reshape(*fraction.shape[:-1], -1)[..., self.corrections] += self._most * fraction
         return np.clip(self.motors(observation, twist), -self.fastest, self.fastest)
 
 
@@ -62,45 +63,54 @@ class RobotFollower(Follower):
     the speeds of perfect rolling (`KinematicController`).
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription | Sequence[RobotDescription]) -> None:
         self._controller, self._geometry = KinematicController(robot), Geometry.of(robot)
-        self._sideways = moves_sideways(robot)
-        wheels, castors = len(robot.driven_wheels), len(robot.driven_castors)
-        speeds = np.full(wheels, robot.max_wheel_speed), np.full(castors, robot.max_steering_speed)
+        one = isinstance(robot, RobotDescription)
+        several = [robot] if one else robot
+        self._sideways = moves_sideways(several[0])
+        wheels = [np.full(len(each.driven_wheels), each.max_wheel_speed) for each in several]
+        castors = [np.full(len(each.driven_castors), each.max_steering_speed) for each in several]
+        speeds = (wheels[0], castors[0]) if one else (np.stack(wheels), np.stack(castors))
         super().__init__(*speeds, np.array([True, self._sideways, True]))
 
     def twist(self, observation: Mapping[str, Numbers]) -> Array:
-        """Return the twist (3,) in B for the next sample period."""
-        error, reference = observation["reference"][:3], observation["reference_twist"]
+        """Return the twist (..., 3) in B for the next sample period."""
+        error, reference = observation["reference"][..., :3], observation["reference_twist"]
         if not self._sideways:
-            ahead, turning = posture_correction(reference[0], error)
-            return np.array([reference[0] * np.cos(error[2]) + ahead, 0.0, reference[2] + turning])
-        along = rotate_single(reference[:2], error[2]) + ALONG * error[:2]
-        return np.array([*along, reference[2] + ALONG * error[2]])
+            ahead, turning = posture_correction(reference[..., 0], error)
+            forward = reference[..., 0] * np.cos(error[..., 2]) + ahead
+            return vectors(forward, np.zeros_like(forward), reference[..., 2] + turning)
+        along = rotate(reference[..., :2], error[..., 2]) + ALONG * error[..., :2]
+        return vectors(along[..., 0], along[..., 1], reference[..., 2] + ALONG * error[..., 2])
 
     def motors(self, observation: Mapping[str, Numbers], twist: Array) -> Array:
-        """Return the speeds of driven wheels, then of driven castors, rad/s, at a twist (3,)."""
+        """Return the speeds of driven wheels, then of driven castors, rad/s, at a twist (..., 3)."""
         theta = castor_angles(self._geometry, observation["pivot"])
-        return np.concatenate(self._controller.commands(theta, twist))
+        return np.concatenate(self._controller.commands(theta, twist), axis=-1)
 
 
 class TrainFollower(Follower):
     """Drives each axle of a train where its reference is, by the law of Kanayama et al. (1990)."""
 
-    def __init__(self, train: TrainDescription) -> None:
-        self._geometry = [Geometry.of(module) for module in train.modules]
-        speeds = np.repeat([module.max_wheel_speed for module in train.modules], 2)
-        super().__init__(speeds, np.empty(0), np.tile([True, False, True], train.n_axles))
+    def __init__(self, train: TrainDescription | Sequence[TrainDescription]) -> None:
+        one = isinstance(train, TrainDescription)
+        modules = [module for each in ([train] if one else train) for module in each.modules]
+        axles = (train if one else train[0]).n_axles
+        self._geometry = Geometry.rolling(modules)
+        speeds = np.repeat([module.max_wheel_speed for module in modules], 2)
+        speeds = speeds if one else speeds.reshape(len(train), -1)
+        super().__init__(speeds, speeds[..., :0], np.tile([True, False, True], axles))
 
     def twist(self, observation: Mapping[str, Numbers]) -> Array:
-        """Return the axles' twists (N, 3) for the next sample period."""
-        twist = observation["reference_twist"].reshape(-1, 3).copy()
-        error, speed = observation["reference"][: twist.size].reshape(-1, 3), twist[:, 0].copy()
+        """Return the axles' twists (..., N, 3) for the next sample period."""
+        reference, places = observation["reference_twist"], observation["reference"]
+        twist = reference.reshape(*reference.shape[:-1], -1, 3).copy()
+        error, speed = places[..., : reference.shape[-1]].reshape(twist.shape), twist[..., 0].copy()
         ahead, turning = posture_correction(speed, error)
-        twist[:, 0] = speed * np.cos(error[:, 2]) + ahead
-        twist[:, 2] += turning
+        twist[..., 0] = speed * np.cos(error[..., 2]) + ahead
+        twist[..., 2] += turning
         return twist
 
     def motors(self, observation: Mapping[str, Numbers], twist: Array) -> Array:
-        """Return the speeds of all wheels (2N,), axle by axle, rad/s, at the axles' twists (N, 3)."""
+        """Return the speeds of all wheels (..., 2N), axle by axle, rad/s, at the axles' twists (..., N, 3)."""
         return axle_wheel_rates(self._geometry, twist)

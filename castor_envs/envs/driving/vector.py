@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.typing import NDArray
 
 from castor_envs.envs.actions import finite
+from castor_envs.envs.driving.followers import Follower
 from castor_envs.envs.driving.lanes import RobotLanes, TrainLanes
 from castor_envs.envs.driving.reference_table import ROWS, Reference
 from castor_envs.envs.driving.reward import LOST, quality, tracking_error
@@ -35,6 +36,7 @@ class TrackingVectorEnv(SyncVectorEnv):
         self._lanes = (RobotLanes if isinstance(sensed[0], SensedRobot) else TrainLanes)(sensed, threads)
         places = np.asarray(first.course.target(0.0))
         self._period = first.vehicle.sample_period
+        self._follower = _one_follower(self.envs) if first.control == "residual" else None
         self._fastest = np.stack([env.follower.fastest for env in self.envs])
         self._sample, self._samples = np.zeros((2, self.num_envs), dtype=np.intp)
         self._places = np.empty((self.num_envs, ROWS, len(AHEAD) + 1, *places.shape))
@@ -123,13 +125,8 @@ class TrackingVectorEnv(SyncVectorEnv):
     def _motors(self, fraction: Array) -> Array:
         """Return what actions (B, ...) tell the motors (B, m), as `TrackingEnv` does for one."""
         first = self.envs[0]
-        if first.control == "residual":
-            return np.array(
-                [
-                    env.follower.corrected(_row(self._unscaled, lane), fraction[lane])
-                    for lane, env in enumerate(self.envs)
-                ]
-            )
+        if self._follower is not None:
+            return self._follower.corrected(self._unscaled, fraction)
         if first.control == "voltage":
             wheels = first.follower.wheels
             return np.concatenate([fraction[:, :wheels], fraction[:, wheels:] * self._fastest[:, wheels:]], axis=1)
@@ -194,7 +191,18 @@ def steps_as_one(envs: Sequence[TrackingEnv[Any]]) -> bool:
     structures = {(*structure(env.sensed.world.simulation), env.control, env.action_space.shape) for env in envs}
     scaled = any(env.scaling is not None for env in envs)
     alike = all(env.vehicle == envs[0].vehicle for env in envs)
-    return all(env.steps_in_fleet for env in envs) and len(structures) == 1 and (alike or not scaled)
+    if not all(env.steps_in_fleet for env in envs) or len(structures) > 1 or (scaled and not alike):
+        return False
+    return envs[0].control != "residual" or _one_follower(envs) is not None
+
+
+def _one_follower(envs: Sequence[TrackingEnv[Any]]) -> Follower | None:
+    """Return the scripted driver of all members, None for robots whose encoders differ."""
+    try:
+        kind: Any = type(envs[0].follower)
+        return kind([env.vehicle for env in envs])
+    except ValueError:
+        return None
 
 
 def _lanes_of(which: Any) -> list[int]:
