@@ -16,6 +16,9 @@ from benchmarks.speed.steps import DRIVEN
 
 SIZES = 64, 1024
 STEPS = 4
+"""A round, from a reset on."""
+LONG = 100
+"""Steps a round in which episodes end and others begin: with random actions a robot is lost after some 60."""
 THREADS = 2
 
 
@@ -25,17 +28,15 @@ def figures(effort: Effort) -> Iterator[Figure]:
         loop = SyncVectorEnv([lambda name=name, vehicle=vehicle: _single(name, vehicle)] * SIZES[0])
         made = {size: _vector(name, vehicle, size, 1) for size in SIZES}
         for size, vector in made.items():
-            envs: dict[str, Any] = {"vector": vector, "loop": loop}
-            variants = {key: _steps(env) for key, env in envs.items()}
-            rounds = max(1, effort.rounds * SIZES[0] // size)
-            times = by_turns(variants, rounds, lambda envs=envs: [env.reset(seed=0) for env in envs.values()])
-            each = {key: [taken / STEPS / envs[key].num_envs for taken in of] for key, of in times.items()}
-            gained = statistics.median(a / b for a, b in zip(each["loop"], each["vector"], strict=True))
-            yield Figure(f"step of {title}, {size} at once, for each", 1e6 * statistics.median(each["vector"]), "us")
+            taken, gained = _beside(vector, loop, STEPS, max(1, effort.rounds * SIZES[0] // size))
+            yield Figure(f"step of {title}, {size} at once, for each", 1e6 * taken, "us")
             yield Figure(f"step of {title} in SyncVectorEnv, of {size} at once", gained, "x")
+        taken, gained = _beside(made[SIZES[0]], loop, LONG, max(1, effort.rounds // 10))
+        yield Figure(f"step of {title}, {SIZES[0]} at once, with new episodes, for each", 1e6 * taken, "us")
+        yield Figure(f"step of {title} in SyncVectorEnv, of {SIZES[0]} at once, with new episodes", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
         threaded.reset(seed=0)
-        gained = _faster(_steps(made[SIZES[-1]]), _steps(threaded), effort.rounds)
+        gained = _faster(_steps(made[SIZES[-1]], STEPS), _steps(threaded, STEPS), effort.rounds)
         yield Figure(f"step of {title}, {SIZES[-1]} at once by one thread, of by {THREADS}, by the clock", gained, "x")
         threaded.close()
     gained = _faster(*_spins(), effort.rounds)
@@ -56,15 +57,25 @@ def _of(name: str, vehicle: str) -> dict[str, Any]:
     return {"train" if name == "castor/CFMMR-v1" else "robot": vehicle}
 
 
-def _steps(env: Any) -> Work:
-    env.action_space.seed(0)
-    actions = [0.3 * env.action_space.sample() for _ in range(STEPS)]
+def _beside(vector: Any, loop: Any, steps: int, rounds: int) -> tuple[float, float]:
+    """Return the CPU time (s) of a step of each member of a vector, and as how many of it a step in the loop takes."""
+    envs: dict[str, Any] = {"vector": vector, "loop": loop}
+    variants = {key: _steps(env, steps) for key, env in envs.items()}
+    times = by_turns(variants, rounds, lambda: [env.reset(seed=0) for env in envs.values()])
+    each = {key: [taken / steps / envs[key].num_envs for taken in of] for key, of in times.items()}
+    gained = statistics.median(a / b for a, b in zip(each["loop"], each["vector"], strict=True))
+    return statistics.median(each["vector"]), gained
 
-    def steps() -> None:
+
+def _steps(env: Any, steps: int) -> Work:
+    env.action_space.seed(0)
+    actions = [0.3 * env.action_space.sample() for _ in range(steps)]
+
+    def work() -> None:
         for action in actions:
             env.step(action)
 
-    return steps
+    return work
 
 
 def _faster(one: Work, several: Work, rounds: int) -> float:

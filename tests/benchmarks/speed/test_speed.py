@@ -64,6 +64,7 @@ def test_the_table_has_every_group(monkeypatch, capsys):
     for module in (steps, vectors):
         monkeypatch.setattr(module, "DRIVEN", {"differential": steps.DRIVEN["differential"]})
     monkeypatch.setattr(vectors, "SIZES", (2, 3))
+    monkeypatch.setattr(vectors, "LONG", 5)
     monkeypatch.setattr(updates, "ROBOTS", 3)
     monkeypatch.setattr(clusters, "WAYS", (None, "loky"))
     monkeypatch.setattr(clusters, "connect", lambda way, address, processes: here(1))
