@@ -16,10 +16,11 @@ from castor_envs.physics.solver import BODY, INVERSE, JOINT, LOAD, PLACE, solvin
 from castor_envs.physics.stepper import ADVANCE, DRIVES, WORLD, Drive, Simulation
 from castor_envs.physics.tyre import WHEEL
 
-WIDTHS = 8, 16, 32
-"""How many lanes worlds have. More than the widest register has keep the processor busy while one waits for another."""
+WIDTHS = {8: 2.0, 16: 1.3, 32: 1.0}
+"""How many lanes worlds have, and what a lane costs there, measured on a base of three castors: more lanes than the
+widest register has keep the processor busy while one register waits for another."""
 LARGE = 16
-"""Bodies beyond which vehicles stand in the narrowest worlds, which the processor's cache holds. Measured."""
+"""Bodies beyond which vehicles stand in the narrowest worlds, which the processor's cache holds. Measured on trains."""
 WORTH_A_THREAD = 100_000
 """Joints and wheels solved for, substep by substep, in the 0.1 to 0.3 ms that make up for a thread's start."""
 STRUCTURE = ("kind", "a", "b"), ("body", "grip")
@@ -47,7 +48,7 @@ class Fleet:
         self.simulations = tuple(simulations)
         first, size = self.simulations[0], len(self.simulations)
         bodies, joints, wheels = len(first.motion), len(first.joints), len(first.wheels)
-        width = WIDTHS[0] if bodies > LARGE else next((w for w in WIDTHS if w >= size), WIDTHS[-1])
+        width = min(WIDTHS) if bodies > LARGE else min(WIDTHS, key=lambda w: -(-size // w) * w * WIDTHS[w])
         self._shape = worlds, _ = -(-size // width), width
         work = sum(member.substeps for member in self.simulations) * (wheels + joints * first.iterations)
         self._threads = threads or max(1, min(worlds, _processors(), work // WORTH_A_THREAD))

@@ -1,7 +1,8 @@
 """The wheel force law. The one home of contact physics.
 
 Everything here is plain Python that numba also compiles: `castor_envs.physics.stepper` runs `wheel_forces` as it stands
-(reference) or inside `castor_envs.physics.compiled_loop`, which compiles every function of this module.
+(reference) or inside `castor_envs.physics.compiled_loop`, for one world or for lanes of them. What may differ between
+lanes, all reals, is chosen by `where`, not by `if`.
 
 A wheel touches the floor through bristles (a single-point brush tyre with relaxation length; Pacejka, *Tire
 and Vehicle Dynamics*, ch. 7). With slip velocity s = contact velocity - tread velocity, rolling speed V = |r

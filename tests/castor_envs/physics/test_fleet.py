@@ -74,7 +74,7 @@ def test_trains(axles):
 
 @pytest.mark.parametrize("width", [8, 16, 32])
 def test_any_width(monkeypatch, width):
-    monkeypatch.setattr(fleets, "WIDTHS", (width,))
+    monkeypatch.setattr(fleets, "WIDTHS", {width: 1.0})
     assert differing(robots("asoc-prototype", 10), samples=2) == []
 
 
