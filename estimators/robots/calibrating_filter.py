@@ -6,18 +6,21 @@ nine things about a motion of three degrees of freedom; what contradicts is put 
 
 Counts themselves are measured, not their increments: each count and each pivot's reading is off by its own rounding, so
 that no remainder is ever lost. A castor does not slip to its side: a measurement of zero. The equations of a sample are
-those of `wheel_odometry`, about whose solution they are linear. Measurements that contradict the others, as over a
-bump, are released while they do (`GATE`). A gyro, if the description has one, measures the turn of each sample: half of
-its readings at both ends. External fixes correct it, late and wrong ones too (`fixes`). The state of a robot with n
-castors and d wheels with encoders is
+those of `rolling_equations`, about whose solution they are linear; of the sample's motion itself hardly anything is
+known before (`kalman`). Measurements that contradict the others, as over a bump, are released while they do (`GATE`). A
+gyro, if the description has one, measures the turn of each sample by the mean of its readings at both ends, so that the
+noise of a reading is part of two samples. External fixes correct the pose, late and wrong ones too (`fixes`). The state
+of a robot with n castors, d wheels with encoders and c castors that do not slip to their side is
 
     pose (3)         in the frame of the start pose
     swivel (n)       angles of the castors beyond what their encoders read, rad
     roll (d)         angles of the wheels beyond what their counts say, rad
-    motion (3)       of the sample, beyond the solution of `wheel_odometry`
-    swiveled (n)     of the sample, beyond what was read
+    side (c)         slip to the side in the sample, m
+    turn (1)         of the sample as the gyro reads it; where there is a gyro
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
-    bias (1)         of the gyro, rad/s
+    bias (1)         of the gyro, rad/s, and the noise of its last reading (1)
+
+Of these `sample` measures swivel, roll, side and turn.
 
 Wheels on modules without offset that motors steer (swerve) turn as they are commanded, by the numbers described, and
 agree with these though the true ones differ: contacts creep by what contradicts, until their forces balance. Of such a
@@ -65,7 +68,7 @@ UNEVEN = 2.0
 
 GATE = 3.0
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
-one in 2000 is."""
+one in 370 is."""
 
 BIAS = 0.02
 """rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones

@@ -12,8 +12,13 @@ and n the castor's rolling direction half-way and its left:
     rolling        g = e + tan(roller angle) n    h = lateral + tan(roller angle) offset    rolled = radius d_phi
     no side slip   g = n                          h = offset                                rolled = 0
 
-Straight steps have cosines and sinc 1, and angles for their sines. The arithmetic is for one robot at a time and is
-compiled (`castor_envs.kernels`); `EquationsOfSamples` and `solve` are for single steps of robots or stacks of robots.
+A castor that the floor turns does not turn evenly where the body does: its axle follows a tractrix. Its no side slip
+is then off by d_theta w^2 / (12 offset), with w the way of its pivot in the sample, which is added to the right side
+(`bent`); an error of the fifth order of the sample is left.
+
+Straight steps have cosines and sinc 1, angles for their sines, and no tractrix. The arithmetic is for one robot at a
+time and is compiled (`castor_envs.kernels`); `EquationsOfSamples` and `solve` are for single steps of robots or stacks
+of robots.
 """
 
 import math

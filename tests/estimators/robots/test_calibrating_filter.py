@@ -130,7 +130,7 @@ def test_a_wheel_on_a_bump_is_released(run, drive):
 
 
 def test_measurements_of_rolling_wheels_are_hardly_released(run):
-    """Of normal residuals one in 2000 is beyond the gate."""
+    """Of normal residuals one in 370 is beyond the gate."""
     true, observations = run
     estimator, released = CalibratingFilter(), []
     estimator.reset(preset("asoc-prototype"), true[0])
