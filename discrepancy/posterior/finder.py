@@ -275,8 +275,8 @@ def named_together(
 
 
 def _likeliest_beyond_model(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
-    """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives, and
-    in half and twice these.
+    """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives,
+    and in half and twice these.
 
     What encoders cannot contradict passes for noise, beside which the formula hardly sees it; if it is much more than
     signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that. Sizes and
