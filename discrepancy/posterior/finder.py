@@ -275,23 +275,25 @@ def named_together(
 
 
 def _likeliest_beyond_model(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
-    """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives.
+    """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives,
+    and in half and twice these.
 
     What encoders cannot contradict passes for noise, beside which the formula hardly sees it; if it is much more than
-    signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that.
+    signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that. Sizes and
+    noise change together, so logs may be likely at sizes far apart, and much less likely between.
     """
     in_model = {effect.candidate.family for effect in named}
-    statistics, found = summed(seen.logs), []
+    statistics, found = summed(seen.logs), list[Sized]()
     for name in posterior.inclusion():
         candidate = next((cause for cause in seen.candidates if cause.family == name and cause.kinds), None)
-        if candidate is None or name in in_model or len(found) == BESIDE:
+        if candidate is None or name in in_model or len({effect.candidate for effect in found}) == BESIDE:
             continue
         columns = seen.columns[seen.candidates.index(candidate)]
         information = statistics.information[np.ix_(columns, columns)]
         size = np.linalg.lstsq(information, statistics.score[columns], rcond=1e-9)[0]
         effect = Sized(candidate, np.zeros(len(columns))).moved(np.asarray(size, dtype=np.float64))
-        if possible(vehicle, [effect]) and np.any(effect.amplitudes):
-            found.append(effect)
+        sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in (-0.5, 1.0))]
+        found += [sized for sized in sizes if possible(vehicle, [sized]) and np.any(sized.amplitudes)]
     return found
 
 

@@ -172,11 +172,12 @@ def exchanged(
     Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
     Here the whole model is fitted with each. more: effects of which each is also added, with prior log odds `odds`, and
-    put in the place of each in the model.
+    in the first size given of it put in the place of each in the model.
     """
     best, found = seen.log_evidence, None
     added = [((*named, effect), LOG_ODDS - odds) for effect in more]
-    added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in more]
+    first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
+    added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
     for effects, advantage in [*_alternatives(named, large, seen), *added]:
         refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
