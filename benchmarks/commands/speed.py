@@ -1,7 +1,7 @@
 """``castor-bench speed``."""
 
 import json
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -11,7 +11,7 @@ from benchmarks.results.provenance import provenance
 from benchmarks.speed.figures import Effort
 from castor_envs.discovery import offers
 
-FORMAT = "castor-speed/1"
+FORMAT, GROWTH_FORMAT = "castor-speed/1", "castor-growth/1"
 
 
 def speed(
@@ -21,13 +21,21 @@ def speed(
     ] = Effort.processes,
     jobs: Annotated[int, typer.Option(help="Jobs that are sent to worker processes and clusters.")] = Effort.jobs,
     quick: Annotated[bool, typer.Option("--quick", help="Diagnose no logs, which takes minutes.")] = False,
-    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-speed/1).")] = False,
+    growth: Annotated[
+        bool, typer.Option("--growth", help="Measure how costs grow with sizes instead, which takes an hour.")
+    ] = False,
+    as_json_text: Annotated[
+        bool, typer.Option("--json", help="Print JSON (castor-speed/1, with --growth castor-growth/1).")
+    ] = False,
 ) -> None:
     """Measure how fast everything is on this machine, beside the peers that are installed: CPU times, medians."""
     at_least("--rounds", rounds, 1)
     at_least("--processes", processes, 1)
     at_least("--jobs", jobs, 1)
     effort = Effort(rounds, processes, () if quick else Effort.sides, jobs)
+    if growth:
+        _show_growth(effort, as_json_text)
+        return
     shown, groups = console(), []
     for group in offers("benchmarks.speed", "GROUP"):
         figures = list(group.figures(effort))
@@ -38,8 +46,26 @@ def speed(
                 table.add_row(figure.name, f"{figure.value:.3g} {figure.unit}")
             shown.print(table)
     if as_json_text:
-        origin = provenance()
-        machine = {"platform": origin.machine.platform, "cpu_count": origin.machine.cpu_count}
-        print(
-            json.dumps({"format": FORMAT, "machine": machine, "versions": origin.versions, "groups": groups}, indent=2)
-        )
+        print(json.dumps({"format": FORMAT, **_measured_on(), "groups": groups}, indent=2))
+
+
+def _show_growth(effort: Effort, as_json_text: bool) -> None:
+    """Print the curves of growth."""
+    shown, found = console(), []
+    for curves in offers("benchmarks.speed.growth", "curves"):
+        for curve in curves(effort):
+            found.append(curve._asdict())
+            if not as_json_text:
+                table = Table(curve.over, f"{curve.title}, {curve.unit}", box=None)
+                for size, cost in zip(curve.sizes, curve.costs, strict=True):
+                    table.add_row(f"{size:g}", f"{cost:.3g}")
+                shown.print(table)
+    if as_json_text:
+        print(json.dumps({"format": GROWTH_FORMAT, **_measured_on(), "curves": found}, indent=2))
+
+
+def _measured_on() -> dict[str, Any]:
+    """Return what figures say of this machine."""
+    origin = provenance()
+    machine = {"platform": origin.machine.platform, "cpu_count": origin.machine.cpu_count}
+    return {"machine": machine, "versions": origin.versions}

@@ -82,8 +82,9 @@ def reduced(
                 chosen = rows.within(block.start, block.stop)
                 if chosen.start < chosen.stop:
                     rows.add_by_state(columns, 0, chosen, rows.left(chosen, all_by))
-        away = -cho_solve_banded((factors, False), columns.reshape(-1, 1 + probes), check_finite=False)
-        away = away.reshape(len(state), size, 1 + probes)
+        away = cho_solve_banded((factors, False), columns.reshape(-1, 1 + probes), check_finite=False)
+        del columns  # each takes 1 KB a sample
+        away = np.negative(away, out=away).reshape(len(state), size, 1 + probes)
         if part < 1:
             away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
         total: dict[str, Array] = {}

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.run.clusters import Cluster, contained
-from benchmarks.speed import clusters, diagnosis, first_second, steps, updates, vectors
+from benchmarks.speed import clusters, diagnosis, first_second, steps, substeps, updates, vectors
 from benchmarks.speed import figures as measuring
 from benchmarks.speed.figures import Effort, by_turns, process_cpu, ratio
 from castor_envs.cli import command_line
@@ -66,6 +66,7 @@ def test_the_table_has_every_group(monkeypatch, capsys):
     monkeypatch.setattr(vectors, "SIZES", (2, 3))
     monkeypatch.setattr(vectors, "LONG", 5)
     monkeypatch.setattr(updates, "ROBOTS", 3)
+    monkeypatch.setattr(substeps, "VEHICLES", ("differential", "cfmmr-3"))
     monkeypatch.setattr(clusters, "WAYS", (None, "loky"))
     monkeypatch.setattr(clusters, "connect", lambda way, address, processes: here(1))
     with pytest.raises(SystemExit) as leaving:
@@ -79,6 +80,7 @@ def test_the_table_has_every_group(monkeypatch, capsys):
         "Diagnosis",
         "The first second",
         "Steps",
+        "Substeps",
         "Updates of estimators",
         "Vectors of environments",
     ]
