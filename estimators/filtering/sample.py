@@ -31,7 +31,7 @@ holds while its reading stays, of others, and of one that the floor turns."""
 REPEATED = 5.0
 """Factor on the variance of rounding for a reading that repeats: its error is that of the last."""
 
-AGAIN = 1.0
+AGAIN = 2.0
 """The same of a measurement that was released in the sample before: what slips goes on slipping for a while."""
 
 WEAR = 1e-4
