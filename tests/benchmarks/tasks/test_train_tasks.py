@@ -410,17 +410,17 @@ def test_who_stays_put_in_a_snapshot_is_ranked_all_the_same(castor_bench):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "code", "said"),
     [
-        ("OneAxle", "mine:OneAxle failed 1 of 1 cases (test-1): returned shape (3,) instead of (3, 3) in update"),
-        ("OfRobots", "mine:OfRobots declines this robot: is written for robots: it asks for 'castors'"),
+        ("OneAxle", 1, "mine:OneAxle failed 1 of 1 cases (test-1): returned shape (3,) instead of (3, 3) in update"),
+        ("OfRobots", 2, "does not serve the robot of any chosen task: is written for robots: it asks for 'castors'"),
     ],
 )
-def test_a_plug_in_that_is_not_for_trains_is_distinguished(castor_bench, name, said):
+def test_a_plug_in_that_is_not_for_trains_is_distinguished(castor_bench, name, code, said):
     arguments = ("run", "--task", "configuration-static", "--cases", 1, "--jobs", 1, "--estimator")
-    code, out, _ = castor_bench(*arguments, f"mine.py:{name}")
-    assert code == 1
-    assert said in out
+    exited, out, err = castor_bench(*arguments, f"mine.py:{name}")
+    assert exited == code
+    assert said in out + err
 
 
 def test_robots_and_trains_estimators_decline_each_other(castor_bench):
