@@ -16,7 +16,8 @@ from benchmarks.tasks import official_tasks
 from estimators.plugins.registry import load_estimator
 if __name__ == "__main__":
     task = next(task for task in official_tasks() if task.name == "configuration-small")
-    plan = [Assignment(task, tuple(task.cases(int(sys.argv[2]))), tuple(map(load_estimator, ("grpec-xy", "train-odometry"))))]
+    entries = tuple(map(load_estimator, ("grpec-xy", "train-odometry")))
+    plan = [Assignment(task, tuple(task.cases(int(sys.argv[2]))), entries)]
     run(plan, Path(sys.argv[1]))
     print(*(resource.getrusage(of).ru_maxrss for of in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
 """
