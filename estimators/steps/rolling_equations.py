@@ -50,6 +50,9 @@ REFINEMENTS = 6
 """Times that the right sides are computed anew from the turn found, at most: where the body turns by half a radian in a
 sample, which is more than any does, an error of 1e-10 is left."""
 
+SETTLED = 1e-14
+"""rad: where the turn found changes by less, the right sides are not computed anew."""
+
 SINGULAR = 1e-12
 """Of the normal matrix's trace: below it a motion counts as undetermined, and is taken as small."""
 
@@ -197,7 +200,7 @@ def solved(equations, k, arc):
         y = r_y / yy - l_ay * a
         x = r_x / xx - l_y * y - l_a * a
         before, turn = turn, 2.0 * math.asin(min(max(0.5 * a, -1.0), 1.0)) if arc else a
-        if turn == before or not arc:
+        if abs(turn - before) < SETTLED or not arc:
             break
     return x, y, turn
 
