@@ -64,8 +64,8 @@ def test_a_wheel_that_slips_stays_released_while_it_contradicts(exact_motion):
                 return estimator.released[0, first]
         raise AssertionError
 
-    assert not released({61: 0.7})
-    assert released({60: 10.0, 61: 0.7})
+    assert not released({61: 1.5})
+    assert released({60: 10.0, 61: 1.5})
 
 
 def test_the_turning_rate_at_the_end_where_steering_turns():
