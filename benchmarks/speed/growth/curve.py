@@ -1,14 +1,22 @@
 """A measured curve: what something costs, by its size."""
 
-import os
+import importlib.util
 import subprocess
 import sys
-import tempfile
 from typing import NamedTuple
 
 from castor_envs.errors import InputError
 
 MB = 2.0**20
+
+MEASURED = """
+import resource, subprocess, sys
+done = subprocess.run([sys.executable, *sys.argv[1:]])
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss, file=sys.stderr)
+sys.exit(done.returncode)
+"""
+"""A small process between: Linux counts what a process held before it became another program as that one's memory."""
 
 
 class Curve(NamedTuple):
@@ -34,17 +42,13 @@ def cost_of(arguments: list[str]) -> Cost:
 
     Raises RuntimeError with its last line if it fails, InputError where the system does not tell.
     """
-    if not hasattr(os, "wait4"):
+    if importlib.util.find_spec("resource") is None:
         raise InputError("the memory of other processes cannot be measured on this system")
-    with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen([sys.executable, *arguments], stdout=output, stderr=subprocess.STDOUT)
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        output.seek(0)
-        said = output.read().decode()
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(arguments)}: {(said.strip().splitlines() or ['failed'])[-1]}")
-    return Cost(usage.ru_utime + usage.ru_stime, in_megabytes(usage.ru_maxrss), said)
+    done = subprocess.run([sys.executable, "-c", MEASURED, *arguments], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(arguments)}: {(done.stderr.strip().splitlines()[:-1] or ['failed'])[-1]}")
+    cpu, resident = done.stderr.splitlines()[-1].split()
+    return Cost(float(cpu), in_megabytes(float(resident)), done.stdout)
 
 
 def in_megabytes(resident: float) -> float:
