@@ -15,7 +15,7 @@ BEGUN, ENDED = "<!-- figures: made by scripts/make_speed_table.py -->\n", "<!-- 
 
 def with_table(page: str, stored: dict[str, Any]) -> str:
     """Return the page with the table of stored figures between its marks."""
-    lines = ["| figure | CPU time |", "|---|---|"]
+    lines = ["| figure | CPU time, or ratio |", "|---|---|"]
     for group in filter(lambda group: group["figures"], stored["groups"]):
         lines.append(f"| **{group['title']}** | |")
         lines += [f"| {figure['name']} | {figure['value']:.3g} {figure['unit']} |" for figure in group["figures"]]

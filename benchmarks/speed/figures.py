@@ -22,7 +22,7 @@ Work = Callable[[], object]
 
 
 class Figure(NamedTuple):
-    """A measured number; name: what of, unit: "us", "ms", "s", or "x" for a multiple of what the name says."""
+    """A measured number; name: what of, unit: "us", "ms", "s", or "x" for a ratio as the name says, A / B."""
 
     name: str
     value: float

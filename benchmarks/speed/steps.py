@@ -43,10 +43,10 @@ def figures(effort: Effort) -> Iterator[Figure]:
         variants = {key: _steps(env) for key, env in made.items()} | {"bare": _bare(vehicle), **_mujoco()}
         times = by_turns(variants, effort.rounds, lambda made=made: [env.reset(seed=0) for env in made.values()])
         yield Figure(f"step of {title}", 1e6 * statistics.median(times["step"]) / STEPS, "us")
-        yield Figure(f"step of {title}, of {BARE} bare steps", ratio(times, "step", "bare"), "x")
-        yield Figure(f"step of {title} through gym.make, of one without", ratio(times, "through gym.make", "step"), "x")
+        yield Figure(f"step of {title} / {BARE} bare steps", ratio(times, "step", "bare"), "x")
+        yield Figure(f"step of {title} through gym.make / without", ratio(times, "through gym.make", "step"), "x")
         if "MuJoCo" in times:
-            told = f"{BARE} steps of MuJoCo with six contacts, of a step of {title}"
+            told = f"{BARE} steps of MuJoCo with six contacts / step of {title}"
             yield Figure(told, ratio(times, "MuJoCo", "step"), "x")
         env, seeds = _made(name, vehicle), itertools.count()
         resets = by_turns({"reset": lambda env=env, seeds=seeds: env.reset(seed=next(seeds))}, effort.rounds)

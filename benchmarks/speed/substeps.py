@@ -29,7 +29,7 @@ def figures(effort: Effort) -> Iterator[Figure]:
         for title, floor in FLOORS.items():
             physics, bare = _variants(name, floor)
             times = by_turns({"physics": physics, "bare": bare}, effort.rounds)
-            yield Figure(f"substep of {name}, {title} floor, of a bare one", ratio(times, "physics", "bare"), "x")
+            yield Figure(f"substep of {name}, {title} floor / bare step", ratio(times, "physics", "bare"), "x")
 
 
 def _variants(name: str, floor: Floor) -> tuple[Callable[[], None], Callable[[], None]]:

@@ -30,17 +30,17 @@ def figures(effort: Effort) -> Iterator[Figure]:
         for size, vector in made.items():
             taken, gained = _beside(vector, loop, STEPS, max(1, effort.rounds * SIZES[0] // size))
             yield Figure(f"step of {title}, {size} at once, for each", 1e6 * taken, "us")
-            yield Figure(f"step of {title} in SyncVectorEnv, of {size} at once", gained, "x")
+            yield Figure(f"step of {title} in SyncVectorEnv / {size} at once", gained, "x")
         taken, gained = _beside(made[SIZES[0]], loop, LONG, max(1, effort.rounds // 10))
         yield Figure(f"step of {title}, {SIZES[0]} at once, with new episodes, for each", 1e6 * taken, "us")
-        yield Figure(f"step of {title} in SyncVectorEnv, of {SIZES[0]} at once, with new episodes", gained, "x")
+        yield Figure(f"step of {title} in SyncVectorEnv / {SIZES[0]} at once, with new episodes", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
         threaded.reset(seed=0)
         gained = _faster(_steps(made[SIZES[-1]], STEPS), _steps(threaded, STEPS), effort.rounds)
-        yield Figure(f"step of {title}, {SIZES[-1]} at once by one thread, of by {THREADS}, by the clock", gained, "x")
+        yield Figure(f"step of {title}, {SIZES[-1]} at once, one thread / {THREADS}, by the clock", gained, "x")
         threaded.close()
     gained = _faster(*_spins(), effort.rounds)
-    yield Figure(f"sines alone by one thread, of by {THREADS}, by the clock", gained, "x")
+    yield Figure(f"sines alone, one thread / {THREADS}, by the clock", gained, "x")
 
 
 def _single(name: str, vehicle: str) -> Any:
