@@ -34,7 +34,8 @@ def figures_of(results: Path) -> Figures:
     stores, tasks = (ResultsStore(results), reference_store(results)), []
     for task in (DrivenRobot(kind, label) for kind in KINDS for label in ROBOTS):
         scores: dict[str, dict[Any, dict[str, float]]] = defaultdict(dict)
-        for row in (row for store in stores for row in store.rows(task.name, task.version)):
+        rows = [row for store in stores for row in store.summaries(task.name, task.version)]
+        for row in sorted(rows, key=lambda row: row.created):  # the newest row of a case counts
             if row.estimator in SHOWN and row.failure is None:
                 scores[row.estimator][row.case] = row.scores
         if not scores:
