@@ -53,9 +53,7 @@ def run(
         typer.Option("--method", help="A calibration method, named like an estimator, for the calibration tasks."),
     ] = None,
     cases: Annotated[int | None, typer.Option(help="Cases of each task; default: the official number.")] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="Worker processes, or jobs of a cluster at a time; default: all that there are.")
-    ] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes; default: one for each core.")] = None,
     timeout: Annotated[
         float, typer.Option(help="Seconds that an estimator or a method may take for an episode.")
     ] = 60.0,
@@ -64,7 +62,9 @@ def run(
     robot: OtherRobotName = None,
     backend: Annotated[
         str | None,
-        typer.Option(help="Where jobs run: loky, dask or ray; default: worker processes of this machine."),
+        typer.Option(
+            help="Where jobs run: loky, dask or ray, --jobs at a time; default: worker processes of this machine."
+        ),
     ] = None,
     address: Annotated[
         str | None, typer.Option(help="Of the cluster, such as tcp://host:8786 (dask) or ray://host:10001 (ray).")
