@@ -19,7 +19,7 @@ def speed(
     processes: Annotated[
         int, typer.Option(help="Processes that are started for each figure of one.")
     ] = Effort.processes,
-    jobs: Annotated[int, typer.Option(help="Jobs that are sent to worker processes and clusters.")] = Effort.jobs,
+    sent: Annotated[int, typer.Option(help="Jobs that are sent to worker processes and clusters.")] = Effort.jobs,
     quick: Annotated[bool, typer.Option("--quick", help="Diagnose no logs, which takes minutes.")] = False,
     growth: Annotated[
         bool, typer.Option("--growth", help="Measure how costs grow with sizes instead, which takes an hour.")
@@ -31,8 +31,8 @@ def speed(
     """Measure how fast everything is on this machine, beside the peers that are installed: CPU times, medians."""
     at_least("--rounds", rounds, 1)
     at_least("--processes", processes, 1)
-    at_least("--jobs", jobs, 1)
-    effort = Effort(rounds, processes, () if quick else Effort.sides, jobs)
+    at_least("--sent", sent, 1)
+    effort = Effort(rounds, processes, () if quick else Effort.sides, sent)
     if growth:
         _show_growth(effort, as_json_text)
         return

@@ -70,7 +70,7 @@ def test_the_table_has_every_group(monkeypatch, capsys):
     monkeypatch.setattr(clusters, "WAYS", (None, "loky"))
     monkeypatch.setattr(clusters, "connect", lambda way, address, processes: here(1))
     with pytest.raises(SystemExit) as leaving:
-        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--jobs", "2", "--quick", "--json"])
+        command_line.run(cli.app, ["speed", "--rounds", "1", "--processes", "1", "--sent", "2", "--quick", "--json"])
     assert leaving.value.code == 0
     told = json.loads(capsys.readouterr().out)
     assert told["format"] == "castor-speed/1"
