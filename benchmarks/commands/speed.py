@@ -22,11 +22,9 @@ def speed(
     sent: Annotated[int, typer.Option(help="Jobs that are sent to worker processes and clusters.")] = Effort.jobs,
     quick: Annotated[bool, typer.Option("--quick", help="Diagnose no logs, which takes minutes.")] = False,
     growth: Annotated[
-        bool, typer.Option("--growth", help="Measure how costs grow with sizes instead, which takes an hour.")
+        bool, typer.Option("--growth", help="Measure how costs grow with sizes instead (castor-growth/1): an hour.")
     ] = False,
-    as_json_text: Annotated[
-        bool, typer.Option("--json", help="Print JSON (castor-speed/1, with --growth castor-growth/1).")
-    ] = False,
+    as_json_text: Annotated[bool, typer.Option("--json", help="Print JSON (castor-speed/1).")] = False,
 ) -> None:
     """Measure how fast everything is on this machine, beside the peers that are installed: CPU times, medians."""
     at_least("--rounds", rounds, 1)

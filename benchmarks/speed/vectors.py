@@ -35,8 +35,10 @@ def figures(effort: Effort) -> Iterator[Figure]:
         yield Figure(f"step of {title}, {SIZES[0]} at once, with new episodes, for each", 1e6 * taken, "us")
         yield Figure(f"step of {title} in SyncVectorEnv / {SIZES[0]} at once, with new episodes", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
-        threaded.reset(seed=0)
-        gained = _faster(_steps(made[SIZES[-1]], STEPS), _steps(threaded, STEPS), effort.rounds)
+        both = (made[SIZES[-1]], threaded)
+        gained = _faster(
+            *(_steps(env, STEPS) for env in both), effort.rounds, lambda: [env.reset(seed=0) for env in both]
+        )
         yield Figure(f"step of {title}, {SIZES[-1]} at once, one thread / {THREADS}, by the clock", gained, "x")
         threaded.close()
     gained = _faster(*_spins(), effort.rounds)
@@ -78,9 +80,16 @@ def _steps(env: Any, steps: int) -> Work:
     return work
 
 
-def _faster(one: Work, several: Work, rounds: int) -> float:
-    """Return how many times faster the second is by the clock: the median over rounds in which both take turns."""
-    return statistics.median(_clocked(one) / _clocked(several) for _ in range(rounds))
+def _faster(one: Work, several: Work, rounds: int, prepare: Work = lambda: None) -> float:
+    """Return how many times faster the second is by the clock: the median over rounds in which both take turns.
+
+    prepare: called before each round, not timed.
+    """
+    ratios = []
+    for _ in range(rounds):
+        prepare()
+        ratios.append(_clocked(one) / _clocked(several))
+    return statistics.median(ratios)
 
 
 def _clocked(work: Work) -> float:
