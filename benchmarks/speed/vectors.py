@@ -3,7 +3,7 @@
 import statistics
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -36,9 +36,7 @@ def figures(effort: Effort) -> Iterator[Figure]:
         yield Figure(f"step of {title} in SyncVectorEnv / {SIZES[0]} at once, with new episodes", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
         both = (made[SIZES[-1]], threaded)
-        gained = _faster(
-            *(_steps(env, STEPS) for env in both), effort.rounds, lambda: [env.reset(seed=0) for env in both]
-        )
+        gained = _faster(*(_steps(env, STEPS) for env in both), effort.rounds, _begun(both))
         yield Figure(f"step of {title}, {SIZES[-1]} at once, one thread / {THREADS}, by the clock", gained, "x")
         threaded.close()
     gained = _faster(*_spins(), effort.rounds)
@@ -78,6 +76,17 @@ def _steps(env: Any, steps: int) -> Work:
             env.step(action)
 
     return work
+
+
+def _begun(envs: Sequence[Any]) -> Work:
+    """Return what begins new episodes in all and takes the first step, which gathers what single ones have begun."""
+
+    def begin() -> None:
+        for env in envs:
+            env.reset(seed=0)
+            env.step(0 * env.action_space.sample())
+
+    return begin
 
 
 def _faster(one: Work, several: Work, rounds: int, prepare: Work = lambda: None) -> float:
