@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from castor_envs.errors import InputError
 
@@ -46,6 +46,18 @@ class Group:
 
     title: str
     figures: Callable[[Effort], Iterator[Figure]]
+
+
+def steps_of(env: Any, count: int) -> Work:
+    """Return work that takes `count` steps in an environment, or a vector of them, by the same small random actions."""
+    env.action_space.seed(0)
+    actions = [0.3 * env.action_space.sample() for _ in range(count)]
+
+    def steps() -> None:
+        for action in actions:
+            env.step(action)
+
+    return steps
 
 
 def by_turns(variants: Mapping[str, Work], rounds: int, prepare: Work = lambda: None) -> dict[str, list[float]]:

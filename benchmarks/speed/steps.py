@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 import castor_envs  # noqa: F401  (registers the environments)
-from benchmarks.speed.figures import Effort, Figure, Group, Work, by_turns, ratio
+from benchmarks.speed.figures import Effort, Figure, Group, Work, by_turns, ratio, steps_of
 from castor_envs.floor import Floor
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.train_world import TrainWorld
@@ -40,7 +40,7 @@ def figures(effort: Effort) -> Iterator[Figure]:
     """Yield a step's time for each vehicle, and what it is a multiple of."""
     for title, (name, vehicle) in DRIVEN.items():
         made = {"through gym.make": _made(name, vehicle), "step": _made(name, vehicle).unwrapped}
-        variants = {key: _steps(env) for key, env in made.items()} | {"bare": _bare(vehicle), **_mujoco()}
+        variants = {key: steps_of(env, STEPS) for key, env in made.items()} | {"bare": _bare(vehicle), **_mujoco()}
         times = by_turns(variants, effort.rounds, lambda made=made: [env.reset(seed=0) for env in made.values()])
         yield Figure(f"step of {title}", 1e6 * statistics.median(times["step"]) / STEPS, "us")
         yield Figure(f"step of {title} / {BARE} bare steps", ratio(times, "step", "bare"), "x")
@@ -58,17 +58,6 @@ def _made(name: str, vehicle: str) -> Any:
     env = gym.make(name, **of)
     env.reset(seed=0)
     return env
-
-
-def _steps(env: Any) -> Work:
-    env.action_space.seed(0)
-    actions = [0.3 * env.action_space.sample() for _ in range(STEPS)]
-
-    def steps() -> None:
-        for action in actions:
-            env.step(action)
-
-    return steps
 
 
 def _bare(name: str) -> Work:

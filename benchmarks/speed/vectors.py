@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
 import castor_envs  # noqa: F401  (registers the environments)
-from benchmarks.speed.figures import Effort, Figure, Group, Work, by_turns
+from benchmarks.speed.figures import Effort, Figure, Group, Work, by_turns, steps_of
 from benchmarks.speed.steps import DRIVEN
 
 SIZES = 64, 1024
@@ -36,7 +36,7 @@ def figures(effort: Effort) -> Iterator[Figure]:
         yield Figure(f"step of {title} in SyncVectorEnv / {SIZES[0]} at once, with new episodes", gained, "x")
         threaded = _vector(name, vehicle, SIZES[-1], THREADS)
         both = (made[SIZES[-1]], threaded)
-        one, several = (_steps(env, STEPS) for env in both)
+        one, several = (steps_of(env, STEPS) for env in both)
         gained = _faster(one, several, effort.rounds, _begun(both))
         yield Figure(f"step of {title}, {SIZES[-1]} at once, one thread / {THREADS}, by the clock", gained, "x")
         threaded.close()
@@ -61,22 +61,11 @@ def _of(name: str, vehicle: str) -> dict[str, Any]:
 def _beside(vector: Any, loop: Any, steps: int, rounds: int) -> tuple[float, float]:
     """Return the CPU time (s) of a step of each member of a vector, and as how many of it a step in the loop takes."""
     envs: dict[str, Any] = {"vector": vector, "loop": loop}
-    variants = {key: _steps(env, steps) for key, env in envs.items()}
+    variants = {key: steps_of(env, steps) for key, env in envs.items()}
     times = by_turns(variants, rounds, lambda: [env.reset(seed=0) for env in envs.values()])
     each = {key: [taken / steps / envs[key].num_envs for taken in of] for key, of in times.items()}
     gained = statistics.median(a / b for a, b in zip(each["loop"], each["vector"], strict=True))
     return statistics.median(each["vector"]), gained
-
-
-def _steps(env: Any, steps: int) -> Work:
-    env.action_space.seed(0)
-    actions = [0.3 * env.action_space.sample() for _ in range(steps)]
-
-    def work() -> None:
-        for action in actions:
-            env.step(action)
-
-    return work
 
 
 def _begun(envs: Sequence[Any]) -> Work:

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 import castor_envs  # noqa: F401  (registers the environments)
-from benchmarks.speed.figures import Effort, Work, by_turns
+from benchmarks.speed.figures import Effort, by_turns, steps_of
 from benchmarks.speed.growth.curve import Curve
 from castor_envs.floor import Cable, Floor, Patch
 
@@ -66,19 +66,8 @@ def _curve(title: str, over: str, made: Mapping[int, Any], effort: Effort, each:
         for env in made.values():
             env.reset(seed=0)
 
-    times = by_turns({f"{n}": _steps(env) for n, env in made.items()}, effort.rounds, reset)
+    times = by_turns({f"{n}": steps_of(env, STEPS) for n, env in made.items()}, effort.rounds, reset)
     costs = [1e6 * statistics.median(times[f"{n}"]) / STEPS / (n if each else 1) for n in made]
     for env in made.values():
         env.close()
     return Curve(title, over, "us", list(map(float, made)), costs)
-
-
-def _steps(env: Any) -> Work:
-    env.action_space.seed(0)
-    actions = [0.3 * env.action_space.sample() for _ in range(STEPS)]
-
-    def steps() -> None:
-        for action in actions:
-            env.step(action)
-
-    return steps
