@@ -1,6 +1,5 @@
 """The documents are true: tables are those of stored results, these are what the code gives, what is named is there."""
 
-import importlib.util
 import json
 import os
 import re
@@ -27,15 +26,6 @@ FEW_DIGITS = 1e-7
 """Relative: the stored numbers have ten digits, and limits of intervals lose some of them."""
 
 
-def script_called(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def scores(task):
     """Return the ranking scores (cases,) of each estimator that failed in none."""
     board = BOARDS[task]
@@ -50,7 +40,7 @@ def rank(task):
     return {entry["estimator"]: entry["rank"] for entry in BOARDS[task]["estimators"]}
 
 
-def test_tables_are_those_of_the_stored_results():
+def test_tables_are_those_of_the_stored_results(script_called):
     script = script_called("make_results")
     pages = [path.read_text(encoding="utf-8") for path in script.PAGES]
     assert [script.with_tables(page, FIGURES) for page in pages] == pages, "run python scripts/make_results.py"
@@ -58,7 +48,7 @@ def test_tables_are_those_of_the_stored_results():
         assert sum(page.count(script.START.format(name)) for page in pages) == 1, name
 
 
-def test_the_table_of_trials_is_that_of_the_stored_ones():
+def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
     script = script_called("make_trial_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_table(page, figures) == page, "run python scripts/make_trial_tables.py"
@@ -67,7 +57,7 @@ def test_the_table_of_trials_is_that_of_the_stored_ones():
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
 
 
-def test_the_table_of_drives_is_that_of_the_stored_scores():
+def test_the_table_of_drives_is_that_of_the_stored_scores(script_called):
     script = script_called("make_drive_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_table(page, figures) == page, "run python scripts/make_drive_tables.py"
@@ -97,7 +87,7 @@ def test_the_table_of_drives_is_that_of_the_stored_scores():
     assert score(episode, [estimates[0].poses])["ate"] == pytest.approx(stored[0], rel=1e-5)
 
 
-def test_the_table_of_the_filter_is_that_of_the_stored_means():
+def test_the_table_of_the_filter_is_that_of_the_stored_means(script_called):
     script = script_called("study_filter")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_table(page, figures) == page, "run python scripts/study_filter.py"
@@ -106,7 +96,7 @@ def test_the_table_of_the_filter_is_that_of_the_stored_means():
         assert of < means["wheel-odometry"][board], board
 
 
-def test_the_tables_of_the_train_filter_are_those_of_the_stored_means():
+def test_the_tables_of_the_train_filter_are_those_of_the_stored_means(script_called):
     script = script_called("study_train_filter")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_tables(page, figures) == page, "run python scripts/study_train_filter.py"
@@ -115,7 +105,7 @@ def test_the_tables_of_the_train_filter_are_those_of_the_stored_means():
         assert means["train-filter"] == min(means.values()), name
 
 
-def test_the_table_of_measured_boards_is_that_of_the_stored_ones():
+def test_the_table_of_measured_boards_is_that_of_the_stored_ones(script_called):
     script = script_called("make_measured_boards")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_table(page, figures) == page, "run python scripts/make_measured_boards.py"
@@ -135,7 +125,7 @@ def test_the_table_of_measured_boards_is_that_of_the_stored_ones():
             assert of[name.replace("-nominal", "-calibrated")]["filter"] < 0.8 * of[name]["filter"]
 
 
-def test_the_table_of_measured_robots_is_that_of_the_stored_sessions():
+def test_the_table_of_measured_robots_is_that_of_the_stored_sessions(script_called):
     script = script_called("study_measured_robots")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert script.with_table(page, figures) == page, "run python scripts/study_measured_robots.py DATA"

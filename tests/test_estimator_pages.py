@@ -1,6 +1,5 @@
 """Every built-in estimator has a page, whose tests exist, whose figures are not stale, and whose failure is shown."""
 
-import importlib.util
 import re
 from pathlib import Path
 
@@ -16,13 +15,8 @@ PAGES = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" 
 
 
 @pytest.fixture(scope="module")
-def pictures():
-    spec = importlib.util.spec_from_file_location("pictures", ROOT / "scripts" / "make_estimator_pictures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def pictures(script_called):
+    return script_called("make_estimator_pictures")
 
 
 def test_every_estimator_is_named_in_the_title_of_one_page():

@@ -1,7 +1,6 @@
 """docs/formats.md and the schemas beside it: up to date, and right by the judgement of `jsonschema`."""
 
 import copy
-import importlib.util
 import json
 import re
 from pathlib import Path
@@ -42,13 +41,8 @@ def accepted(data):
 
 
 @pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("make_schemas", ROOT / "scripts" / "make_schemas.py")
-    assert spec is not None
-    assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
+def script(script_called):
+    return script_called("make_schemas")
 
 
 def test_schemas_and_tables_are_up_to_date(script):

@@ -2,7 +2,6 @@
 
 import ast
 import graphlib
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -126,11 +125,6 @@ def test_no_folder_is_crowded():
     assert not crowded
 
 
-def test_the_picture_of_the_architecture_is_up_to_date():
-    path = ROOT / "scripts" / "make_architecture.py"
-    spec = importlib.util.spec_from_file_location("make_architecture", path)
-    assert spec is not None
-    assert spec.loader is not None
-    drawn = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(drawn)
+def test_the_picture_of_the_architecture_is_up_to_date(script_called):
+    drawn = script_called("make_architecture")
     assert drawn.picture() == drawn.PICTURE.read_text(encoding="utf-8"), "run: python scripts/make_architecture.py"

@@ -1,7 +1,6 @@
 """docs/policies.md is true: its code runs, its figures are the stored ones, and what it says of them holds."""
 
 import dataclasses
-import importlib.util
 import json
 import re
 from pathlib import Path
@@ -23,13 +22,9 @@ def block(words):
     return found
 
 
-def script():
-    spec = importlib.util.spec_from_file_location("train_policies", ROOT / "scripts" / "train_policies.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope="module")
+def made(script_called):
+    return script_called("train_policies")
 
 
 def test_the_scripted_driver_drives(capsys):
@@ -44,10 +39,9 @@ def test_an_estimator_believes_otherwise(capsys):
     assert believed < true
 
 
-def test_a_policy_trains(tmp_path, monkeypatch):
+def test_a_policy_trains(made, tmp_path, monkeypatch):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
     monkeypatch.chdir(tmp_path)
-    made = script()
     code, plan = block("PPO("), made.PLANS["robot, corrections"]
     assert f"learn({plan.steps:_})" in code
     for setting in (*made.PPO.items(), ("log_std_init", plan.log_std), ("net_arch", made.NETWORK)):
@@ -64,8 +58,7 @@ def test_a_data_set_is_recorded(tmp_path, monkeypatch, capsys):
     assert re.fullmatch(r"3 episodes, \d{4} steps; castor/ASOC-v1\n", capsys.readouterr().out)
 
 
-def test_table_and_picture_are_of_the_stored_figures():
-    made = script()
+def test_table_and_picture_are_of_the_stored_figures(made):
     assert FIGURES["format"] == made.FORMAT
     assert made.with_table(PAGE, FIGURES) == PAGE, "run python scripts/train_policies.py --draw"
     assert list(FIGURES["trained"]) == list(made.PLANS)
@@ -77,8 +70,7 @@ def test_table_and_picture_are_of_the_stored_figures():
     assert FIGURES["judged_seeds"] == [made.JUDGED.start, made.JUDGED.stop]
 
 
-def test_stored_scores_of_scripted_drivers_are_those_of_today():
-    made = script()
+def test_stored_scores_of_scripted_drivers_are_those_of_today(made):
     for environment, drivers in FIGURES["baselines"].items():
         env = gym.make(environment, floor=made.FLOOR)
         for name, policy in made.BASELINES.items():

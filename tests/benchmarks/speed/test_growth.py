@@ -1,6 +1,5 @@
 """Curves of growth: every kind is measured, and page and picture show the stored ones."""
 
-import importlib.util
 import json
 from pathlib import Path
 
@@ -15,13 +14,8 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("make_growth_plot", ROOT / "scripts" / "make_growth_plot.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def script(script_called):
+    return script_called("make_growth_plot")
 
 
 def test_a_process_costs_its_own_time_and_memory():

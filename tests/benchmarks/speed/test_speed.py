@@ -1,6 +1,5 @@
 """The table of speed: its shape, how variants take turns, and that the page shows the stored figures."""
 
-import importlib.util
 import json
 import pickle
 from concurrent.futures import Future
@@ -101,12 +100,8 @@ def test_a_square_of_a_side_is_diagnosed(monkeypatch):
     assert 0 < figure.value < 1
 
 
-def test_the_pages_show_the_stored_figures():
-    spec = importlib.util.spec_from_file_location("make_speed_table", ROOT / "scripts" / "make_speed_table.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+def test_the_pages_show_the_stored_figures(script_called):
+    script = script_called("make_speed_table")
     page, stored = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert stored["format"] == "castor-speed/1"
     assert script.with_table(page, stored) == page, "run python scripts/make_speed_table.py"

@@ -3,7 +3,6 @@
 """Every effect of the catalogue: files, bounds, nothing at 0, one meaning online and in prediction, closed forms."""
 
 import dataclasses
-import importlib.util
 import json
 import math
 import subprocess
@@ -623,13 +622,8 @@ def test_a_controller_sees_what_the_sensors_report():
     assert np.max(np.abs(ends[1] - ends[0])) > 1e-4
 
 
-def test_the_page_is_up_to_date():
-    path = ROOT / "scripts" / "make_effects_table.py"
-    spec = importlib.util.spec_from_file_location("make_effects_table", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+def test_the_page_is_up_to_date(script_called):
+    module = script_called("make_effects_table")
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert module.with_tables(page) == page, "run python scripts/make_effects_table.py"
     for name in (*EFFECTS, *TRAIN_EFFECTS):
