@@ -210,6 +210,11 @@ class RobotDescription:
         return tuple(i for i, castor in enumerate(self.castors) for _ in castor.wheels)
 
     @property
+    def wheel_places(self) -> tuple[tuple[int, int], ...]:
+        """For each wheel its castor's number and its number on it, both from 1, as effects have them."""
+        return tuple((i, k) for i, castor in enumerate(self.castors, 1) for k in range(1, len(castor.wheels) + 1))
+
+    @property
     def wheel_names(self) -> tuple[str, ...]:
         """Log names of all wheels: ``1l``, ``1r`` on castors with two wheels, ``1`` on castors with one."""
         names = []

@@ -124,6 +124,11 @@ SHOWN = 1e-3
 """Least probability of a name that is reported."""
 
 
+def size_of(amplitudes: Array) -> float:
+    """Return the size of an effect of one amplitude, or of two that are its parts at right angles."""
+    return float(amplitudes[0]) if len(amplitudes) == 1 else float(np.linalg.norm(amplitudes))
+
+
 @dataclass(frozen=True, eq=False)
 class Learned:
     """A curve in the robot file. errors: standard deviations of its values. log_odds: log odds of the curve against
@@ -190,7 +195,7 @@ class Answer:
     @property
     def size(self) -> float:
         """The size of the effect, in the unit of its amplitude."""
-        return float(self.amplitudes[0]) if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
+        return size_of(self.amplitudes)
 
     @property
     def error(self) -> float:

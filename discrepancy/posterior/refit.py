@@ -12,7 +12,7 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
-from discrepancy.posterior.answers import Cause, Seen
+from discrepancy.posterior.answers import Cause, Seen, size_of
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.priors import bounds_of, direction_of, place_in_model
 from discrepancy.posterior.random_effects import summed
@@ -50,7 +50,7 @@ class Sized:
     @property
     def size(self) -> float:
         """The size, in the unit of the amplitudes."""
-        return float(self.amplitudes[0]) if len(self.amplitudes) == 1 else float(np.linalg.norm(self.amplitudes))
+        return size_of(self.amplitudes)
 
     def moved(self, by: Array) -> "Sized":
         """Return the candidate with its amplitudes changed, clipped to their bounds."""

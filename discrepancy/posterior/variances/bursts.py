@@ -69,10 +69,10 @@ def bursts_of(
     beat = _beat(all_starts[0]) if len(logs) == 1 else None
     width = float(np.median(np.concatenate(all_widths)))
     period = sum(float(np.ptp(log.t)) for log in logs) / sum(map(len, all_starts)) if beat is None else beat[1]
-    castor = robot.wheel_castors[k]
+    castor, wheel = robot.wheel_places[k]
     effect = TickLossBursts(
-        castor=castor + 1,
-        wheel=1 + sum(earlier == castor for earlier in robot.wheel_castors[:k]),
+        castor=castor,
+        wheel=wheel,
         value=value,
         period=period,
         width=min(width, period),

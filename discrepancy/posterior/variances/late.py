@@ -6,6 +6,7 @@ later; the time at which they agree best is where the whole model is fitted from
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,14 +26,11 @@ def late_encoders(
 ) -> list[Sized]:
     """Return a latency of each wheel that contradicts the others, where its encoder agrees better with them some time
     later."""
-    found, wheels = [], {_place(robot, k): k for k in range(len(robot.wheels))}
-    rows = {int(seen.designs[0].model.rows[fault.row]): fault.row for fault in faulty}
+    found, rows = [], {int(seen.designs[0].model.rows[fault.row]): fault.row for fault in faulty}
+    by_place: dict[Any, int] = {place: rows[k] for k, place in enumerate(robot.wheel_places) if k in rows}
     for candidate in candidates_of(robot):
         kind = candidate.kinds[0]
-        if (
-            isinstance(kind, EncoderLatency)
-            and (row := rows.get(wheels.get((kind.castor, kind.wheel), -1))) is not None
-        ):
+        if isinstance(kind, EncoderLatency) and (row := by_place.get((kind.castor, kind.wheel))) is not None:
             late = _latency(seen, logs, row, bounds_of(kind)[1])
             found += [Sized(candidate, np.array([late]))] if late else []
     return found
@@ -51,9 +49,3 @@ def _latency(seen: Linearised, logs: Sequence[Log], row: int, most: float) -> fl
         off = [np.diff(np.interp(log.t[since] - late, log.t, truly) - shows[since]) for late in tried]
         squares = squares + np.sum(np.square(off), axis=1)
     return float(tried[np.argmin(squares)])
-
-
-def _place(robot: RobotDescription, k: int) -> tuple[int, int | None]:
-    """Return castor and wheel, from 1, of a wheel by its number among all, from 0."""
-    castor = robot.wheel_castors[k]
-    return castor + 1, 1 + sum(earlier == castor for earlier in robot.wheel_castors[:k])
