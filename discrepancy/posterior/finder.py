@@ -169,6 +169,7 @@ def _diagnosed(
 
     begin = most_likely(robot, logs, plain)
     first = afresh(begin) if jitter or begin else plain
+    plain = plain.without_designs()
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
         named, seen, posterior, answers = named_together(base, look, ask, worse, first, begin)
@@ -213,9 +214,7 @@ def _diagnosed(
     answers = [*answers, *beside]
     answers = judged(answers, named, held, order, material)
     held = None if held is None or lacking is None else (lacking.without_designs(), held[1].without_designs())
-    diagnosis = Diagnosis(
-        robot, verdict_of(answers), answers, inclusion, plain.without_designs(), seen.without_designs(), held, creep
-    )
+    diagnosis = Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_designs(), held, creep)
     built = dimensions_of(robot, seen)
     if not held_out or not any(effect.candidate.family in answer.credible for effect in built for answer in answers):
         return diagnosis

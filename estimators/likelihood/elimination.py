@@ -35,7 +35,7 @@ class Rows(NamedTuple):
 
     at (k,): the sample, none before the last. values (k, rows). start, end, numbers map a slice of equations to
     derivatives: by the state at that sample (k, rows, m), at the next sample (or None), and by n numbers: parameters,
-    mount, clock, and those of a gyro (k, rows, n). drawn (k, rows, probes): drawn residuals in place of values.
+    mount, clock, and those of a gyro (k, rows, n). drawn (k, rows, probes): drawn residuals in place of values, of any type of number.
     """
 
     at: NDArray[np.intp]

@@ -249,17 +249,17 @@ class LogLikelihood(RollingConstraints):
         """Return the log's statistics of P parameters, linearised about a state (K, m).
 
         changed: geometries (G,), in each of which one parameter is larger by change (G,). probes: number of draws of
-        residuals (standard normal, the same in each call, different for each log), from which expected sums of squares
-        are estimated. extra: columns of the other P - G parameters. rate: of the reference's clock (s/s), if it is
+        residuals (each 1 or -1 as by a coin: of all draws of mean 0 and variance 1 that scatter estimated traces least,
+        Hutchinson 1990; the same in each call, different for each log), from which expected sums of squares are
+        estimated. extra: columns of the other P - G parameters. rate: of the reference's clock (s/s), if it is
         known.
         """
         weights, slipping = self._weights(state, noise), self._whitening(geometry, state, noise)
         kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, slipping, extra)
         random = np.random.default_rng(self._number)
         for name, rows in kinds.items():
-            groups = np.split(rows.values, [len(self._rolling)] if name == "slips" else [], axis=1)
-            drawn = [random.normal(size=(*group.shape, probes)) for group in groups]
-            kinds[name] = rows._replace(drawn=np.concatenate(drawn, axis=1))
+            signs = 2 * random.integers(2, size=(*rows.values.shape, probes), dtype=np.int8) - 1
+            kinds[name] = rows._replace(drawn=signs)
         if self.gyro_steps:
             kinds["gyro"] = kinds["gyro"]._replace(drawn=self._gyro.drawn(random, noise.gyro, probes))
         prior = self._poses.clock_prior(rate)

@@ -76,14 +76,14 @@ def reduced(
     def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
         set_by = -(set_to[:, p:] + set_to[:, :p] @ moved_by)
         all_by = np.concatenate([moved_by, set_by])
-        columns = np.zeros((len(state), size, 1 + probes))
+        columns = np.zeros((1 + probes, len(state), size)).transpose(1, 2, 0)  # LAPACK's order: solved in place
         for block in blocks(len(state), LARGE):
             for rows in kinds.values():
                 chosen = rows.within(block.start, block.stop)
                 if chosen.start < chosen.stop:
                     rows.add_by_state(columns, 0, chosen, rows.left(chosen, all_by))
-        away = cho_solve_banded((factors, False), columns.reshape(-1, 1 + probes), check_finite=False)
-        del columns  # each takes 1 KB a sample
+        away = columns.reshape(-1, 1 + probes)
+        away = cho_solve_banded((factors, False), away, overwrite_b=True, check_finite=False)
         away = np.negative(away, out=away).reshape(len(state), size, 1 + probes)
         if part < 1:
             away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]
