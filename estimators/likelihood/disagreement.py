@@ -48,16 +48,15 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause. by_size (W, rows, C): its change per unit of
-    each candidate's size. counted (W,): windows that count. along (rows,): true for rolling constraints, false for side
-    slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of
-    steps in each window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ within
-    these.
+    cause. by_size (W, rows, C): its change per unit of each candidate's size, in single precision. counted (W,):
+    windows that count. along (rows,): true for rolling constraints, false for side slip. t (W,): when windows begin, s.
+    way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps in each window. quick:
+    information (C, C), score (C,) and log-likelihood by how short windows differ within these.
     """
 
     seen: Array
     doubt: Array
-    by_size: Array
+    by_size: NDArray[np.float32]
     counted: NDArray[np.bool_]
     along: NDArray[np.bool_]
     t: Array
@@ -92,15 +91,16 @@ class Disagreement:
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
             by_step = model.agreement_by(changes, steps)
-            by_size.append(np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short)))
+            first = steps.start // (parts * short)
+            sums = np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short))
+            by_size.append((sums / rolled[first : first + len(sums), None, None]).astype(np.float32))
             quick.add(by_step, steps)
-        sums = [np.add.reduceat(part, starts, axis=0) for part in (seen - caused, UNEVEN * np.abs(caused))]
-        of_way, doubt, by_size = (
-            part / rolled.reshape(-1, *[1] * (part.ndim - 1)) for part in (*sums, np.concatenate(by_size))
+        of_way, doubt = (
+            np.add.reduceat(part, starts, axis=0) / rolled[:, None] for part in (seen - caused, UNEVEN * np.abs(caused))
         )
         steps = np.diff(np.append(starts, len(way)))
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, doubt, by_size, counted, along, t[starts], way, steps, quick.statistics())
+        return cls(of_way, doubt, np.concatenate(by_size), counted, along, t[starts], way, steps, quick.statistics())
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""

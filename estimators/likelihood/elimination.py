@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 
-BLOCK, LARGE = 256, 2048
+BLOCK, LARGE = 256, 1024
 """Samples whose columns are in memory at a time: of hundreds of columns, and of few."""
 
 FEW = 64
@@ -35,7 +35,8 @@ class Rows(NamedTuple):
 
     at (k,): the sample, none before the last. values (k, rows). start, end, numbers map a slice of equations to
     derivatives: by the state at that sample (k, rows, m), at the next sample (or None), and by n numbers: parameters,
-    mount, clock, and those of a gyro (k, rows, n). drawn (k, rows, probes): drawn residuals in place of values, of any type of number.
+    mount, clock, and those of a gyro (k, rows, n). drawn (k, rows, probes): drawn residuals in place of values, of any
+    type of number.
     """
 
     at: NDArray[np.intp]

@@ -25,31 +25,32 @@ class ByBlocks(Protocol):
 
 
 class SparseColumns:
-    """Columns (K, rows, C) as the series (K,) of each column and row in which it differs from 0."""
+    """Columns (K, rows, C) as the series (K,) of each column and row in which it differs from 0, in single precision,
+    which is finer than any linearisation."""
 
     def __init__(
         self,
         shape: tuple[int, int, int],
-        series: Sequence[Array] = (),
+        series: Sequence[NDArray[np.floating]] = (),
         rows: Iterable[int] = (),
         at: Iterable[int] = (),
     ) -> None:
         """series (N times (K,)): with the row and the column (`at`) of each."""
-        self.shape, self._series = shape, tuple(series)
+        self.shape, self._series = shape, tuple(part.astype(np.float32, copy=False) for part in series)
         self._rows, self._at = np.array([*rows], dtype=np.intp), np.array([*at], dtype=np.intp)
 
     @classmethod
     def of(cls, columns: Array) -> "SparseColumns":
         """Return columns given as an array (K, rows, C)."""
         rows, at = np.nonzero(np.any(columns, axis=0))
-        series = [columns[:, row, column].copy() for row, column in zip(rows.tolist(), at.tolist(), strict=True)]
+        series = [columns[:, row, column] for row, column in zip(rows.tolist(), at.tolist(), strict=True)]
         return cls(columns.shape, series, rows.tolist(), at.tolist())
 
     @classmethod
     def diagonal(cls, series: Array) -> "SparseColumns":
         """Return a column for each row (K, rows, rows): the series (K, rows) in this row, 0 in all others."""
         k, rows = series.shape
-        return cls((k, rows, rows), [row.copy() for row in series.T], range(rows), range(rows))
+        return cls((k, rows, rows), list(series.T), range(rows), range(rows))
 
     @classmethod
     def joined(cls, parts: Sequence["SparseColumns"], empty: tuple[int, int]) -> "SparseColumns":

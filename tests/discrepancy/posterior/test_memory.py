@@ -12,12 +12,12 @@ from estimators.calibration.drives import log_of
 
 pytestmark = pytest.mark.slow
 
-MOST = 10e3
-"""Bytes a sample: 720 MB for an hour at 20 Hz."""
+MOST = 8e3
+"""Bytes a sample: 580 MB for an hour at 20 Hz."""
 
 
-AGAIN = 12e3
-"""The same where noise is estimated anew, in rounds that need 6 KB a sample each: one at a time is held."""
+AGAIN = 8e3
+"""The same where noise is estimated anew, in rounds that need 4 KB a sample each: one at a time is held."""
 
 
 def peak_of(robot, minutes, again=False):
