@@ -10,8 +10,8 @@ from scipy.special import logit
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
-from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE
-from discrepancy.posterior.priors import place_in_model, sizes_of
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
+from discrepancy.posterior.priors import direction_of, place_in_model, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
 from discrepancy.posterior.refit import Sized
 from estimators.calibration.identifiability import COVERAGE
@@ -92,6 +92,8 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
             return "unconfirmed", f"the held-out logs do not confirm {description}"
         if held_out.grows(material) or (answer.confirmed is None and not held_out.better(material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
+        if held_out.show_another_size(answer):
+            return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
     return "named", description
 
 
@@ -132,6 +134,26 @@ class _HeldOut:
             return False
         return self.log_ratio(answer) < min(LOG_ODDS + float(logit(answer.absent)), 0.0)
 
+    def show_another_size(self, answer: Answer) -> bool:
+        """Whether an effect's size in held-out logs is likelier another one of the same order than the same, by what
+        a credible set needs. Effects of the catalogue have one size; what another cause mimics need not."""
+        if answer.confirmed is not None or answer.candidate not in self.with_named.candidates:
+            return False
+        effect = self._sized(answer)
+        effects = [effect, *(other for other in self.named if other.candidate != answer.candidate)]
+        places = [place_in_model(self.with_named, one.candidate) for one in effects]
+        sizes = [one.amplitudes for one in effects]
+        logs = [log.at(-sizes_of(places, sizes, self.with_named)) for log in self.with_named.logs]
+        along = np.concatenate([direction_of(self.with_named, place) for place in places], axis=1)
+        shown = self.order.beyond(agreeing(logs, self.with_named.lasting)).of_combinations(along)
+        prior = np.repeat([1 / (FAULT**2 * (size @ size)) for size in sizes], [len(size) for size in sizes])
+        covariance = np.linalg.inv(shown.information + np.diag(prior))
+        count, square = len(effect.amplitudes), float(effect.amplitudes @ effect.amplitudes)
+        away = (covariance @ shown.score)[:count] - effect.amplitudes
+        same = covariance[:count, :count] + answer.covariance + SIGNATURE**2 * square * np.eye(count)
+        other = same + square * np.eye(count)
+        return _log_density(away, other) - _log_density(away, same) > LOG_ODDS
+
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""
         ratio = self._about_without(self.named)
@@ -163,3 +185,8 @@ class _HeldOut:
     def _log_ratio(self, size: Array, logs: Sequence[Statistics]) -> float:
         statistics = self.order.beyond(agreeing(logs, self.with_named.lasting))
         return float(statistics.score @ size - size @ statistics.information @ size / 2)
+
+
+def _log_density(away: Array, covariance: Array) -> float:
+    """Return the logarithm of a normal density of mean 0, up to a constant."""
+    return -float(np.linalg.slogdet(covariance)[1] + away @ np.linalg.solve(covariance, away)) / 2
