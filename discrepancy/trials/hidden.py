@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from castor_envs.effects.parts import wheel_channel
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -63,6 +64,16 @@ def class_of(effect: Effect) -> str:
     fields = [field.name for field in dataclasses.fields(effect) if field.name not in ("name", "value", "seed")]
     place = [value for field in fields if not isinstance(value := getattr(effect, field), float)]
     return " ".join([name, *map(str, place)])
+
+
+def wheel_of(robot: RobotDescription, effect: Any) -> int:
+    """Return the index of the wheel that an effect is on, by its `castor` and `wheel`, from 1."""
+    return robot.wheel_places.index((effect.castor, effect.wheel))
+
+
+def counter_of(robot: RobotDescription, effect: Any) -> int:
+    """Return the column of wheel counts of the wheel that an effect is on; raises InputError for an idle wheel."""
+    return robot.driven_wheels.index(wheel_channel(robot, effect.castor, effect.wheel, type(effect).__name__))
 
 
 def place_at_random(robot: RobotDescription, random: np.random.Generator) -> dict[str, int]:

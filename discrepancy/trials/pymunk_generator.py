@@ -80,4 +80,4 @@ def drive(
         reference=reference(robot, t, pose),
         gyro=None if gyro is None else gyro.readings(t, yaw_rate),
     )
-    return as_recorded(robot, exact, seed, noise, rounded)
+    return as_recorded(robot, exact, np.random.default_rng([seed, 4]), noise, rounded)

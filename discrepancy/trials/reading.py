@@ -66,10 +66,12 @@ def angles_of(robot: RobotDescription, log: Log) -> Array:
     return angle
 
 
-def as_recorded(robot: RobotDescription, exact: Log, seed: int, noise: Noise = USUAL, rounded: bool = True) -> Log:
+def as_recorded(
+    robot: RobotDescription, exact: Log, random: np.random.Generator, noise: Noise = USUAL, rounded: bool = True
+) -> Log:
     """Return an exact log (every pose, counts not rounded) as it would be recorded: rounded, with few, noisy poses."""
     assert exact.reference is not None
-    poses = noise.sparse(exact.reference, np.random.default_rng([seed, 4]))
+    poses = noise.sparse(exact.reference, random)
     log = dataclasses.replace(exact, reference=poses)
     if not rounded:
         return log

@@ -175,7 +175,7 @@ def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
     robot, name = preset(case.robot), name_of(case.number)
     real, case_folder = robot.with_effects(*case.effects), folder / "cases" / name
     for file, exact, seed in zip(LOGS, logs, case.seeds, strict=True):
-        log = as_recorded(real, exact, seed)
+        log = as_recorded(real, exact, np.random.default_rng([seed, 4]))
         write_log(case_folder / file, log if case.reference else dataclasses.replace(log, reference=None), robot)
     robot.save(case_folder / "robot.json")
     path = logs[1].reference

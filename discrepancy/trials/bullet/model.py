@@ -29,8 +29,9 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.build import Build, check_drivable
+from discrepancy.trials.foreign.build import Tyres, built, check_drivable
 from discrepancy.trials.foreign.standing import ACROSS, TILTING, fork, skids_of, static_loads, wheel_mass
 
 WHEELS_BELOW = (3, 12)
@@ -80,7 +81,8 @@ class Parts:
     """
 
     robot: RobotDescription
-    build: Build
+    geometry: Geometry
+    tyres: Tyres
     links: list[Link]
     load: Array
     sinking: float
@@ -107,13 +109,13 @@ def bullet_module() -> Any:
 def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     """Return the parts of a robot's model on a floor; raises InputError for what the simulator cannot build."""
     check_drivable(robot, "Bullet")
-    build, described = Build.of(robot), Build.of(robot.as_described())
+    (geometry, tyres), described = built(robot), Geometry.of(robot.as_described())
     if floor.cables:
         raise InputError(
             "the floor has cables (effect 'bump'); the Bullet generator has none, for its robots have no springs, and "
             "wheels beside a cable would leave the floor: leave them out"
         )
-    if build.long or build.side or build.viscous:
+    if tyres.long or tyres.side or tyres.viscous:
         raise InputError(
             f"robot {robot.name!r} has tyres that creep otherwise than described; the Bullet generator's contacts do "
             "not creep: leave out slip_stiffness, slip_stiffness_lateral and contact_creep"
@@ -121,16 +123,17 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     height, skids = float(described.radius.max()), skids_of(robot, described)
     loads = static_loads(robot, described, floor.normal_gravity, skids)
     links: list[Link] = []
-    for i in range(len(build.offset)):
-        links += _castor(robot, build, i)
-        for k in np.flatnonzero(build.castor == i).tolist():
-            links.append(_wheel(robot, build, k, float(described.radius[k]) - height))
-    redundant = not len(skids) and len(build.offset) > 3
+    for i in range(geometry.n_castors):
+        links += _castor(robot, geometry, i)
+        for k in np.flatnonzero(geometry.wheel_castor == i).tolist():
+            links.append(_wheel(robot, geometry, k, float(described.radius[k]) - height))
+    redundant = not len(skids) and geometry.n_castors > 3
     return Parts(
         robot=robot,
-        build=build,
+        geometry=geometry,
+        tyres=tyres,
         links=links,
-        load=loads[: len(build.radius)],
+        load=loads[: len(geometry.radius)],
         sinking=SINKING * (REDUNDANT if redundant else 1.0),
         skids=skids,
         skid_load=float(loads[-1]),
@@ -139,16 +142,16 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     )
 
 
-def _castor(robot: RobotDescription, build: Build, i: int) -> list[Link]:
+def _castor(robot: RobotDescription, geometry: Geometry, i: int) -> list[Link]:
     """Return fork and, where it rocks, axle of a castor."""
-    castor, behind = robot.castors[i], float(build.offset[i])
+    castor, behind = robot.castors[i], float(geometry.offset[i])
     (mass, inertia), free = fork(castor), castor.steering != "fixed"
     rocking = ROCKING if free and len(castor.wheels) > 1 else 0.0
 
     def part(share: float) -> tuple[float, tuple[float, float, float]]:
         return share * mass, (share * TILTING * inertia, share * TILTING * inertia, share * inertia)
 
-    place = (float(build.pivot[i, 0]), float(build.pivot[i, 1]), 0.0)
+    place = (float(geometry.pivot[i, 0]), float(geometry.pivot[i, 1]), 0.0)
     axis, turned_by = ((0.0, 0.0, 1.0), 0.0) if free else (None, castor.angle)
     links = [Link(f"pivot_{i}", None, place, *part(1 - rocking), axis, turned_by, behind)]
     if rocking:
@@ -156,10 +159,10 @@ def _castor(robot: RobotDescription, build: Build, i: int) -> list[Link]:
     return links
 
 
-def _wheel(robot: RobotDescription, build: Build, k: int, height: float) -> Link:
-    i, wheel = int(build.castor[k]), robot.wheels[k]
-    rocks = build.turning[i] and np.sum(build.castor == i) > 1
-    place = (0.0 if rocks else -float(build.offset[i]), float(build.lateral[k]), height)
+def _wheel(robot: RobotDescription, geometry: Geometry, k: int, height: float) -> Link:
+    i, wheel = int(geometry.wheel_castor[k]), robot.wheels[k]
+    rocks = not geometry.fixed[i] and np.sum(geometry.wheel_castor == i) > 1
+    place = (0.0 if rocks else -float(geometry.offset[i]), float(geometry.lateral[k]), height)
     inertia = ACROSS * wheel.inertia, wheel.inertia, ACROSS * wheel.inertia
     parent = f"axle_{i}" if rocks else f"pivot_{i}"
     return Link(f"roll_{k}", parent, place, wheel_mass(wheel.inertia, wheel.radius), inertia, (0.0, 1.0, 0.0), wheel=k)

@@ -12,9 +12,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.bullet.model import Link, Parts
 from discrepancy.trials.bullet.world import World
-from discrepancy.trials.foreign.build import Build
 from discrepancy.trials.foreign.run import Outside
-from discrepancy.trials.hidden import Hidden, place_at_random
+from discrepancy.trials.hidden import Hidden, counter_of, place_at_random, wheel_of
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,9 @@ class StickingCounter(Outside):
         if abs(self.part) > 1:
             raise ValueError(f"a counter cannot miss more than all, got the part {self.part:g}")
 
-    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
+    def count(self, robot: RobotDescription, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Return the counts less what is missing at the moment."""
-        channel, wheel = build.counter(self.castor, self.wheel), wheel.copy()
+        channel, wheel = counter_of(robot, self), wheel.copy()
         true, since = wheel[:, channel].copy(), -1
         sticks = random.uniform(size=len(t)) < self.rate * np.diff(t, prepend=t[0])
         for k in range(len(t)):
@@ -65,12 +64,12 @@ class ConicalWheel(Outside):
 
     def build(self, parts: Parts) -> None:
         """Raise InputError for a castor that does not turn."""
-        if not parts.build.turning[parts.build.place(self.castor)]:
+        if parts.geometry.fixed[self.castor - 1]:
             raise InputError(f"castor {self.castor} does not turn; give one that does")
 
     def act(self, world: World, t: float) -> None:
         """Set the radius for where the castor points."""
-        k, pivot = world.build.wheel(self.castor, self.wheel), world.pivot[world.build.place(self.castor)]
+        k, pivot = wheel_of(world.robot, self), world.pivot[self.castor - 1]
         world.radius[k] *= 1 + self.cone * math.cos(world.joint[pivot] - self.along)
 
 
@@ -85,9 +84,9 @@ class FlexingFork(Outside):
 
     def build(self, parts: Parts) -> None:
         """Put a hinge with a spring there; `front` of the fork's mass stays before it."""
-        i = parts.build.place(self.castor)
-        half, fork, castor = float(parts.build.offset[i]) / 2, parts.link(f"pivot_{i}"), parts.robot.castors[i]
-        if not parts.build.turning[i] or half == 0.0:
+        i = self.castor - 1
+        half, fork, castor = float(parts.geometry.offset[i]) / 2, parts.link(f"pivot_{i}"), parts.robot.castors[i]
+        if parts.geometry.fixed[i] or half == 0.0:
             raise InputError(f"castor {self.castor} has no fork to bend: give one that turns and has an offset")
         stiffness = half / abs(self.give)
         ahead = self.front * fork.inertia[2]
@@ -116,7 +115,7 @@ class LooseTyre(Outside):
 
     def build(self, parts: Parts) -> None:
         """Make the wheel of two parts, the tyre turning on the hub, which has `hub` of the wheel's mass."""
-        k = parts.build.wheel(self.castor, self.wheel)
+        k = wheel_of(parts.robot, self)
         hub = parts.link(f"roll_{k}")
         half, mass, moments = abs(self.play) / 2, hub.mass, hub.inertia
         hub.mass, hub.inertia, hub.wheel = self.hub * mass, scaled(moments, self.hub), None

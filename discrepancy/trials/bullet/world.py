@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import rotate
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.bullet.model import SKID_SINKING, Parts, bullet_module, parts_of
 from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Outside, Simulator, friction_at
@@ -50,8 +51,10 @@ class World:
         parts = parts_of(robot, floor, step)
         if outside is not None:
             outside.build(parts)
-        build, bullet = parts.build, bullet_module()
-        self.build, self._bullet, self._step = build, bullet, step
+        geometry, bullet = parts.geometry, bullet_module()
+        driven, steered = list(robot.driven_wheels), list(robot.driven_castors)
+        self.robot, self.geometry, self.tyres = robot, geometry, parts.tyres
+        self._bullet, self._step, self._driven = bullet, step, driven
         self._gravity = (*floor.downhill_gravity, -floor.normal_gravity)
         self._at = at = {"physicsClientId": bullet.connect(bullet.DIRECT)}
         bullet.setPhysicsEngineParameter(
@@ -65,7 +68,7 @@ class World:
         ground = bullet.createMultiBody(0, bullet.createCollisionShape(bullet.GEOM_PLANE, **at), **at)
         bullet.changeDynamics(ground, -1, lateralFriction=1.0, **at)  # Bullet multiplies it with the wheels'
         self._center = np.array([*robot.center_of_mass, HEIGHT * parts.height])
-        larger = max(build.radius[link.wheel] - link.place[2] for link in parts.links if link.wheel is not None)
+        larger = max(geometry.radius[link.wheel] - link.place[2] for link in parts.links if link.wheel is not None)
         self._place, self._turn = (
             np.array([0.0, 0.0, larger + CLEARANCE]) + self._center,
             np.array([0.0, 0.0, 0.0, 1.0]),
@@ -89,13 +92,13 @@ class World:
         )
         bullet.setGravity(*self._gravity, **at)
 
-        self.radius, self._turned = build.radius.copy(), np.zeros(len(build.radius))
+        self.radius, self._turned = geometry.radius.copy(), np.zeros(len(geometry.radius))
         self._outside = outside if outside is not None and outside.acts else None
-        self._patches, self._friction = floor.patches, np.full(len(build.radius), self._usual)
-        self._mean_load, self._soft_load = parts.load[build.driven].mean(), parts.load.copy()
-        self._motors = [*self.roll[build.driven].tolist(), *self.pivot[build.steered].tolist()]
-        motors = [(robot.max_wheel_torque, DROOP, robot.max_wheel_speed)] * len(build.driven)
-        motors += [(robot.max_steering_torque, STEERING_DROOP, robot.max_steering_speed)] * len(build.steered)
+        self._patches, self._friction = floor.patches, np.full(len(geometry.radius), self._usual)
+        self._mean_load, self._soft_load = parts.load[driven].mean(), parts.load.copy()
+        self._motors = [*self.roll[driven].tolist(), *self.pivot[steered].tolist()]
+        motors = [(robot.max_wheel_torque, DROOP, robot.max_wheel_speed)] * len(driven)
+        motors += [(robot.max_steering_torque, STEERING_DROOP, robot.max_steering_speed)] * len(steered)
         self._torque, droop, self._limit = np.array(motors).T
         self._gain, self._gear = self._torque / (droop * self._limit), np.ones(len(motors))
 
@@ -116,7 +119,7 @@ class World:
         shapes = [-1] * len(links)
         for j, link in enumerate(links):
             if link.wheel is not None:
-                tread = float(parts.build.radius[link.wheel])
+                tread = float(parts.geometry.radius[link.wheel])
                 shapes[j] = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=tread, **at)
         from_center = [-self._center if link.parent is None else np.zeros(3) for link in links]
         level = [0.0, 0.0, 0.0, 1.0]
@@ -179,13 +182,13 @@ class World:
 
     def step(self, t: float, wheel: Array, steering: Array) -> None:
         """Make one step from t with wheels and steering commanded at rates, rad/s."""
-        if self.build.shrinking or self._outside is not None:
+        if self.tyres.shrinking or self._outside is not None:
             self._set_radii(t)
         if self._patches:
             self._set_friction()
         self._servo(np.concatenate([wheel, steering]))
         self._advance()
-        self._turned += self._step * self._rate[self.roll] * self.build.radius / self.radius
+        self._turned += self._step * self._rate[self.roll] * self.geometry.radius / self.radius
 
     def state(self) -> Array:
         """Return the angles of wheels and castors, and the pose."""
@@ -200,7 +203,7 @@ class World:
         return np.column_stack([states[:, -3:-1], np.unwrap(states[:, -1])])
 
     def _castors(self) -> Array:
-        return np.where(self.pivot >= 0, self.joint[self.pivot], self.build.angle)
+        return np.where(self.pivot >= 0, self.joint[self.pivot], self.geometry.angle)
 
     def _pose(self) -> Array:
         """Return the pose (3,) of B: x, y, m, and psi, rad, between -pi and pi."""
@@ -250,22 +253,22 @@ class World:
         return load
 
     def _set_radii(self, t: float) -> None:
-        build = self.build
-        self.radius[:] = build.radius
-        if build.shrinking:
+        geometry, shrinking = self.geometry, self.tyres.shrinking
+        self.radius[:] = geometry.radius
+        if shrinking:
             self._soft_load += (self._loads() - self._soft_load) * min(self._step / GIVING_WAY, 1.0)
-            self.radius -= build.shrinking * (self._soft_load - self._mean_load)
+            self.radius -= shrinking * (self._soft_load - self._mean_load)
         if self._outside is not None:
             self._outside.act(self, t)
-        self._gear[: len(build.driven)] = (build.radius / self.radius)[build.driven]
+        self._gear[: len(self._driven)] = (geometry.radius / self.radius)[self._driven]
 
     def _set_friction(self) -> None:
-        build, (x, y, heading) = self.build, self._pose()
-        theta = self._castors()[build.castor] + heading
-        pivot = (build.pivot[:, 0] + 1j * build.pivot[:, 1])[build.castor] * np.exp(1j * heading)
-        places = x + 1j * y + pivot + (1j * build.lateral - build.offset[build.castor]) * np.exp(1j * theta)
+        geometry, (x, y, heading) = self.geometry, self._pose()
+        castor, theta = geometry.wheel_castor, self._castors()[geometry.wheel_castor]
+        from_pivot = rotate(np.column_stack([-geometry.offset[castor], geometry.lateral]), theta)
+        places = rotate(geometry.pivot[castor] + from_pivot, heading) + np.array([x, y])
         for k, place in enumerate(places.tolist()):
-            friction = friction_at(self._patches, [place.real, place.imag])
+            friction = friction_at(self._patches, place)
             friction = self._usual if friction is None else friction
             if friction != self._friction[k]:
                 self._bullet.changeDynamics(self._body, self._spheres[k], lateralFriction=friction, **self._at)

@@ -1,7 +1,7 @@
 """Runs of robots in foreign simulators, and the logs that encoders and the reference make of them.
 
-Nothing here uses the project's own physics, kinematics or sensor models. The same run can be read again for the same
-robot with other effects on its sensors.
+Nothing here uses the project's own physics. The same run can be read again for the same robot with other effects on
+its sensors.
 """
 
 import math
@@ -12,16 +12,18 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from castor_envs.effects.catalogue import floor_of
+from castor_envs.effects.catalogue import floor_of, reference
 from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
 from castor_envs.logs.log import Log
+from castor_envs.motion.controllers import KinematicController, trailing_angles
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Trajectory
+from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.build import Build, Controller
-from discrepancy.trials.foreign.sensors import Sensors, measured_angles, reading_times, reference_poses, reference_times
-from discrepancy.trials.reading import USUAL, Noise
+from discrepancy.trials.foreign.sensors import Sensors, reading_times
+from discrepancy.trials.reading import USUAL, Noise, as_recorded, counts_of
 
 SETTLING = 0.5
 """How long the robot stands before the start, s."""
@@ -64,7 +66,7 @@ class Outside:
     def act(self, world: Any, t: float) -> None:
         """Change the model while it runs, t s since the start."""
 
-    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
+    def count(self, robot: RobotDescription, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Return wheel counts (K, driven wheels), not rounded yet, at times t (K,), as the log receives them."""
         return wheel
 
@@ -134,23 +136,22 @@ class Simulator:
         outside: Outside | None = None,
     ) -> Run:
         """Return the run of a robot, steered sample by sample from its encoders as its effects corrupt them."""
-        described, period, random = (
-            Build.of(robot.as_described()),
-            robot.sample_period,
-            np.random.default_rng([seed, 2]),
-        )
+        described, period, random = robot.as_described(), robot.sample_period, np.random.default_rng([seed, 2])
+        geometry, w = Geometry.of(described), len(robot.wheels)
         every, samples = math.ceil(period / self.longest - 1e-9), round(duration / period)
         t = np.arange(samples * every + 1, dtype=np.float64) * period / every
-        theta = start_angles(described, motion, random)
-        phase = random.uniform(size=len(described.driven))
-        command, steering = (np.zeros((samples + 1, len(moved))) for moved in (described.driven, described.steered))
-        sensors, controller = Sensors(robot), Controller(described, period, robot.max_steering_speed)
+        theta = start_angles(geometry, motion, random)
+        phase = Encoders.random_phase(geometry, random)
+        moved = robot.driven_wheels, robot.driven_castors
+        command, steering = (np.zeros((samples + 1, len(motors))) for motors in moved)
+        encoders, sensors = Encoders(Geometry.of(robot.as_built()), phase), Sensors(robot)
+        controller = KinematicController(described)
         with closing(self.world(robot, floor_of(robot, floor or Floor()), period / every, outside)) as world:
             world.settle(theta, motion.start)
             states = np.tile(world.state(), (len(t), 1))
             seen = sensors.push(t[:1], world.angles(states[:1]))
             for k in range(samples):
-                measured = measured_angles(described, sensors.pivots(seen[-1]))
+                measured = castor_angles(geometry, encoders.pivot(seen[-1, w:]))
                 command[k], steering[k] = controller.commands(measured, motion.at((k + 0.5) * period)[1])
                 ahead = slice(k * every + 1, (k + 1) * every + 1)
                 for row in range(ahead.start, ahead.stop):
@@ -171,11 +172,11 @@ class Simulator:
         )
 
 
-def start_angles(build: Build, motion: Trajectory, random: np.random.Generator) -> Array:
+def start_angles(geometry: Geometry, motion: Trajectory, random: np.random.Generator) -> Array:
     """Return the castors' angles (n,) at the start: free ones about half a radian off where they would trail."""
-    trailing = build.trailing(np.array(motion.runs[0].legs[0].motion, dtype=float))
+    trailing = trailing_angles(geometry, motion.runs[0].legs[0].motion)
     off = random.uniform(-0.5, 0.5, len(trailing))
-    return wrap(np.where([kind == "free" for kind in build.steering], trailing + off, trailing))
+    return wrap(np.where(geometry.fixed | geometry.driven, trailing, trailing + off))
 
 
 def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
@@ -200,25 +201,17 @@ def read(
 
     Jitter reads the encoders at uneven times; effects after it in the robot file are not affected by it.
     """
-    sensors, substeps = Sensors(robot), run.every
-    rows = [slice(0, 1), *(slice(k + 1, k + substeps + 1) for k in range(0, len(run.t) - 1, substeps))]
+    sensors, every = Sensors(robot), run.every
+    rows = [slice(0, 1), *(slice(k + 1, k + every + 1) for k in range(0, len(run.t) - 1, every))]
     seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
-    t = run.t[::substeps]
-    sampled = _at(reading_times(robot, t), run.t, seen)
-    wheel = sensors.wheels(sampled, run.phase, rounded=False)
+    t = run.t[::every]
+    wheel, pivot = counts_of(robot, _at(reading_times(robot, t), run.t, seen), run.phase)
     if outside is not None:
-        wheel = outside.count(sensors.build, t, wheel, np.random.default_rng([run.seed, 4]))
-    taken = reference_times(robot, t)
-    true = reference_poses(robot, run.pose)
-    pose = np.column_stack([np.interp(taken, run.t, column, right=np.nan) for column in true.T])
-    return Log(
-        t,
-        np.round(wheel) if rounded else wheel,
-        sensors.pivots(sampled, rounded=rounded),
-        run.command,
-        run.steering if run.steering.shape[1] else None,
-        reference=noise.sparse(pose, np.random.default_rng([run.seed, 3])),
-    )
+        wheel = outside.count(robot, t, wheel, np.random.default_rng([run.seed, 4]))
+    steering = run.steering if run.steering.shape[1] else None
+    pose = reference(robot, run.t, run.pose)[::every]
+    exact = Log(t, wheel, pivot, run.command, steering, reference=pose)
+    return as_recorded(robot, exact, np.random.default_rng([run.seed, 3]), noise, rounded)
 
 
 def _at(instants: Array, t: Array, values: Array) -> Array:

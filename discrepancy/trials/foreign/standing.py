@@ -6,8 +6,9 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import rotate
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import Castor, RobotDescription
-from discrepancy.trials.foreign.build import Build
 
 SKID_SHARE = 0.1
 """Load of a skid over that of a wheel."""
@@ -34,18 +35,17 @@ def damping_of(sinking: float) -> float:
     return 2 * DAMPING * math.sqrt(sinking / GRAVITY)
 
 
-def supports(build: Build) -> Array:
+def supports(geometry: Geometry) -> Array:
     """Return where wheels stand (w, 2), in B: those of castors that turn, below the pivot."""
-    c, s = np.cos(build.angle[build.castor]), np.sin(build.angle[build.castor])
-    ahead = np.where(build.turning[build.castor], 0.0, -build.offset[build.castor])
-    aside = np.where(build.turning[build.castor], 0.0, build.lateral)
-    return build.pivot[build.castor] + np.column_stack([c * ahead - s * aside, s * ahead + c * aside])
+    castor, fixed = geometry.wheel_castor, geometry.fixed[geometry.wheel_castor]
+    from_pivot = np.column_stack([-geometry.offset[castor], geometry.lateral]) * fixed[:, None]
+    return geometry.pivot[castor] + rotate(from_pivot, geometry.angle[castor])
 
 
-def skids_of(robot: RobotDescription, build: Build) -> Array:
+def skids_of(robot: RobotDescription, geometry: Geometry) -> Array:
     """Return the places of skids (4, 2), or none (0, 2) where wheels hold the robot upright whichever way they turn."""
-    wheels, center = supports(build), np.array(robot.center_of_mass)
-    reach = float(np.max(build.offset + 1e-3))
+    wheels, center = supports(geometry), np.array(robot.center_of_mass)
+    reach = float(np.max(geometry.offset + 1e-3))
     around = np.linspace(0, 2 * math.pi, 72, endpoint=False)
     out = (wheels - center) @ np.array([np.cos(around), np.sin(around)])
     if np.all(out.max(axis=0) > reach):
@@ -54,12 +54,12 @@ def skids_of(robot: RobotDescription, build: Build) -> Array:
     return center + half * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
 
 
-def static_loads(robot: RobotDescription, build: Build, gravity: float, skids: Array) -> Array:
+def static_loads(robot: RobotDescription, geometry: Geometry, gravity: float, skids: Array) -> Array:
     """Return the loads of wheels and skids, N: in equilibrium on level ground, as even as that allows."""
-    places = np.vstack([supports(build), skids])
-    share = np.concatenate([np.ones(len(build.radius)), np.full(len(skids), SKID_SHARE)])
+    places = np.vstack([supports(geometry), skids])
+    share = np.concatenate([np.ones(len(geometry.radius)), np.full(len(skids), SKID_SHARE)])
     masses = np.array([robot.mass, *(castor.mass for castor in robot.castors)])
-    centers = np.vstack([np.array(robot.center_of_mass), build.pivot])
+    centers = np.vstack([np.array(robot.center_of_mass), geometry.pivot])
     weight = gravity * np.array([masses.sum(), *(masses @ centers)])
     rows = np.vstack([np.ones(len(places)), places.T])
     load = share * (rows.T @ np.linalg.lstsq(rows @ (share[:, None] * rows.T), weight, rcond=None)[0])

@@ -11,6 +11,7 @@ viscous layer does, at a speed in proportion to the force, and not as brush tyre
 needed: the others solve contacts as if servos and dampers were not there, and wheels chatter.
 """
 
+import dataclasses
 import importlib
 import math
 import xml.etree.ElementTree as ET
@@ -22,8 +23,9 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.build import Build, check_drivable
+from discrepancy.trials.foreign.build import Tyres, built, check_drivable
 from discrepancy.trials.foreign.standing import (
     ACROSS,
     DROOP,
@@ -71,7 +73,9 @@ class Parts:
     load (w,): static, of wheels, N. step: s. sinking: how far castors' springs give under these loads, m.
     """
 
-    build: Build
+    robot: RobotDescription
+    geometry: Geometry
+    tyres: Tyres
     root: ET.Element
     chassis: ET.Element
     castors: list[ET.Element]
@@ -84,8 +88,8 @@ class Parts:
 def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     """Return the elements of a robot's model on a floor; raises InputError for what the simulator cannot build."""
     check_drivable(robot, "MuJoCo")
-    build, described = Build.of(robot), Build.of(robot.as_described())
-    if min(build.long, build.side) < 0:
+    (geometry, tyres), described = built(robot), Geometry.of(robot.as_described())
+    if min(tyres.long, tyres.side) < 0:
         raise InputError(
             f"robot {robot.name!r} has tyres that hold better than described; MuJoCo's contacts are almost rigid "
             "already, and tyres can but slip more: give slip stiffnesses below 0"
@@ -119,21 +123,22 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     skids = skids_of(robot, described)
     loads = static_loads(robot, described, floor.normal_gravity, skids)
     actuator = ET.SubElement(root, "actuator")
-    standing = len(skids) + (len(build.offset) if build.turning.any() else 0)
+    standing = len(skids) + (geometry.n_castors if not geometry.fixed.all() else 0)
     sinking = SINKING * (REDUNDANT if standing > 3 else 1.0)
-    wheel_loads = loads[: len(build.radius)]
-    build.radius[:] -= build.shrinking * (wheel_loads - wheel_loads[build.driven].mean())
-    parts = Parts(build, root, chassis, [], [], wheel_loads, step, sinking)
-    for i in range(len(build.offset)):
-        parts.castors.append(_castor(parts, robot, actuator, i))
-    for k in range(len(build.radius)):
+    wheel_loads = loads[: len(geometry.radius)]
+    shrunk = tyres.shrinking * (wheel_loads - wheel_loads[list(robot.driven_wheels)].mean())
+    geometry = dataclasses.replace(geometry, radius=geometry.radius - shrunk)
+    parts = Parts(robot, geometry, tyres, root, chassis, [], [], wheel_loads, step, sinking)
+    for i in range(geometry.n_castors):
+        parts.castors.append(_castor(parts, actuator, i))
+    for k in range(len(geometry.radius)):
         # The fork is made for the described wheel; a larger one presses its spring in.
-        behind, aside = float(build.offset[build.castor[k]]), float(build.lateral[k])
-        place = -behind, aside, float(described.radius[k]) - height
-        parts.wheels.append(_wheel(parts, robot, actuator, k, place))
+        behind = float(geometry.offset[geometry.wheel_castor[k]])
+        place = -behind, float(geometry.lateral[k]), float(described.radius[k]) - height
+        parts.wheels.append(_wheel(parts, actuator, k, place))
     _share_loads(parts)
     # Skids touch the plane alone, so no cable lifts the wheels by them.
-    for place, load in zip(skids, loads[len(build.radius) :], strict=True):
+    for place, load in zip(skids, loads[len(geometry.radius) :], strict=True):
         skid = ET.SubElement(chassis, "body", pos=text(*place, height / 4 - height))
         ET.SubElement(skid, "joint", _spring(load, sinking))
         ET.SubElement(skid, "inertial", pos="0 0 0", mass="0.05", diaginertia="1e-4 1e-4 1e-4")
@@ -152,9 +157,9 @@ def mujoco_module() -> Any:
     return mujoco
 
 
-def _castor(parts: Parts, robot: RobotDescription, actuator: ET.Element, i: int) -> ET.Element:
-    build, castor = parts.build, robot.castors[i]
-    body = ET.SubElement(parts.chassis, "body", name=f"castor_{i}", pos=text(*build.pivot[i], 0))
+def _castor(parts: Parts, actuator: ET.Element, i: int) -> ET.Element:
+    geometry, robot, castor = parts.geometry, parts.robot, parts.robot.castors[i]
+    body = ET.SubElement(parts.chassis, "body", name=f"castor_{i}", pos=text(*geometry.pivot[i], 0))
     if castor.steering == "fixed":
         body.set("euler", text(0, 0, castor.angle))
     else:
@@ -165,15 +170,15 @@ def _castor(parts: Parts, robot: RobotDescription, actuator: ET.Element, i: int)
         ET.SubElement(actuator, "velocity", _servo(f"steer_{i}", f"pivot_{i}", robot.max_steering_torque, droop))
     mass, inertia = fork(castor)
     moments = text(TILTING * inertia, TILTING * inertia, inertia)
-    ET.SubElement(body, "inertial", pos=text(-build.offset[i], 0, 0), mass=text(mass), diaginertia=moments)
+    ET.SubElement(body, "inertial", pos=text(-geometry.offset[i], 0, 0), mass=text(mass), diaginertia=moments)
     return body
 
 
-def _wheel(parts: Parts, robot: RobotDescription, actuator: ET.Element, k: int, place: tuple[float, ...]) -> ET.Element:
-    build, wheel = parts.build, robot.wheels[k]
-    radius, spin = build.radius[k], wheel.inertia
-    body = ET.SubElement(parts.castors[build.castor[k]], "body", name=f"hub_{k}", pos=text(*place))
-    alone = np.sum(build.castor == build.castor[k]) == 1
+def _wheel(parts: Parts, actuator: ET.Element, k: int, place: tuple[float, ...]) -> ET.Element:
+    robot, wheel, castor = parts.robot, parts.robot.wheels[k], parts.geometry.wheel_castor
+    radius, spin = parts.geometry.radius[k], wheel.inertia
+    body = ET.SubElement(parts.castors[castor[k]], "body", name=f"hub_{k}", pos=text(*place))
+    alone = np.sum(castor == castor[k]) == 1
     slide = _spring(parts.load[k], parts.sinking * (1.0 if alone else ROCKING))
     ET.SubElement(body, "joint", {"name": f"slide_{k}"} | slide)
     ET.SubElement(body, "joint", name=f"roll_{k}", type="hinge", axis="0 1 0")
@@ -215,7 +220,7 @@ def _share_loads(parts: Parts) -> None:
     requires."""
     tendons = ET.SubElement(parts.root, "tendon")
     for i in range(len(parts.castors)):
-        wheels = np.flatnonzero(parts.build.castor == i)
+        wheels = np.flatnonzero(parts.geometry.wheel_castor == i)
         if len(wheels) > 1:
             stiffness = parts.load[wheels].mean() * (1 - 1 / ROCKING) / parts.sinking / len(wheels)
             spring = {"stiffness": text(stiffness), "damping": text(damping_of(parts.sinking) * stiffness)}

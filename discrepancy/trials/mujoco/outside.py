@@ -11,9 +11,8 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.build import Build
 from discrepancy.trials.foreign.run import Outside
-from discrepancy.trials.hidden import Hidden, place_at_random
+from discrepancy.trials.hidden import Hidden, counter_of, place_at_random, wheel_of
 from discrepancy.trials.mujoco.model import THINNESS, Parts, text
 from discrepancy.trials.mujoco.world import World
 
@@ -28,8 +27,8 @@ class WobblingWheel(Outside):
 
     def build(self, parts: Parts) -> None:
         """Tilt the ellipsoid: its lowest point then shifts by (r - b^2 / r) times the tilt."""
-        k = parts.build.wheel(self.castor, self.wheel)
-        tilt = self.size / (parts.build.radius[k] * (1 - THINNESS**2))
+        k = wheel_of(parts.robot, self)
+        tilt = self.size / (parts.geometry.radius[k] * (1 - THINNESS**2))
         geom = parts.wheels[k].find("geom")
         assert geom is not None  # every wheel is built with one
         geom.set("euler", text(tilt, 0, 0))
@@ -48,7 +47,7 @@ class FlatSpot(Outside):
 
     def act(self, world: World, t: float) -> None:
         """Set the radius at the contact."""
-        k = world.build.wheel(self.castor, self.wheel)
+        k = wheel_of(world.robot, self)
         away = math.remainder(float(world.data.qpos[world.roll[k]]) - self.phase, 2 * math.pi)
         inside = abs(away) < self.width / 2
         worn = self.depth * math.cos(math.pi * away / self.width) ** 2 if inside else 0.0
@@ -67,7 +66,7 @@ class WarmingWheel(Outside):
 
     def act(self, world: World, t: float) -> None:
         """Set the radius."""
-        k = world.build.wheel(self.castor, self.wheel)
+        k = wheel_of(world.robot, self)
         world.set_radius(k, world.radius[k] * (1 + self.growth * (1 - math.exp(-max(t, 0.0) / self.time))))
 
 
@@ -80,7 +79,7 @@ class PivotPlay(Outside):
 
     def build(self, parts: Parts) -> None:
         """Put two short slides between body and pivot."""
-        castor = parts.castors[parts.build.place(self.castor)]
+        castor = parts.castors[self.castor - 1]
         half = text(-self.size / 2, self.size / 2)
         for place, axis in enumerate(("1 0 0", "0 1 0")):
             slide = ET.Element("joint", type="slide", axis=axis, range=half, damping="5", frictionloss="0.1")
@@ -100,7 +99,7 @@ class StickyPivot(Outside):
 
     def build(self, parts: Parts) -> None:
         """Give the pivot friction, as stiff as contacts are."""
-        castor = parts.castors[parts.build.place(self.castor)]
+        castor = parts.castors[self.castor - 1]
         pivot = next((joint for joint in castor.findall("joint") if joint.get("type") == "hinge"), None)
         if pivot is None:
             raise InputError(f"castor {self.castor} does not turn; give one that does")
@@ -110,7 +109,7 @@ class StickyPivot(Outside):
 
     def act(self, world: World, t: float) -> None:
         """Set the friction for the rate at which the pivot turns (Stribeck's curve, `speed` in rad/s)."""
-        place = int(world.pivot[world.build.place(self.castor)])
+        place = int(world.pivot[self.castor - 1])
         dof = int(world.model.jnt_dofadr[np.flatnonzero(world.model.jnt_qposadr == place)[0]])
         sticking = math.exp(-((float(world.data.qvel[dof]) / self.speed) ** 2))
         world.model.dof_frictionloss[dof] = self.stick * (self.slide + (1 - self.slide) * sticking)
@@ -143,9 +142,9 @@ class CountGlitches(Outside):
     counts: int
     rate: float = 0.2
 
-    def count(self, build: Build, t: Array, wheel: Array, random: np.random.Generator) -> Array:
+    def count(self, robot: RobotDescription, t: Array, wheel: Array, random: np.random.Generator) -> Array:
         """Add the jumps."""
-        channel = build.counter(self.castor, self.wheel)
+        channel = counter_of(robot, self)
         hit = random.uniform(size=len(t)) < self.rate * np.diff(t, prepend=t[0])
         jump = np.where(hit, np.ceil(self.counts * random.uniform(size=len(t))) * random.choice([-1, 1], len(t)), 0)
         wheel = wheel.copy()

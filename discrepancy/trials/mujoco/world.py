@@ -42,7 +42,8 @@ class World:
         mujoco = self._mujoco = mujoco_module()
         self.model: Any = mujoco.MjModel.from_xml_string(ET.tostring(parts.root, encoding="unicode"))
         self.data: Any = mujoco.MjData(self.model)
-        self.build, self.radius, self._step, self._patches = parts.build, parts.build.radius.copy(), step, floor.patches
+        self.robot, self.geometry, self.tyres = robot, parts.geometry, parts.tyres
+        self.radius, self._step, self._patches = parts.geometry.radius.copy(), step, floor.patches
         self._outside = outside if outside is not None and outside.acts else None
 
         def places(kind: str, names: list[str], addresses: Any) -> NDArray[np.intp]:
@@ -53,16 +54,16 @@ class World:
             return [f"{name}_{k}" for k in range(len(self.radius))]
 
         at, dof, counted = self.model.jnt_qposadr, self.model.jnt_dofadr, np.arange(10**4)
-        self.pivot = places("JOINT", [f"pivot_{i}" for i in range(len(self.build.offset))], at)
+        self.pivot = places("JOINT", [f"pivot_{i}" for i in range(len(robot.castors))], at)
         self.roll = places("JOINT", of_wheels("roll"), at)
         self._slide_dof, self._roll_dof = (places("JOINT", of_wheels(name), dof) for name in ("slide", "roll"))
         mast = places("JOINT", ["mast_x", "mast_y"], at)
         self._tracked = mast[mast >= 0]
         self._hub, self._geom = places("BODY", of_wheels("hub"), counted), places("GEOM", of_wheels("wheel"), counted)
-        motors = [*(f"drive_{k}" for k in self.build.driven), *(f"steer_{i}" for i in self.build.steered)]
+        motors = [*(f"drive_{k}" for k in robot.driven_wheels), *(f"steer_{i}" for i in robot.driven_castors)]
         self._motors, self._fastest = places("ACTUATOR", motors, counted), robot.max_wheel_speed
         self._friction = self.model.geom_friction[self._geom, 0].copy()
-        self._unloaded = self.radius + self.build.shrinking * parts.load
+        self._unloaded = self.radius + self.tyres.shrinking * parts.load
         self._share = np.zeros((2, len(self.radius)))
         self._start = self.data.qpos.copy()
 
@@ -80,7 +81,7 @@ class World:
         self._mujoco.mju_mulQuat(data.qpos[3:7], turn, data.qpos[3:7].copy())
         data.qpos[:2], data.qvel[:] = start[:2], 0.0
         self._mujoco.mj_forward(model, data)
-        if self.build.viscous:
+        if self.tyres.viscous:
             self._set_creep()
         self._start = data.qpos.copy()
 
@@ -88,14 +89,14 @@ class World:
         """Make one step from t: velocities from the state `AHEAD`, then the whole step with them."""
         model, data = self.model, self.data
         data.ctrl[self._motors] = np.append(np.clip(wheel, -self._fastest, self._fastest), steering)
-        if self.build.shrinking:
-            target = self._unloaded - self.build.shrinking * self._loads()
+        if self.tyres.shrinking:
+            target = self._unloaded - self.tyres.shrinking * self._loads()
             self.radius[:] += (target - self.radius) * min(self._step / GIVING_WAY, 1.0)
             for k, radius in enumerate(self.radius.tolist()):
                 self.set_radius(k, radius)
         if self._outside is not None:
             self._outside.act(self, t)
-        if self.build.long or self.build.side:
+        if self.tyres.long or self.tyres.side:
             self._slip_tyres()
         if self._patches:
             for k, place in enumerate(data.geom_xpos[self._geom, :2].tolist()):
@@ -113,8 +114,7 @@ class World:
 
     def angles(self, states: Array) -> Array:
         """Return the angles (m, w + n) in states (m, s): of wheels since the start, and of castors."""
-        fixed = np.where(self.build.turning, 0.0, self.build.angle)
-        castors = np.where(self.pivot >= 0, states[:, self.pivot], fixed)
+        castors = np.where(self.pivot >= 0, states[:, self.pivot], self.geometry.angle)
         return np.column_stack([states[:, self.roll] - self._start[self.roll], castors])
 
     def poses(self, states: Array) -> Array:
@@ -140,22 +140,22 @@ class World:
         return -self.data.qfrc_spring[self._slide_dof]
 
     def _set_creep(self) -> None:
-        """Let contacts slip by `Build.viscous` more for each N of friction, for the state that the model is in."""
+        """Let contacts slip by `Tyres.viscous` more for each N of friction, for the state that the model is in."""
         rows = np.ravel([np.arange(1, 3) + c.efc_address for c in self.data.contact[: self.data.ncon] if c.dim == 3])
         damping = 2 / (IMPEDANCE * CONTACT_TIME * self._step)
         creep = float(np.mean(self.data.efc_R[rows])) * (1 / damping + self._step)  # as the step treats it implicitly
-        self.model.opt.impratio *= creep / (creep + self.build.viscous)
+        self.model.opt.impratio *= creep / (creep + self.tyres.viscous)
 
     def _slip_tyres(self) -> None:
         """Let tyres slip in proportion to force and distance, beyond what contacts creep, after a relaxation length.
 
         A wheel under a force along its rolling direction gets another radius, a pair under a side force other headings.
         """
-        build, (along, aside), up = self.build, self._forces(), self._loads()
+        castor, (along, aside), up = self.geometry.wheel_castor, self._forces(), self._loads()
         rate = self.data.qvel[self._roll_dof] * self.radius
-        sideways, load = (np.bincount(build.castor, force, len(build.offset)) for force in (aside, up))
-        aside = (sideways / np.maximum(load, 1e-9))[build.castor]
-        share = np.array([build.long * along / np.maximum(up, 1e-9), build.side * aside]) * np.sign(rate)
+        sideways, load = (np.bincount(castor, force, self.geometry.n_castors) for force in (aside, up))
+        aside = (sideways / np.maximum(load, 1e-9))[castor]
+        share = np.array([self.tyres.long * along / np.maximum(up, 1e-9), self.tyres.side * aside]) * np.sign(rate)
         self._share += np.minimum(np.abs(rate) * self._step / RELAXATION, 1.0) * (share - self._share)
         for k, (long, side) in enumerate(self._share.T.tolist()):
             self.set_radius(k, self.radius[k] * (1 - long))

@@ -101,7 +101,7 @@ def test_jitter_is_uncertainty_of_where_the_robot_was():
     """Readings that come early or late together contradict the reference, not each other."""
     robot, found = ROBOT.with_effects(SampleJitter(value=0.005)), []
     for seed in range(1, 5):
-        log = as_recorded(robot, driven(), seed, Noise())
+        log = as_recorded(robot, driven(), np.random.default_rng([seed, 4]), Noise())
         found.append([linearise(ROBOT, [log], among=[], jitter=jitter).noise.position for jitter in (0.0, 0.005)])
     unaware, aware = np.sqrt(np.mean(np.square(found), axis=0))
     assert aware == pytest.approx(Noise().position, rel=0.1)

@@ -25,6 +25,7 @@ from castor_envs.effects.floor import Bump, FloorSlope
 from castor_envs.effects.reference import ReferenceLeverX
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, Patch
+from castor_envs.motion.controllers import trailing_angles
 from castor_envs.motion.trajectories import Leg, Trajectory, wander
 from castor_envs.motion.trajectories import Run as Drive
 from castor_envs.vehicles.effect import Effect
@@ -127,7 +128,7 @@ def test_other_robots_roll_too(name: str, most: float):
 
 def test_a_mirrored_motion_makes_the_mirrored_log(monkeypatch: pytest.MonkeyPatch):
     """The prototype's mirror image in the x axis is itself, with castors 2 and 3, and left and right, exchanged."""
-    monkeypatch.setattr(foreign_run, "start_angles", lambda build, motion, _: build.trailing(start(motion)))
+    monkeypatch.setattr(foreign_run, "start_angles", lambda geometry, motion, _: trailing_angles(geometry, start(motion)))
 
     def start(motion: Trajectory) -> np.ndarray:
         return np.array(motion.runs[0].legs[0].motion)
