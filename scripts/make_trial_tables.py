@@ -2,7 +2,7 @@
 
     castor-diagnose trial --out FOLDER && python scripts/make_trial_tables.py FOLDER...
 
-Without folders, the table is made anew of what is stored. Folders may hold the answers of several finders.
+Without folders, the table is made anew of what is stored.
 """
 
 import json
@@ -22,18 +22,16 @@ Figures = dict[str, Any]
 
 
 def figures_of(folders: list[Path]) -> Figures:
-    """Return the scores of all finders that have answered in some trials, as plain data."""
+    """Return the scores of some trials as plain data."""
     trials = []
-    for folder in folders:
-        for outcomes in sorted(path for path in (folder / "outcomes").iterdir() if any(path.glob("case-*.json"))):
-            scores = report(folder, outcomes.name)
-            shown = {key: scores[key] for key in ("plan", "finder", "judged")}
-            trials.append(shown | {key: scores["all"][key] for key in ("rates", "reliability", "calibration_error")})
+    for scores in map(report, folders):
+        shown = {key: scores[key] for key in ("plan", "finder", "judged")}
+        trials.append(shown | {key: scores["all"][key] for key in ("rates", "reliability", "calibration_error")})
     return {"format": FORMAT, "trials": trials}
 
 
 def table(figures: Figures) -> str:
-    """Return the table of all rates, a column for each trial and finder."""
+    """Return the table of all rates, a column for each trial."""
     trials = figures["trials"]
     heads = [f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for trial in trials]
     rows = [["", *heads], ["---"] * (len(heads) + 1)]

@@ -14,8 +14,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trials import folder as trials
 from discrepancy.trials import scores
 from discrepancy.trials.run import DURATION, Plan
-from discrepancy.trials.trains import scores as train_scores
-from discrepancy.trials.trains.run import plan_for
+from discrepancy.trials.trains.run import TrainPlan
 
 
 def trial(
@@ -42,13 +41,13 @@ def trial(
 
     def run_in(folder: Path) -> None:
         if robot is not None and isinstance(any_preset(robot), TrainDescription):
-            plan, scoring = plan_for(cases, generator, seed, robot, duration), train_scores
+            plan = TrainPlan(cases, seed, generator, [robot], duration)
         else:
-            plan, scoring = Plan.of(cases, seed, generator, robot, duration), scores
+            plan = Plan.of(cases, seed, generator, robot, duration)
         trials.make(plan, folder, jobs=jobs)
         trials.judge(plan, folder, jobs=jobs)
-        scored = scoring.report(folder)
-        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scoring.lines(scored)))
+        scored = scores.report(folder)
+        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
 
     if out is not None:
         with command_line.keeping(f"what is done is kept in {out}: the same command continues"):

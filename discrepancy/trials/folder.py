@@ -3,7 +3,7 @@
     trial.json               settings
     cases/case-0001/         log.csv, holdout.csv and the vehicle's file, without effects: the files for the finder
     labels/case-0001.json    the hidden effects
-    outcomes/                the finder's answers, of robots in the folder `posterior`
+    outcomes/posterior/      the finder's answers
 
 Files that are there already are kept, so a trial that was interrupted continues. To judge the finder again, delete its
 outcomes.
@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np  # noqa: F401  # and with it linear algebra, before its threads are limited
 from threadpoolctl import threadpool_limits
@@ -24,22 +24,19 @@ from threadpoolctl import threadpool_limits
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, remove_leftovers, write_json
 from castor_envs.processes import Done, InOrder, Job, Raised, run_jobs
+from discrepancy.trials.said import Said
 
 Task = tuple[Callable[..., None], tuple[Any, ...]]
 """A function and its arguments."""
 
 LOGS = ("log.csv", "holdout.csv")
 
+FORMAT, FINDER = "castor-trial-case/2", "posterior"
+"""Format of labels and answers, and the finder that answers."""
+
 
 class Settings(Protocol):
-    """The settings of a trial, a dataclass: how its cases are made, and its finder asked.
-
-    answers: subfolder of outcomes. unanswered: what an answer holds, beside verdict and reason, where there is none.
-    """
-
-    answers: ClassVar[str]
-    head: ClassVar[dict[str, Any]]
-    unanswered: ClassVar[dict[str, Any]]
+    """The settings of a trial, a dataclass: how its cases are made, and its finder asked."""
 
     @property
     def cases(self) -> int:
@@ -58,7 +55,7 @@ class Settings(Protocol):
         """Return what cases share that are best judged one after another."""
         ...
 
-    def answer(self, name: str, folder: Path) -> dict[str, Any]:
+    def answer(self, name: str, folder: Path) -> Said:
         """Return the finder's answer on a case."""
         ...
 
@@ -83,7 +80,7 @@ def make(plan: Settings, folder: str | os.PathLike[str], *, jobs: int | None = N
 
 def judge(plan: Settings, folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
     """Run the finder on every case that has no answer yet."""
-    folder, outcomes = Path(folder), Path(folder) / "outcomes" / plan.answers
+    folder, outcomes = Path(folder), Path(folder) / "outcomes" / FINDER
     outcomes.mkdir(parents=True, exist_ok=True)
     remove_leftovers(outcomes)
     made = [k for k in range(1, plan.cases + 1) if label_file(folder, name_of(k)).exists()]
@@ -99,10 +96,10 @@ def asked_of(folder: str | os.PathLike[str]) -> dict[str, Any]:
     return read_json(path)
 
 
-def judged(folder: str | os.PathLike[str], answers: str) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+def judged(folder: str | os.PathLike[str]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """Return labels and answers of all judged cases of a trial; raises InputError if there are none."""
     folder = Path(folder)
-    paths = sorted((folder / "outcomes" / answers).glob("case-*.json"))
+    paths = sorted((folder / "outcomes" / FINDER).glob("case-*.json"))
     if not paths:
         raise InputError(f"{folder}: the finder has no answers yet; judge the cases first")
     return [(read_json(label_file(folder, path.stem)), read_json(path)) for path in paths]
@@ -119,8 +116,10 @@ def label_file(folder: Path, name: str) -> Path:
 
 
 def _make_case(plan: Settings, number: int, folder: Path) -> None:
-    (folder / "cases" / name_of(number)).mkdir(exist_ok=True)
-    write_json(label_file(folder, name_of(number)), plan.make_case(number, folder))
+    started, name = time.process_time(), name_of(number)
+    (folder / "cases" / name).mkdir(exist_ok=True)
+    label = {"format": FORMAT, "case": number} | plan.make_case(number, folder)
+    write_json(label_file(folder, name), label | {"seconds": time.process_time() - started})
 
 
 def _judge_case(plan: Settings, number: int, folder: Path) -> None:
@@ -128,11 +127,11 @@ def _judge_case(plan: Settings, number: int, folder: Path) -> None:
     try:
         said = plan.answer(name, folder)
     except InputError as error:
-        said = plan.unanswered | {"verdict": "refused", "reason": str(error)}
+        said = Said("refused", reason=str(error))
     except Exception:  # a finder that breaks fails its own case, no other
-        said = plan.unanswered | {"verdict": "broken", "reason": traceback.format_exc()}
-    head = plan.head | {"case": number, "seconds": time.process_time() - started}
-    write_json(folder / "outcomes" / plan.answers / f"{name}.json", head | said)
+        said = Said("broken", reason=traceback.format_exc())
+    head = {"format": FORMAT, "finder": FINDER, "case": number, "seconds": time.process_time() - started}
+    write_json(folder / "outcomes" / FINDER / f"{name}.json", head | said.as_data())
 
 
 def do_all(tasks: Sequence[Task], jobs: int | None) -> None:

@@ -5,11 +5,10 @@ labels/case-0001.npz            the true path of the held-out log
 """
 
 import dataclasses
-import time
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -21,16 +20,15 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import BOUNDS, Case, hide, motion, setting
-from discrepancy.trials.finders import FINDER, Said, say
 from discrepancy.trials.folder import LOGS, Task, label_file, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.reading import as_recorded
+from discrepancy.trials.said import Said, say
 from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
-from discrepancy.validation.cost import apart, cost_of, odometry, rms_of
+from discrepancy.validation.cost import apart, odometry, rms_of
 
-FORMAT = "castor-trial-case/2"
 DURATION = 60.0
 CLEAN = 3
 """Number of clean logs, where there are any."""
@@ -54,9 +52,6 @@ class Plan:
     generator: str
     robots: list[str]
     duration: float = DURATION
-    answers: ClassVar[str] = FINDER
-    head: ClassVar[dict[str, Any]] = {"format": FORMAT, "finder": FINDER}
-    unanswered: ClassVar[dict[str, Any]] = Said("").as_data() | {"gap": None}
 
     @classmethod
     def of(cls, cases: int, seed: int, generator_name: str, robot: str | None, duration: float) -> "Plan":
@@ -78,18 +73,18 @@ class Plan:
 
     def make_case(self, number: int, folder: Path) -> dict[str, Any]:
         """Make a case; if no effect can have the z that is drawn, its strength is drawn by cost."""
-        started, begun = time.process_time(), self.setting(number)
+        begun = self.setting(number)
         for case in dict.fromkeys([begun, dataclasses.replace(begun, measure="cost")]):
             label = _made(self, case, folder)
             if label is not None:
-                return label | {"seconds": time.process_time() - started}
+                return label
         raise RuntimeError(f"case {number} could not be had in {ATTEMPTS} attempts")
 
     def together(self, number: int) -> str:
         """Return the robot of a case: the finder keeps what it computed from clean logs."""
         return self.setting(number).robot
 
-    def answer(self, name: str, folder: Path) -> dict[str, Any]:
+    def answer(self, name: str, folder: Path) -> Said:
         """Return the finder's answer on a case; it is given the case's files and, where the case has them, clean
         logs."""
         label, case = read_json(label_file(folder, name)), folder / "cases" / name
@@ -97,9 +92,8 @@ class Plan:
         log, held_out = (read_log(case / file, robot) for file in LOGS)
         good = _read_clean(folder, label["robot"], label["reference"]) if label["clean"] else {}
         said = say(robot, {LOGS[0]: log}, {LOGS[1]: held_out}, good)
-        costs = [cost_of(robot, effect, [log]) for _, effect, *_ in said.sizes]
         with np.load(folder / "labels" / f"{name}.npz") as kept:
-            return said.as_data(costs) | {"gap": _gap(said, robot, held_out, kept["path"])}
+            return dataclasses.replace(said, gap=_gap(said, robot, held_out, kept["path"]))
 
 
 def robots_for(source: Generator, robot: str | None = None) -> list[str]:
@@ -187,8 +181,6 @@ def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
     kept = ("stratum", "robot", "course", "seeds", "clean", "reference", "measure", "targets")
     log, holdout = (dataclasses.asdict(strength) for strength in strengths) if strengths else (None, None)
     return {
-        "format": FORMAT,
-        "case": case.number,
         **{key: getattr(case, key) for key in kept},
         "hidden": [_hidden(hidden) for hidden in case.hidden],
         "log": log,

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.trials.finders import FINDER, QUIET
-from discrepancy.trials.folder import asked_of, judged
-from discrepancy.trials.run import Plan
+from discrepancy.trials.folder import FINDER, asked_of, judged
+from discrepancy.trials.said import QUIET
 
 FORMAT = "castor-trial/3"
 
@@ -37,7 +36,7 @@ EDGES = (LEAST_REPORTED, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 @dataclass(frozen=True)
-class Judged:
+class Trial:
     """A judged case: its label (the hidden effects) and its outcome (the finder's answer)."""
 
     label: dict[str, Any]
@@ -47,10 +46,6 @@ class Judged:
     def broken(self) -> bool:
         """Whether the finder broke down."""
         return self.outcome["verdict"] == "broken"
-
-
-class Trial(Judged):
-    """A judged case of a robot."""
 
     @property
     def truth(self) -> frozenset[str]:
@@ -108,7 +103,7 @@ class Trial(Judged):
         return any((sized.get(name) or math.inf) > MATTERS for name in self.named)
 
     def least(self, key: str, log: str = "log") -> float:
-        """Return the least cost, z or z_sep of the hidden effects; infinite if there are none."""
+        """Return the least cost, z or z_sep of the hidden effects; infinite if there are none, or it is not known."""
         return min(self.label[log][key], default=math.inf) if self.label[log] else math.inf
 
     @property
@@ -191,11 +186,7 @@ class Rate:
 PLAIN = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
 MATTERING = f"{1e3 * MATTERS:g} mm per 10 m"
 
-Table = Sequence[tuple[str, str | None, str | None, str]]
-"""Rates to report: a statement; stratum and a property of the cases that are counted (None: of all); and the property
-that is a hit."""
-
-RATES: Table = (
+RATES: Sequence[tuple[str, str | None, str | None, str]] = (
     ("clean: any alarm", "clean", None, "alarm"),
     ("clean: a sure name", "clean", None, "wrong"),
     (
@@ -220,6 +211,8 @@ RATES: Table = (
     ("something named: the held-out gap is larger after than before", None, "has_gap", "gap_grew"),
     ("the finder broke down", None, None, "broken"),
 )
+"""Rates to report: a statement; stratum and a property of the cases that are counted (None: of all); and the property
+that is a hit."""
 
 COVERED = "95 % intervals of sizes named rightly: the true size within"
 
@@ -234,19 +227,14 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def rates_of(trials: Sequence[Judged], table: Table) -> list[Rate]:
-    """Return the rates of a table over these cases."""
-    rates = []
-    for statement, stratum, condition, hit in table:
-        counted = [trial for trial in trials if stratum in (None, trial.label["stratum"])]
-        counted = [trial for trial in counted if condition is None or getattr(trial, condition)]
-        rates.append(Rate.of(statement, (getattr(trial, hit) for trial in counted)))
-    return rates
-
-
 def rates(trials: Sequence[Trial]) -> list[Rate]:
     """Return all rates over these cases."""
-    return [*rates_of(trials, RATES), Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
+    found = []
+    for statement, stratum, condition, hit in RATES:
+        counted = [trial for trial in trials if stratum in (None, trial.label["stratum"])]
+        counted = [trial for trial in counted if condition is None or getattr(trial, condition)]
+        found.append(Rate.of(statement, (getattr(trial, hit) for trial in counted)))
+    return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
 def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
@@ -257,7 +245,7 @@ def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     for k in np.unique(place).tolist():
         inside = [entry for entry, where in zip(reported, place, strict=True) if where == k]
         rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (right for _, right in inside))
-        bins.append(as_plain(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
+        bins.append(_as_plain(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
     return bins
 
 
@@ -299,40 +287,47 @@ def confusion(trials: Sequence[Trial]) -> dict[str, dict[str, int]]:
     return {truth: dict(sorted(row.items())) for truth, row in sorted(table.items())}
 
 
-def report(folder: str | os.PathLike[str], finder: str = FINDER) -> dict[str, Any]:
-    """Return all scores of a finder in a trial as plain data."""
-    plan, trials = Plan(**asked_of(folder)), [Trial(*case) for case in judged(folder, finder)]
-    groups = {name: [trial for trial in trials if trial.label["robot"] == name] for name in plan.robots}
-    for key, given, missing in (
-        ("clean", "clean logs given", "no clean logs given"),
-        ("reference", "with a reference", "without a reference"),
-    ):
-        groups[given] = [trial for trial in trials if trial.label[key]]
-        groups[missing] = [trial for trial in trials if not trial.label[key]]
+GROUPS = (
+    ("robot", str),
+    ("clean", {True: "clean logs given", False: "no clean logs given"}.get),
+    ("reference", {True: "with a reference", False: "without a reference"}.get),
+    ("drive", {"yielding": "wheels that yield to each other", "held": "wheels held at speed"}.get),
+)
+"""What groups cases, as labels have it, and what a group is called."""
+
+
+def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return all scores of a trial as plain data."""
+    plan, trials = asked_of(folder), [Trial(*case) for case in judged(folder)]
+    groups: dict[str, list[Trial]] = {}
+    for key, called in GROUPS:
+        for trial in trials:
+            if key in trial.label:
+                groups.setdefault(str(called(trial.label[key])), []).append(trial)
     return {
         "format": FORMAT,
-        "plan": dataclasses.asdict(plan),
-        "finder": finder,
+        "plan": plan,
+        "finder": FINDER,
         "judged": len(trials),
         "all": _scores(trials),
-        "groups": {name: _scores(group) for name, group in groups.items() if group},
+        "groups": {name: _scores(group) for name, group in groups.items()},
         "confusion": confusion(trials),
     }
 
 
 def lines(scores: dict[str, Any]) -> list[str]:
     """Return the scores of `report` as text."""
-    plan = Plan(**scores["plan"])
-    done = f"{scores['judged']} of {plan.cases} cases, generator {plan.generator}, seed {plan.seed}"
-    text = [f"{done}, finder {scores['finder']}, {len(plan.robots)} robots"]
+    plan = scores["plan"]
+    done = f"{scores['judged']} of {plan['cases']} cases, generator {plan['generator']}, seed {plan['seed']}"
+    text = [f"{done}, finder {scores['finder']}, {len(plan['robots'])} robots"]
     for name, group in {"all": scores["all"], **scores["groups"]}.items():
         seconds = group["seconds"]
         each = f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each"
         text += ["", f"{name}: {group['cases']} cases, {each}"]
-        text += [counted(rate) for rate in group["rates"] if rate["total"] or name == "all"]
+        text += [_counted(rate) for rate in group["rates"] if rate["total"] or name == "all"]
         if group["reliability"]:
             text.append("reported probability against the part that is right, of names:")
-        text += [f"{counted(entry)}, mean {entry['probability']:.3f}" for entry in group["reliability"]]
+        text += [f"{_counted(entry)}, mean {entry['probability']:.3f}" for entry in group["reliability"]]
         if group["calibration_error"] is not None:
             text.append(f"expected calibration error {group['calibration_error']:.3f}")
     text += ["", "Hidden -> answered:"]
@@ -341,7 +336,7 @@ def lines(scores: dict[str, Any]) -> list[str]:
     return text
 
 
-def as_plain(rate: Rate) -> dict[str, Any]:
+def _as_plain(rate: Rate) -> dict[str, Any]:
     """Return a rate as data for JSON."""
     return dataclasses.asdict(rate) | {"share": rate.count / rate.total if rate.total else None}
 
@@ -350,7 +345,7 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     bins = reliability([entry for trial in trials for entry in trial.reported()])
     return {
         "cases": len(trials),
-        "rates": [as_plain(rate) for rate in rates(trials)],
+        "rates": [_as_plain(rate) for rate in rates(trials)],
         "reliability": bins,
         "calibration_error": calibration_error(bins),
         "seconds": {
@@ -360,8 +355,8 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     }
 
 
-def counted(rate: dict[str, Any], digits: int = 1) -> str:
-    """Return a rate of `as_plain` as text. digits: of the interval, after the point."""
+def _counted(rate: dict[str, Any]) -> str:
+    """Return a rate of `_as_plain` as text."""
     share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
-    ends = f"{100 * rate['low']:.{digits}f} to {100 * rate['high']:.{digits}f}"
+    ends = f"{100 * rate['low']:.1f} to {100 * rate['high']:.1f}"
     return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {ends})  {rate['what']}"

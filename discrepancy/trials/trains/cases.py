@@ -35,19 +35,15 @@ BOUNDS = {
 ONE_WAY = ("foreshortening_left_out", "axle_slip")
 """Effects whose sizes are positive; sizes of other effects have either sign."""
 
-THIRDS = ("small", "middle", "large")
-
 
 @dataclass(frozen=True)
 class Case:
-    """seeds: of the log and the held-out log. thirds: third of its bounds in which the size of each hidden effect lies
-    (`THIRDS`); "none" for effects without a size."""
+    """seeds: of the log and the held-out log."""
 
     number: int
     stratum: Stratum
     drive: Drive
     hidden: tuple[Placed, ...]
-    thirds: tuple[str, ...]
     seeds: tuple[int, int]
     outside: Outside | None = None
 
@@ -61,7 +57,7 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
     ]
     kinds = sorted({placed.effect.name for placed in placed_effects})
     chosen = random.choice(kinds, size={"one": 1, "two": 2}.get(stratum, 0), replace=False)
-    hidden, thirds = [], []
+    hidden = []
     for kind in chosen.tolist():
         places = [placed for placed in placed_effects if placed.effect.name == kind]
         effect = places[int(random.integers(len(places)))]
@@ -71,8 +67,7 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
             size = math.exp(low + part * (high - low))
             effect = effect.sized(size if kind in ONE_WAY else sign * size)
         hidden.append(effect)
-        thirds.append(THIRDS[min(int(3 * part), 2)] if kind in BOUNDS else "none")
     first, second = (int(seed_value) for seed_value in random.integers(10**9, size=2))
     drive: Drive = "yielding" if number % 2 else "held"
     outside = draw_outside(train, random) if stratum == "outside" else None
-    return Case(number, stratum, drive, tuple(hidden), tuple(thirds), (first, second), outside)
+    return Case(number, stratum, drive, tuple(hidden), (first, second), outside)

@@ -128,7 +128,7 @@ def test_other_robots_roll_too(name: str, most: float):
 
 def test_a_mirrored_motion_makes_the_mirrored_log(monkeypatch: pytest.MonkeyPatch):
     """The prototype's mirror image in the x axis is itself, with castors 2 and 3, and left and right, exchanged."""
-    monkeypatch.setattr(foreign_run, "start_angles", lambda geometry, motion, _: trailing_angles(geometry, start(motion)))
+    monkeypatch.setattr(foreign_run, "start_angles", lambda body, motion, _: trailing_angles(body, start(motion)))
 
     def start(motion: Trajectory) -> np.ndarray:
         return np.array(motion.runs[0].legs[0].motion)

@@ -15,9 +15,9 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials import folder as trials
 from discrepancy.trials import run, scores
 from discrepancy.trials.cases import BOUNDS, SEVERAL
-from discrepancy.trials.finders import Said, Single, said_of
 from discrepancy.trials.generators import generator
 from discrepancy.trials.hidden import class_of
+from discrepancy.trials.said import Said, Single, Size
 
 CASES, SEED, ROBOT = 5, 18, "2-castor"
 PLAN = run.Plan(CASES, SEED, "pymunk", [ROBOT], 12.0)
@@ -142,9 +142,8 @@ def test_a_finder_that_knows_the_truth_is_right_throughout(folder, monkeypatch):
 
     def knows(robot, *_):
         effects: list[Effect] = next(truths)
-        return said_of(
-            [Single("named", {class_of(one): 1.0}, (class_of(one),), one, 0.01 * abs(one.value)) for one in effects]
-        )
+        sizes = [Size(class_of(one), one, one.value - 1e-9, one.value + 1e-9, None) for one in effects]
+        return Said.of([Single("named", {size.name: 1.0}, (size.name,), size) for size in sizes])
 
     outcomes = judged(folder, monkeypatch, knows)
     for label, outcome in zip(labels(folder), outcomes, strict=True):

@@ -14,8 +14,9 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate, family_of
 from discrepancy.posterior.answers import Answer
 from discrepancy.preflight import Mistake
-from discrepancy.trials import finders
-from discrepancy.trials.finders import NORMAL, Said, Single, said_of, say
+from discrepancy.trials import said as said_module
+from discrepancy.trials.said import Said, Single, say
+from estimators.calibration.identifiability import COVERAGE
 
 ROBOT = preset("asoc-prototype")
 TRACK = Track(castor=1, value=1e-3)
@@ -32,7 +33,7 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
 
 
 def posterior_says(monkeypatch, *answers, mistakes=()):
-    monkeypatch.setattr(finders, "posterior_of", lambda *_: (mistakes, cast("Any", Answers(list(answers)))))
+    monkeypatch.setattr(said_module, "posterior_of", lambda *_: (mistakes, cast("Any", Answers(list(answers)))))
     return say(ROBOT, {}, {}, {})
 
 
@@ -42,7 +43,7 @@ class Answers:
 
 
 def test_no_answer_is_no_discrepancy(monkeypatch):
-    assert posterior_says(monkeypatch) == said_of([]) == Said("no discrepancy")
+    assert posterior_says(monkeypatch) == Said.of([]) == Said("no discrepancy")
 
 
 def test_a_single_name_is_sure_and_has_a_size(monkeypatch):
@@ -57,7 +58,7 @@ def test_a_single_name_is_sure_and_has_a_size(monkeypatch):
     )
     assert said.probabilities == pytest.approx({"track 1": 0.97, "wheel_radius 1 2": 0.02})
     (size,) = said.sizes
-    assert size[2:] == pytest.approx((1e-3 - NORMAL * 1e-5, 1e-3 + NORMAL * 1e-5))
+    assert (size.low, size.high) == pytest.approx((1e-3 - COVERAGE * 1e-5, 1e-3 + COVERAGE * 1e-5))
     assert said.effects == (TRACK,)
 
 
@@ -84,7 +85,7 @@ def test_a_wave_has_an_error_along_its_phase(monkeypatch):
     covariance = np.outer([4, -3], [4, -3]) * 1e-8 + np.outer([3, 4], [3, 4]) / 25 * 1e-10
     told = answer({family_of(wave): 1.0}, (family_of(wave),), wave, amplitudes=[3e-3, 4e-3], covariance=covariance)
     (size,) = posterior_says(monkeypatch, told).sizes
-    assert size[3] == pytest.approx(5e-3 + NORMAL * 1e-5)
+    assert size.high == pytest.approx(5e-3 + COVERAGE * 1e-5)
 
 
 def test_names_at_a_place_on_the_floor_are_of_their_class(monkeypatch):
@@ -100,7 +101,7 @@ def test_what_is_negligible_is_not_sure(monkeypatch):
 def test_the_whole_is_as_sure_as_its_weakest_part():
     parts = {verdict: Single(verdict, {}, ()) for verdict in ("named", "negligible", "unconfirmed", "unexplained")}
     for fewer, expected in ((4, "unexplained"), (3, "unconfirmed"), (2, "named"), (1, "named")):
-        assert said_of(list(parts.values())[:fewer]).verdict == expected
+        assert Said.of(list(parts.values())[:fewer]).verdict == expected
 
 
 def test_wiring_is_named_unless_it_may_be_something_else(monkeypatch):

@@ -1,0 +1,159 @@
+"""The finder's answer on a case of a trial, as classes of effects with probabilities."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from castor_envs.effects.catalogue import EFFECTS, catalogue
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.effect import Effect
+from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.diagnose import posterior_of
+from discrepancy.hypotheses.candidates import family_of
+from discrepancy.posterior.answers import Answer, Verdict
+from discrepancy.posterior.verdicts import WEAKEST_FIRST
+from discrepancy.preflight import Mistake
+from discrepancy.trials.hidden import class_of
+from discrepancy.validation.cost import cost_of
+from estimators.calibration.identifiability import COVERAGE
+
+Logs = Mapping[str, Log]
+
+QUIET = ("negligible", "no discrepancy")
+"""Verdicts that are no alarm."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """The effect of a class, the ends of the 95 % interval of its value (None: it has no size), and its cost in use, m
+    per 10 m."""
+
+    name: str
+    effect: Effect
+    low: float | None
+    high: float | None
+    cost: float | None
+
+    def as_data(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "class": self.name,
+            "effect": asdict(self.effect),
+            "low": self.low,
+            "high": self.high,
+            "cost": self.cost,
+        }
+
+
+@dataclass(frozen=True)
+class Single:
+    """The answer on one effect. probabilities: of classes, and of unnamed alternatives (None). size: None where it is
+    not known."""
+
+    verdict: Verdict
+    probabilities: Mapping[str | None, float]
+    credible: tuple[str | None, ...]
+    size: Size | None = None
+
+    @classmethod
+    def of(cls, answer: Answer, class_named: Callable[[str], str | None], size: Size | None) -> "Single":
+        """Return an answer of the posterior. class_named: the class of a name; None for an unnamed alternative."""
+        probabilities: dict[str | None, float] = {}
+        for name, probability in answer.probabilities.items():
+            if name != "nothing":
+                known = class_named(name)
+                probabilities[known] = probabilities.get(known, 0.0) + probability
+        return cls(answer.verdict, probabilities, tuple(dict.fromkeys(map(class_named, answer.credible))), size)
+
+
+def size_of(name: str, effect: Effect, answer: Answer, cost: float | None) -> Size:
+    """Return the size of an answer's effect; the error is that along the phase found."""
+    if effect.binary:
+        return Size(name, effect, None, None, cost)
+    way = answer.amplitudes / (np.linalg.norm(answer.amplitudes) or 1.0)
+    error = COVERAGE * math.sqrt(max(float(way @ answer.covariance @ way), 0.0))
+    return Size(name, effect, effect.value - error, effect.value + error, cost)
+
+
+@dataclass(frozen=True)
+class Said:
+    """The answer on all effects, in classes.
+
+    verdict: of the whole. named: the classes with verdict "named", each with its probability. credible: the 95 %
+    credible sets, without unnamed alternatives. unnamed: whether a set contains an unnamed alternative. probabilities:
+    of every possible class. sizes: of what is named. effects: those added to the vehicle. gap: see `run`.
+    """
+
+    verdict: str
+    named: Mapping[str, float] = field(default_factory=dict)
+    credible: tuple[tuple[str, ...], ...] = ()
+    unnamed: bool = False
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    sizes: tuple[Size, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    reason: str = ""
+    gap: Mapping[str, float] | None = None
+
+    @classmethod
+    def of(cls, singles: Sequence[Single], reason: str = "") -> "Said":
+        """Return the answer of the answers on single effects."""
+        sure = [single for single in singles if single.verdict == "named"]
+        sizes = tuple(single.size for single in sure if single.size is not None)
+        absent: dict[str, float] = {}
+        for single in singles:
+            for name, probability in single.probabilities.items():
+                if name is not None:
+                    absent[name] = absent.get(name, 1.0) * (1.0 - min(probability, 1.0))
+        verdicts = [*WEAKEST_FIRST, "no discrepancy"]
+        return cls(
+            min((single.verdict for single in singles), key=verdicts.index, default="no discrepancy"),
+            {name: single.probabilities[name] for single in sure for name in single.credible if name is not None},
+            tuple(tuple(name for name in single.credible if name is not None) for single in singles),
+            any(None in single.credible for single in singles),
+            {name: 1.0 - part for name, part in absent.items()},
+            sizes,
+            tuple(size.effect for size in sizes),
+            reason,
+        )
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the answer as plain data."""
+        kept = ("verdict", "named", "credible", "unnamed", "probabilities", "reason", "gap")
+        sizes, effects = [size.as_data() for size in self.sizes], [asdict(effect) for effect in self.effects]
+        return {key: getattr(self, key) for key in kept} | {"sizes": sizes, "effects": effects}
+
+
+def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
+    """Return the posterior's answer for a robot, its logs, held-out logs and clean logs, by their names."""
+    mistakes, found = posterior_of(robot, logs, held_out, clean)
+    classes = {family_of(effect): class_of(effect) for effect in catalogue(robot)}
+
+    def class_named(family: str) -> str | None:
+        """Return the class of a family, or of an effect at a place on the floor."""
+        name, *_ = family.split()
+        return classes.get(family, name if name in EFFECTS else None)
+
+    singles = _of_mistakes(mistakes)
+    for answer in found.answers:
+        effect, size = answer.effect, None
+        if effect is not None:
+            cost = cost_of(robot, effect, list(logs.values())) if answer.verdict == "named" else None
+            size = size_of(class_of(effect), effect, answer, cost)
+        singles.append(Single.of(answer, class_named, size))
+    reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in found.answers)]
+    undone = [effect for mistake in mistakes if not mistake.alternatives for effect in mistake.effects]
+    said = Said.of(singles, "; ".join(reasons))
+    return dataclasses.replace(said, effects=(*said.effects, *undone))
+
+
+def _of_mistakes(mistakes: Sequence[Mistake]) -> list[Single]:
+    """Return gross mistakes as answers on single effects."""
+    singles = []
+    for mistake in mistakes:
+        sure = "ambiguous" if mistake.alternatives else "named"
+        singles += [Single(sure, {class_of(effect): 1.0}, (class_of(effect),)) for effect in mistake.effects]
+    return singles
