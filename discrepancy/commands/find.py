@@ -12,7 +12,7 @@ from castor_envs.logs.trajectory_files import write_drive
 from castor_envs.vehicles.load import file_name
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.commands.given import Logs, Robot, logs_of, tell, vehicle_of
-from discrepancy.diagnose import Examined, examine
+from discrepancy.diagnose import examine
 from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
 from discrepancy.report.files import write_diagnosis
@@ -63,8 +63,7 @@ def find(
         examined = examine_train(description, named, held_out, before, matters)
     else:
         examined = examine(description, named, held_out, before, matters)
-    drives = examined.drives if isinstance(examined, Examined) else ()
-    best = max(drives, key=lambda drive: drive.expected, default=None)
+    best = max(examined.drives, key=lambda drive: drive.expected, default=None)
     data = examined.data | {
         "robot_file": str(out / file_name(description)) if out and examined.found else None,
         "separating_drive_file": str(separate) if separate is not None and best is not None else None,

@@ -1,7 +1,7 @@
 """The page about a diagnosis by posterior: a pure function of its data (castor-diagnosis/2) and of pictures.
 
-The template `report.html` says where things stand, in the style of all pages; here is what stands there. Entries that
-are missing are left out, and so are sections of nothing.
+The template `report.html` says where things stand, in the style of all pages; here is what stands there. Sections of
+nothing are left out.
 """
 
 import base64
@@ -13,7 +13,7 @@ from typing import Any
 
 from castor_envs.rendering.pages.page import render
 from discrepancy.report import sentences
-from discrepancy.report.parts import Data, mapping, mappings, names_apart, number
+from discrepancy.report.parts import Data, names_apart, number
 from discrepancy.report.pictures import Picture, learned_curve, probabilities
 
 GAP = (("m", "position", "mm"), ("rad", "heading", "mrad"))
@@ -29,15 +29,14 @@ MOTION = (
 def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
     """Return the report: the same bytes for the same data and pictures, which go to sections by their names."""
     gaps = " ".join(f"{line[:1].upper()}{line[1:]}." for line in sentences.gaps_of(data))
-    checks = dict.fromkeys(str(answer["check"]) for answer in sentences.material(data) if answer.get("check"))
-    preflight, mistakes = list(data.get("preflight") or ()), len(mappings(data.get("mistakes")))
-    replay = mapping(data.get("replay"))
+    checks = dict.fromkeys(answer["check"] for answer in sentences.material(data) if answer["check"])
+    preflight, mistakes, replay = data["preflight"], len(data["mistakes"]), data["replay"] or {}
     return render(
         Path(__file__).parent,
         "report.html",
         scripted=False,
-        robot=data.get("robot") or "robot",
-        verdict=data.get("verdict") or "diagnosis",
+        robot=data["robot"],
+        verdict=data["verdict"],
         sentence=sentences.sentence(data),
         head=[("The gap.", gaps), ("To check.", " ".join(checks))],
         logs=_logs(data),
@@ -49,9 +48,9 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
         gap_notes=list(_gap_notes(data)),
         replay=_replay(replay),
         replay_notes=list(_replay_notes(replay)),
-        where=_where(mapping(data.get("where"))),
+        where=_where(data["where"]),
         robot_file=data.get("robot_file"),
-        effects=_json_of(data["effects"]) if data.get("effects") else None,
+        effects=_json_of(data["effects"]) if data["effects"] else None,
         data=_json_of(data),
         pictures={picture.name: _shown(picture) for picture in pictures},
     )
@@ -60,18 +59,18 @@ def html_of(data: Data, pictures: Sequence[Picture] = ()) -> str:
 def drawn(data: Data) -> list[Picture]:
     """Return the pictures that are drawn from the data alone: how likely names are, where there are two to compare; and
     the learned curve, if there is one."""
-    names, answers = mapping(data.get("names")), mappings(data["answers"])
+    names, answers = data["names"], data["answers"]
     likely = [(str(names[name]), part) for name, part in data["probabilities"].items() if part >= sentences.SHOWN]
-    named = [str(answer["what"]) for answer in answers if answer["verdict"] == "named"]
+    named = [answer["what"] for answer in answers if answer["verdict"] == "named"]
     told = [(name, part, sentences.percent(part)) for name, part in likely]
-    learned = [learned_curve(str(answer["what"]), answer["curve"]) for answer in answers if answer.get("curve")]
+    learned = [learned_curve(answer["what"], answer["curve"]) for answer in answers if answer["curve"]]
     return [*([probabilities(told, named)] if len(told) > 1 else []), *learned[:1]]
 
 
 def _logs(data: Data) -> str:
     """Return the line of all logs' names."""
     kinds = (("", "logs"), ("held out: ", "held_out_logs"), ("clean: ", "clean_logs"))
-    groups = [(kind, list(data.get(key) or ())) for kind, key in kinds]
+    groups = [(kind, data[key]) for kind, key in kinds]
     called = names_apart(path for _, paths in groups for path in paths)
     return ", ".join(
         f"{kind}{f'log {k}: ' if not kind and len(paths) > 1 else ''}{called[str(path)]}"
@@ -81,73 +80,73 @@ def _logs(data: Data) -> str:
 
 
 def _card(data: Data, answer: Data) -> Data:
-    reason = sentences.reason_of(data, answer) if answer.get("verdict") != "named" else ""
+    reason = sentences.reason_of(data, answer) if answer["verdict"] != "named" else ""
     rows = {
-        "probability": sentences.percent(answer.get("probability")),
+        "probability": sentences.percent(answer["probability"]),
         "the same here": sentences.same_of(data, answer),
         "or else": sentences.listed(sentences.others_of(data, answer)),
-        "reads too much by" if answer.get("curve") else "size (95 %)": sentences.size_of(answer),
+        "reads too much by" if answer["curve"] else "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
         "not named, because": reason.partition("; nearest")[0],
         "nearest in the catalogue": sentences.nearest_of(answer),
         "a drive that would distinguish them": sentences.drive_of(answer),
-        "to check": answer.get("check"),
+        "to check": answer["check"],
     }
-    return {"what": answer.get("what") or "", "verdict": answer.get("verdict") or "", "rows": list(rows.items())}
+    return {"what": answer["what"], "verdict": answer["verdict"], "rows": list(rows.items())}
 
 
 def _trifles(data: Data) -> Iterator[str]:
-    for answer in mappings(data.get("answers")):
-        if answer.get("verdict") == "negligible":
-            told = str(answer.get("what")), sentences.size_of(answer), sentences.cost_of(answer)
+    for answer in data["answers"]:
+        if answer["verdict"] == "negligible":
+            told = answer["what"], sentences.size_of(answer), sentences.cost_of(answer)
             yield ", ".join(part for part in told if part)
 
 
 def _gap(data: Data) -> Data | None:
-    pairs = [data.get(of) or (None, None) for of in ("gap", "held_out_gap")]
+    pairs = [data[of] or (None, None) for of in ("gap", "held_out_gap")]
     four: list[Data] = [{} if gap is None else {"m": gap[0], "rad": gap[1]} for pair in pairs for gap in pair]
     return _before_after("Odometry with predicted creep less reference (rms)", four, GAP, 1e3)
 
 
 def _gap_notes(data: Data) -> Iterator[str]:
     if not _gap(data):
-        if "gap" in data:
-            yield "There are no reference poses: odometry's gap is not measured."
-    elif noise := mapping(data.get("noise")):
-        position, heading = (number(noise.get(key), 1e3, 2) for key in ("position_m", "heading_rad"))
+        yield "There are no reference poses: odometry's gap is not measured."
+    elif noise := data["noise"]:
+        position, heading = (number(noise[key], 1e3, 2) for key in ("position_m", "heading_rad"))
         yield f"The reference itself is uncertain by {position} mm and {heading} mrad."
 
 
 def _replay(replay: Data) -> Data | None:
-    four = [mapping(replay.get(key)) for key in ("before", "after", "held_out_before", "held_out_after")]
+    four = [replay.get(key) or {} for key in ("before", "after", "held_out_before", "held_out_after")]
     counted = four[0].get("drive") == "counts"  # then wheels turn as counted, whatever is missing
     rows = [row for row in MOTION if not (counted and row[0] == "wheels_rms_mm")]
     return _before_after("Simulation less measurement, at the end of a window (rms)", four, rows, 1.0)
 
 
 def _replay_notes(replay: Data) -> Iterator[str]:
-    if not (summary := mapping(replay.get("before"))):
+    if not replay:
         return
+    summary = replay["before"]
     how = {"commands": "the logged commands", "counts": "the counted turns of the wheels"}
-    notes = [f"{note[:1].upper()}{note[1:]}." for note in map(str, summary.get("notes") or ())]
-    noise = mapping(summary.get("expected"))
-    if noise.get("position_rms_mm") is not None:
-        position, heading = (number(noise.get(key), 1, 2) for key in ("position_rms_mm", "heading_rms_mrad"))
+    notes = [f"{note[:1].upper()}{note[1:]}." for note in summary["notes"]]
+    noise = summary.get("expected")
+    if noise and noise["position_rms_mm"] is not None:
+        position, heading = (number(noise[key], 1, 2) for key in ("position_rms_mm", "heading_rms_mrad"))
         notes.append(f"The reference's own noise alone leaves {position} mm and {heading} mrad.")
     yield (
-        f"The full simulation was driven by {how.get(str(summary.get('drive')), 'the log')} in "
-        f"{number(summary.get('windows'))} windows of {number(summary.get('window_s'), 1, 1)} s, each from where the "
-        f"robot was measured to be, {number(summary.get('driven_m'), 1, 1)} m in all. {' '.join(notes)}"
+        f"The full simulation was driven by {how[summary['drive']]} in "
+        f"{number(summary['windows'])} windows of {number(summary['window_s'], 1, 1)} s, each from where the "
+        f"robot was measured to be, {number(summary['driven_m'], 1, 1)} m in all. {' '.join(notes)}"
     )
 
 
-def _where(place: Data) -> str:
+def _where(place: Data | None) -> str:
     if not place:
         return ""
-    share, most = number(place.get("share_of_slip"), 100), number(place.get("most_slip_m"), 1e3, 2)
-    t, x, y = (number(place.get(key), 1, digits) for key, digits in (("at_s", 1), ("x_m", 2), ("y_m", 2)))
+    share, most = number(place["share_of_slip"], 100), number(place["most_slip_m"], 1e3, 2)
+    t, x, y = (number(place[key], 1, digits) for key, digits in (("at_s", 1), ("x_m", 2), ("y_m", 2)))
     return (
-        f"Most of it is in {place.get('channel') or ''} ({share} %); the largest, {most} mm in a second, at {t} s near "
+        f"Most of it is in {place['channel']} ({share} %); the largest, {most} mm in a second, at {t} s near "
         f"x {x}, y {y} m."
     )
 

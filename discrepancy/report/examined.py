@@ -3,10 +3,11 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.posterior.finder import Diagnosis
@@ -76,14 +77,16 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """The diagnosis: as data (castor-diagnosis/2), and the robot with the named effects; None if none is named.
+    """The diagnosis: as data (castor-diagnosis/2), and the robot, or train, with the named effects; None if none is
+    named.
 
-    seen: these logs, and held-out ones if there are any. drives: those that would separate ambiguous answers.
+    seen: these logs, and held-out ones if there are any, of a robot. drives: those that would separate ambiguous
+    answers.
     """
 
     data: Data
-    found: RobotDescription | None
-    seen: Mapping[str, Fit]
+    found: Vehicle | None
+    seen: Mapping[str, Fit] = field(default_factory=dict)
     drives: tuple[SeparatingDrive, ...] = ()
 
     @classmethod
@@ -95,9 +98,10 @@ class Examined:
         drives: Sequence[SeparatingDrive | None],
     ) -> "Examined":
         """Return what is told. drives: for each answer, None where there is none."""
-        checked, described, these = undone.checked, undone.described, seen["these logs"]
+        checked, described = undone.checked, undone.described
         found = undone.found(diagnosis.found.effects[len(diagnosis.robot.effects) :])
-        data = plain_data.as_data(diagnosis, checked.mistakes, *(fit.after for fit in seen.values())) | {
+        these, *held_out = ((fit.before, fit.after) for fit in seen.values())
+        data = plain_data.as_data(diagnosis, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
             "logs": list(undone.logs),
             "held_out_logs": list(undone.held_out),
@@ -110,17 +114,17 @@ class Examined:
         for answer, drive in zip(data["answers"], drives, strict=True):
             answer["separating_drive"] = None if drive is None else plain_data.drive_data(drive)
         if sentences.unexplained(data):
-            data["where"] = these.most_slip()
+            data["where"] = seen["these logs"].most_slip()
         return cls(_finite(data), found, seen, tuple(drive for drive in drives if drive is not None))
 
     def page(self) -> str:
         """Return the report as one HTML page."""
-        data, these = self.data, self.seen["these logs"]
-        shown: list[pictures.Picture | None] = [*answers.drawn(data)]
-        shown += [] if these.replays is None else [pictures.replays(*these.replays)]
-        shown.append(pictures.drift({title: fit.errors() for title, fit in self.seen.items()}))
-        shown += [] if data["where"] is None else these.maps(data["where"]["log"])
-        return answers.html_of(data, [picture for picture in shown if picture is not None])
+        shown: list[pictures.Picture | None] = [*answers.drawn(self.data)]
+        if (these := self.seen.get("these logs")) is not None:
+            shown += [] if these.replays is None else [pictures.replays(*these.replays)]
+            shown.append(pictures.drift({title: fit.errors() for title, fit in self.seen.items()}))
+            shown += [] if self.data["where"] is None else these.maps(self.data["where"]["log"])
+        return answers.html_of(self.data, [picture for picture in shown if picture is not None])
 
 
 def _replay_data(these: Fit, held_out: Fit | None = None) -> Data | None:

@@ -35,13 +35,3 @@ def number(value: Any, scale: float = 1.0, digits: int = 0, signed: bool = False
         return "\N{EN DASH}"
     shown = f"{value * scale:{'+' if signed else ''}.{digits}f}"
     return shown.replace("-", "\N{MINUS SIGN}")
-
-
-def mapping(value: Any) -> Data:
-    """Return data that should be a mapping; an empty one of anything else."""
-    return value if isinstance(value, Mapping) else {}
-
-
-def mappings(value: Any) -> list[Data]:
-    """Return data that should be a list of mappings."""
-    return [mapping(item) for item in value] if isinstance(value, list | tuple) else []

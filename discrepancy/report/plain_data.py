@@ -13,7 +13,6 @@ from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
 from discrepancy.posterior.dimensions import Dimension
 from discrepancy.posterior.finder import Diagnosis
-from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
 from estimators.calibration.identifiability import COVERAGE
@@ -21,21 +20,16 @@ from estimators.calibration.identifiability import COVERAGE
 FORMAT = "castor-diagnosis/2"
 
 Data = dict[str, Any]
+Pair = tuple[Any, Any]
 
 
-def as_data(
-    diagnosis: Diagnosis,
-    mistakes: Sequence[Mistake] = (),
-    after: Linearised | None = None,
-    held_out_after: Linearised | None = None,
-) -> Data:
-    """Return a diagnosis as plain data; lengths in m, angles in rad.
+def as_data(diagnosis: Diagnosis, seen: Pair, held_out: Pair | None, mistakes: Sequence[Mistake] = ()) -> Data:
+    """Return a diagnosis of a robot or a train as plain data; lengths in m, angles in rad.
 
-    mistakes: gross ones, undone in the logs. after, held_out_after: what the robot with all that is named leaves of the
-    logs; None if nothing is.
+    seen, held_out: logs, and held-out ones if there are any, linearised without and, if anything is named, with it.
+    mistakes: gross ones, undone in the logs.
     """
-    before, noise = diagnosis.before, (after or diagnosis.before).noise
-    gross = [_mistake(mistake) for mistake in mistakes]
+    noise, gross = (seen[1] or seen[0]).noise, [_mistake(mistake) for mistake in mistakes]
     missing = [diagnosis.verdict] if diagnosis.verdict != "no discrepancy" or not gross else []
     verdicts = [*(mistake["verdict"] for mistake in gross), *missing]
     return {
@@ -47,9 +41,9 @@ def as_data(
         "dimensions": [_dimension(dimension) for dimension in diagnosis.dimensions],
         "probabilities": diagnosis.inclusion,
         "names": _names(diagnosis),
-        "gap": gaps(before, after),
-        "held_out_gap": None if diagnosis.held_out is None else gaps(diagnosis.held_out[0], held_out_after),
-        "noise": None if before.gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
+        "gap": _gaps(*seen),
+        "held_out_gap": None if held_out is None else _gaps(*held_out),
+        "noise": None if seen[0].gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
     }
 
 
@@ -136,7 +130,7 @@ def _names(diagnosis: Diagnosis) -> dict[str, str]:
     return {name: words.get(name, name) for name in sorted(reported)}
 
 
-def gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
+def _gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
     """Return the gap, m and rad, without and with what is named."""
     if before.gap is None:
         return None

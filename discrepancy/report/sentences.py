@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from discrepancy.report.parts import READ_AS, Data, digits_by, mapping, mappings, number
+from discrepancy.report.parts import READ_AS, Data, digits_by, number
 from estimators.calibration.identifiability import COVERAGE
 
 HALF = 0.5
@@ -34,18 +34,18 @@ SAYS = {
 def sentence(data: Data) -> str:
     """Return what is missing, how sure, and what it costs; before that, if most of the gap stays."""
     answers = material(data)
-    mistakes = [f"Gross mistake: {_title(mistake)}." for mistake in mappings(data.get("mistakes"))]
+    mistakes = [f"Gross mistake: {_title(mistake)}." for mistake in data["mistakes"]]
     parts = [stays(data), left_out(data), *mistakes]
     for verdict, says in SAYS.items():
-        of = [answer for answer in answers if answer.get("verdict") == verdict]
-        of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer.get("cost") or ()), default=0.0))
+        of = [answer for answer in answers if answer["verdict"] == verdict]
+        of.sort(key=lambda answer: -max((cost or 0.0 for cost in answer["cost"]), default=0.0))
         several = [_told(data, answer) for answer in (of if len(answers) <= MOST else of[:1])]
         several += [f"{len(of) - len(several)} more"] if len(several) < len(of) else []
         parts += [says.format("; and ".join(several))] if several else []
     if not answers and mistakes:
         parts.append("Nothing else that matters is missing.")
     elif not answers:
-        trifles = [str(answer.get("what")) for answer in mappings(data.get("answers"))]
+        trifles = [answer["what"] for answer in data["answers"]]
         nothing = f"Nothing that matters is missing: {', '.join(trifles)} costs too little." if trifles else ""
         parts.append(nothing or "The robot's file explains these logs: nothing is missing.")
     parts.append(together(data))
@@ -73,9 +73,9 @@ def as_lines(data: Data) -> list[str]:
         lines.append(f"costs too little to matter: {', '.join(trifles)}")
     lines += [said for said in (together(data),) if said and material(data)]
     lines += gaps_of(data)
-    replays = mapping(data["replay"])
-    if before := mapping(replays.get("before")):
-        now = f"; with {file} {_errors_of(replays['after'])}" if replays.get("after") else ""
+    if replays := data["replay"]:
+        before, after = replays["before"], replays["after"]
+        now = f"; with {file} {_errors_of(after)}" if after else ""
         lines.append(f"simulation is off the logs after {before['window_s']:.0f} s by {_errors_of(before)} (rms){now}")
     return lines
 
@@ -84,7 +84,7 @@ def gaps_of(data: Data) -> list[str]:
     """Return how far odometry is off the reference, on these and on held-out logs, before and after."""
     lines, file = [], data.get("file", "robot.json")
     for log_set, of in GAPS:
-        if data.get(of) is not None:
+        if data[of] is not None:
             before, after = data[of]
             part = f"{100 * after[0] / before[0]:.0f} %" if after is not None and before[0] > 0 else "all"
             now = "" if after is None else f"; with {file} {off(after)}, {part} stays"
@@ -107,13 +107,13 @@ def stays(data: Data) -> str:
 
 def left_out(data: Data) -> str:
     """Return the likeliest names that are not reported, if half or more of the gap stays unexplained; else nothing."""
-    staying, names = _staying(data), mapping(data.get("names"))
+    staying, names = _staying(data), data["names"]
     if staying is None or staying[3]:
         return ""
-    reported = {name for answer in mappings(data.get("answers")) for name in answer.get("credible_set") or ()}
+    reported = {name for answer in data["answers"] for name in answer["credible_set"]}
     rivals = [
-        (str(names.get(name, name)), part)
-        for name, part in mapping(data.get("probabilities")).items()
+        (names.get(name, name), part)
+        for name, part in data["probabilities"].items()
         if name not in reported and part >= LEAST_REPORTED
     ]
     best = sorted(rivals, key=lambda rival: -rival[1])[:MOST]
@@ -122,7 +122,7 @@ def left_out(data: Data) -> str:
 
 def together(data: Data) -> str:
     """Return what is guessed of dimensions that are not sure one by one; nothing if nothing is."""
-    told = [f"{dimension['what']} {size_of(dimension)}" for dimension in mappings(data.get("dimensions"))]
+    told = [f"{dimension['what']} {size_of(dimension)}" for dimension in data["dimensions"]]
     said = "Held-out logs confirm dimensions guessed together, which need not be sure one by one"
     return f"{said}; {data.get('file', 'robot.json')} has them: {'; '.join(told)}." if told else ""
 
@@ -130,21 +130,22 @@ def together(data: Data) -> str:
 def unexplained(data: Data) -> bool:
     """Whether something that matters is not named, or half of the gap stays and is no noise."""
     staying = _staying(data)
-    named = all(answer.get("verdict") == "named" for answer in material(data))
+    named = all(answer["verdict"] == "named" for answer in material(data))
     return not named or (staying is not None and not staying[3])
 
 
 def material(data: Data) -> list[Data]:
     """Return the answers that matter."""
-    return [answer for answer in mappings(data.get("answers")) if answer.get("verdict") != "negligible"]
+    return [answer for answer in data["answers"] if answer["verdict"] != "negligible"]
 
 
 def size_of(answer: Data) -> str:
     """Return how large an effect is, with its 95 % interval, or what values a learned curve has; nothing of one without
     a size or a name."""
-    if values := mapping(answer.get("curve")).get("values"):
+    if answer["curve"]:
+        values = answer["curve"]["values"]
         return f"{number(min(values), 100, 2, signed=True)} to {number(max(values), 100, 2, signed=True)} %"
-    size, unit, interval = answer.get("size"), answer.get("unit"), answer.get("interval")
+    size, unit, interval = answer["size"], answer["unit"], answer["interval"]
     if size is None or unit is None or not interval:
         return ""
     name, scale = READ_AS.get(str(unit), (str(unit), 1.0))
@@ -155,55 +156,53 @@ def size_of(answer: Data) -> str:
 
 def nearest_of(answer: Data) -> str:
     """Return the effect of the catalogue that does most nearly what a learned curve does, and how nearly."""
-    nearest = mapping(mapping(answer.get("curve")).get("nearest"))
-    cosine = number(nearest.get("cosine"), 1, 2)
-    return f"{nearest.get('what')}, by what it does to these logs (cosine {cosine}; 1: the same)" if nearest else ""
+    nearest = answer["curve"] and answer["curve"]["nearest"]
+    if not nearest:
+        return ""
+    return f"{nearest['what']}, by what it does to these logs (cosine {number(nearest['cosine'], 1, 2)}; 1: the same)"
 
 
 def cost_of(answer: Data) -> str:
     """Return what an effect costs in use; nothing where these drives do not show it."""
-    costs = zip(answer.get("cost") or (), COSTS, strict=False)
+    costs = zip(answer["cost"], COSTS, strict=False)
     return " and ".join(f"{_figures(1e3 * cost)} {unit} {of}" for cost, (unit, of) in costs if cost)
 
 
 def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
     """Return the other names of an answer in words, and their probabilities, the likeliest first."""
-    names, called = mapping(data.get("names")), list(answer.get("credible_set") or ())[:1]
-    probabilities = mapping(answer.get("probabilities")).items()
+    names, called = data["names"], answer["credible_set"][:1]
+    probabilities = answer["probabilities"].items()
     rivals = [
-        (str(names.get(name, name)), part)
-        for name, part in probabilities
-        if name not in called and part >= LEAST_REPORTED
+        (names.get(name, name), part) for name, part in probabilities if name not in called and part >= LEAST_REPORTED
     ]
     return sorted(rivals, key=lambda rival: -rival[1])[:MOST]
 
 
 def same_of(data: Data, answer: Data) -> str:
     """Return in words the effects that no log of this robot distinguishes from an answer's effect."""
-    names = mapping(data.get("names"))
-    return "; ".join(str(names.get(name, name)) for name in answer.get("same_as") or ())
+    names = data["names"]
+    return "; ".join(names.get(name, name) for name in answer["same_as"])
 
 
 def reason_of(data: Data, answer: Data) -> str:
     """Return why an answer is not named, in words."""
-    names, credible = mapping(data.get("names")), list(answer.get("credible_set") or ())
-    if answer.get("verdict") == "ambiguous" and credible:
-        return f"these motions cannot distinguish: {'; '.join(str(names.get(name, name)) for name in credible)}"
-    return str(answer.get("reason") or "").partition("; it looks like")[0]
+    names, credible = data["names"], answer["credible_set"]
+    if answer["verdict"] == "ambiguous" and credible:
+        return f"these motions cannot distinguish: {'; '.join(names.get(name, name) for name in credible)}"
+    return answer["reason"].partition("; it looks like")[0]
 
 
 def drive_of(answer: Data) -> str:
     """Return the drive that would separate an answer's names, and what is expected of it; nothing where none would."""
-    drive = mapping(answer.get("separating_drive"))
-    if not drive:
+    if not (drive := answer["separating_drive"]):
         return ""
-    lasts, expected = drive.get("duration_s"), drive.get("expected_log_bayes_factor")
-    return f"{drive.get('drive')} ({_figures(lasts or 0.0)} s; expected log Bayes factor {_figures(expected or 0.0)})"
+    lasts, expected = _figures(drive["duration_s"]), _figures(drive["expected_log_bayes_factor"])
+    return f"{drive['drive']} ({lasts} s; expected log Bayes factor {expected})"
 
 
 def why_no_drive(data: Data) -> str:
     """Return why no drive is proposed."""
-    ambiguous = any(answer.get("verdict") == "ambiguous" for answer in mappings(data.get("answers")))
+    ambiguous = any(answer["verdict"] == "ambiguous" for answer in data["answers"])
     return "no drive that is known would distinguish the names" if ambiguous else "nothing is ambiguous"
 
 
@@ -212,10 +211,8 @@ def listed(rivals: Sequence[tuple[str, float]]) -> str:
     return ", ".join(f"{name} ({percent(part)})" for name, part in rivals)
 
 
-def percent(part: Any) -> str:
+def percent(part: float) -> str:
     """Return a probability; none is reported as certain."""
-    if not isinstance(part, int | float):
-        return "\N{EN DASH}"
     if part > 0.999:
         return "over 99.9 %"
     return f"{100 * part:.{1 if part > 0.99 else 0}f} %" if part >= LEAST_REPORTED else "under 1 %"
@@ -235,10 +232,10 @@ def _errors_of(summary: Mapping[str, Any]) -> str:
 
 def _told(data: Data, answer: Data) -> str:
     """Return an answer in a sentence: its names, how sure, how large, and what it costs."""
-    title, sure = str(answer.get("what")), f"{percent(answer.get('probability'))} sure"
-    sure += " by these logs alone" if answer.get("verdict") == "unconfirmed" else ""
-    if answer.get("verdict") == "ambiguous" and (rivals := others_of(data, answer)):
-        names = " or ".join(f"{name} ({percent(part)})" for name, part in [(title, answer.get("probability")), *rivals])
+    title, sure = answer["what"], f"{percent(answer['probability'])} sure"
+    sure += " by these logs alone" if answer["verdict"] == "unconfirmed" else ""
+    if answer["verdict"] == "ambiguous" and (rivals := others_of(data, answer)):
+        names = " or ".join(f"{name} ({percent(part)})" for name, part in [(title, answer["probability"]), *rivals])
     else:
         size = size_of(answer).partition(" (")[0]
         names = f"{title} ({f'{size}, ' if size else ''}{sure})"
@@ -249,12 +246,10 @@ def _told(data: Data, answer: Data) -> str:
 def _staying(data: Data) -> tuple[str, float, float, float] | None:
     """Return the first gap of which half or more stays: where, mm before and after, and the reference's own noise, mm,
     if that is half of it or more; None if there is none."""
-    replays, position = mapping(data.get("replay")), mapping(data.get("noise")).get("position_m")
-    gaps = [
-        (log_set, [None if gap is None else 1e3 * gap[0] for gap in data[of]]) for log_set, of in GAPS if data.get(of)
-    ]
+    replays, position = data["replay"] or {}, data["noise"]["position_m"] if data["noise"] else None
+    gaps = [(log_set, [None if gap is None else 1e3 * gap[0] for gap in data[of]]) for log_set, of in GAPS if data[of]]
     if not gaps:
-        counted = [mapping(replays.get(state)).get("wheels_rms_mm") for state in ("before", "after")]
+        counted = [(replays.get(state) or {}).get("wheels_rms_mm") for state in ("before", "after")]
         gaps, position = [(" between simulated and measured wheel counts", counted)], None
     for log_set, (before, after) in gaps:
         if before and after is not None and after >= HALF * before:
@@ -265,8 +260,7 @@ def _staying(data: Data) -> tuple[str, float, float, float] | None:
 
 def _title(mistake: Data) -> str:
     """Return a gross mistake in a few words, and what else it may be."""
-    rivals = [str(rival) for rival in mistake.get("alternatives") or ()]
-    title = str(mistake.get("what") or "").partition(":")[0]
+    title, rivals = mistake["what"].partition(":")[0], mistake["alternatives"]
     return f"{title}, or else {'; or '.join(rivals)}" if rivals else title
 
 

@@ -1,35 +1,21 @@
 """From logs of a train to a report: the posterior, the residuals without and with the named effects, and the page."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import file_name
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import check_logs
-from discrepancy.report.answers import drawn, html_of
-from discrepancy.report.plain_data import FORMAT, Data, answer_data, gaps
+from discrepancy.report.examined import Examined
+from discrepancy.report.plain_data import as_data
 from discrepancy.trains.linearise import Linearised, linearise
 from discrepancy.trains.posterior import diagnose_train
 from estimators.likelihood.trains.states import equations_of
 
 Logs = Mapping[str, Log]
-
-
-@dataclass(frozen=True, eq=False)
-class Examined:
-    """A diagnosis: as data (castor-diagnosis/2), and the train with the named effects; None if no effect is named."""
-
-    data: Data
-    found: TrainDescription | None
-
-    def page(self) -> str:
-        """Return the report as one HTML page."""
-        return html_of(self.data, drawn(self.data))
 
 
 def examine_train(
@@ -49,7 +35,13 @@ def examine_train(
     if found is not None:
         seen = _without_and_with(train, found, logs)
         held = _without_and_with(train, found, held_out) if held_out else None
-    data = _as_data(diagnosis, seen, held) | {
+    data = as_data(diagnosis, seen, held)
+    named = [answer["effect"] for answer in data["answers"] if answer["verdict"] == "named"]
+    data |= {
+        "preflight": _remarks(diagnosis.after),
+        "effects": named,
+        "replay": None,
+        "where": None,
         "robot_hash": train.hash(),
         "logs": list(logs),
         "held_out_logs": list(held_out),
@@ -64,33 +56,6 @@ def _without_and_with(train: TrainDescription, found: TrainDescription, logs: Lo
     them."""
     train_logs, state = equations_of(found, [*logs.values()])
     return linearise(train, train_logs, state, ()), linearise(found, train_logs, state, ())
-
-
-Pair = tuple[Linearised, Linearised | None]
-"""The logs linearised without and, if there are any, with the named effects."""
-
-
-def _as_data(diagnosis: Diagnosis[TrainDescription, Linearised], seen: Pair, held: Pair | None) -> Data:
-    """Return a diagnosis as plain data, as that of a robot (`report.plain_data`); lengths in m, angles in rad. Names
-    are words already."""
-    sizes = (seen[1] or seen[0]).fit.sizes
-    answers = [answer_data(answer) for answer in diagnosis.answers]
-    return {
-        "format": FORMAT,
-        "robot": diagnosis.robot.name,
-        "verdict": diagnosis.verdict,
-        "mistakes": [],
-        "preflight": _remarks(diagnosis.after),
-        "answers": answers,
-        "probabilities": diagnosis.inclusion,
-        "names": {name: name for name in diagnosis.inclusion},
-        "gap": gaps(*seen),
-        "held_out_gap": None if held is None else gaps(*held),
-        "noise": None if diagnosis.before.gap is None else {"position_m": sizes.position, "heading_rad": sizes.heading},
-        "effects": [answer["effect"] for answer in answers if answer["verdict"] == "named"],
-        "replay": None,
-        "where": None,
-    }
 
 
 def _remarks(seen: Linearised) -> Sequence[str]:

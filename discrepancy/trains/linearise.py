@@ -42,6 +42,11 @@ class Linearised:
     fit: FittedStates
 
     @property
+    def noise(self) -> Sizes:
+        """The sizes of noise with which the logs were fitted."""
+        return self.fit.sizes
+
+    @property
     def columns(self) -> tuple[NDArray[np.intp], ...]:
         """The sizes of each candidate, by their numbers."""
         return tuple(np.array([k], dtype=np.intp) for k in range(len(self.candidates)))

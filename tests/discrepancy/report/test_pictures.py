@@ -23,7 +23,10 @@ from estimators.likelihood.log_likelihood import LogLikelihood
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 ASOC = preset("asoc-prototype")
 REAL = ASOC.with_effects(WheelRadius(castor=2, wheel=1, value=0.02))
-DATA = {"robot": "base", "verdict": "named"}
+LISTS = ("mistakes", "answers", "dimensions", "logs", "held_out_logs", "clean_logs", "preflight", "effects")
+UNKNOWN = ("gap", "held_out_gap", "noise", "replay", "where")
+DATA = {"robot": "base", "verdict": "named", "names": {}, "probabilities": {}}
+DATA |= {key: [] for key in LISTS} | dict.fromkeys(UNKNOWN)
 
 
 class Reader(HTMLParser):
