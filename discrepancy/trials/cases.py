@@ -38,8 +38,8 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.hidden import Hidden, Outsiders
-from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.separation import FITTED_ANYWAY
+from discrepancy.validation.sufficient import redundancy
 
 Stratum = Literal["clean", "one", "two", "three", "outside", "poor", "wiring"]
 Course = Literal["wander", "to and fro", "circles"]

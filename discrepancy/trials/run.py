@@ -25,9 +25,9 @@ from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.reading import as_recorded
 from discrepancy.trials.said import Said, say
-from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
 from discrepancy.validation.cost import apart, odometry, rms_of
+from discrepancy.validation.sufficient import redundancy
 
 DURATION = 60.0
 CLEAN = 3

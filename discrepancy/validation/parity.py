@@ -79,6 +79,13 @@ def parity_residual(robot: RobotDescription, log: Log) -> Parity:
     return Parity(rows, steps.redundancy, steps.residual, steps.moving, rounding, window, drift, explained)
 
 
+def constraints_by_angle(geometry: Geometry, castor_angle: Array) -> Array:
+    """Return the derivative of A (..., 2w, 3) of `constraint_matrix` by the angle of each row's castor."""
+    # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
+    here, opposite, quarter = (constraint_matrix(geometry, castor_angle + by)[0] for by in (0.0, np.pi, np.pi / 2))
+    return quarter - (here + opposite) / 2
+
+
 class _Steps(NamedTuple):
     """The equations of all steps: residual (s, rows), moving (s,), and the sensitivity of the residual to rounded
     counts.
@@ -109,8 +116,7 @@ def _steps(geometry: Geometry, rows: Rows, driven: tuple[int, ...], wheel: Array
     rolled[:, driven] = counted
     length = (2 * np.pi * geometry.radius / geometry.counts_per_rev)[rows.wheels]  # of a count, m
 
-    a_all, b_all = constraint_matrix(geometry, half_way)
-    a, b = a_all[:, rows.place], b_all[:, rows.place]
+    a, b = (part[:, rows.place] for part in constraint_matrix(geometry, half_way))
     inverse = np.linalg.pinv(a, rcond=1e-10)
     left = np.eye(len(rows.place)) - a @ inverse
     measured = np.pad(rolled[:, rows.wheels] * length, ((0, 0), (0, len(rows.castors)))) - b * turned[:, rows.castor]
@@ -118,9 +124,7 @@ def _steps(geometry: Geometry, rows: Rows, driven: tuple[int, ...], wheel: Array
     count = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev)
     of_castor = (rows.castor[:, None] == np.arange(geometry.n_castors)) * count
     rolling, turning = left[:, :, :w] * length, left @ (b[..., None] * of_castor)
-    # A(theta) is a part that turns with theta and one that stays; half a turn on, the first is reversed.
-    opposite, quarter = (constraint_matrix(geometry, half_way + by)[0] for by in (np.pi, np.pi / 2))
-    derivative = (quarter - (a_all + opposite) / 2)[:, rows.place]
+    derivative = constraints_by_angle(geometry, half_way)[:, rows.place]
     motion = np.einsum("kij,kj->ki", inverse, measured)
     pointing = left @ (np.einsum("kij,kj->ki", derivative, motion)[..., None] * of_castor)
     return _Steps(

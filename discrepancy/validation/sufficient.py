@@ -8,8 +8,9 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
+from castor_envs.motion.mobility import Mobility
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.validation.parity import BLIND, parity_residual
+from discrepancy.validation.parity import BLIND
 
 UNSEEN = (
     "the encoders of robot {!r} do not determine its motion: they and wheels that do not slip sideways hold {} of its "
@@ -24,16 +25,23 @@ CONTRADICTION = (
 
 def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:
     """Raise InputError for a robot whose motion its encoders leave open, or logs without the poses that it needs."""
-    parity = parity_residual(robot, log_sets[0][0])
-    held = len(parity.rows.place) - parity.redundancy
-    if held < 3:
-        raise InputError(UNSEEN.format(robot.name, held))
-    for logs in log_sets:
-        blind = [log for log in logs if not _has(log.reference) and (robot.gyro is None or not _has(log.gyro))]
-        if blind and parity_residual(robot, blind[0]).redundancy == 0:
+    shown = redundancy(robot)
+    for log in [log for logs in log_sets for log in logs] if shown == 0 else ():
+        if not _has(log.reference) and (robot.gyro is None or not _has(log.gyro)):
             raise InputError(
                 f"{BLIND}; give logs with ref_x, ref_y and ref_psi, or with gyro_z of a gyro in the robot file"
             )
+
+
+def redundancy(robot: RobotDescription) -> int:
+    """Return the number of rows that the encoders of a robot give beyond the three directions of its motion.
+
+    Raises InputError where they leave a direction open.
+    """
+    mobility = Mobility.of(robot)
+    if mobility.determined < 3:
+        raise InputError(UNSEEN.format(robot.name, mobility.determined))
+    return mobility.redundancy
 
 
 def _has(measured: Array | None) -> bool:

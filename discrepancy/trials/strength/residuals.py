@@ -3,12 +3,7 @@
     parity    in windows of 0.1 s: rolling and side slip that no rigid motion of the body explains
     steps     of 1 s: motion of the reference minus motion of the body by its counts, in the body's frame
 
-The constraints are derived here independently, so that trials do not judge a diagnosis by its own equations. A wheel
-`lateral` to the left of a castor that pivots at p and trails by `offset`, with e along the castor, n to its left, body
-motion (v, omega) and castor turn dtheta,
-
-    rolled distance   e . (v + omega x p) - lateral (omega + dtheta)  (+ tan(roller angle) times the next line)
-    side slip         n . (v + omega x p) - offset (omega + dtheta)   = 0, one row a castor on wheels without rollers
+Nothing of the finder is used: a diagnosis is not judged by its own equations.
 """
 
 from dataclasses import dataclass
@@ -16,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.mobility import rows_in_use
+from castor_envs.sensors.encoders import castor_angles
+from discrepancy.validation.parity import constraints_by_angle
 
 Index = NDArray[np.intp]
 
@@ -33,17 +29,14 @@ class Layout:
     """The channels and rows of a robot, and the windows of its log.
 
     sensed (s,), driven (d,): castors with pivot encoder and wheels with encoder; channels are these, in this order.
-    wheels, castors: those with a row. row_castor: of each row. q: samples a window. per_step: windows a step.
-    reference: whether there is one; there are no steps without.
+    rows: the constraints in use. q: samples a window. per_step: windows a step. reference: whether there is one; there
+    are no steps without.
     """
 
     def __init__(self, geometry: Geometry, samples: int, period: float, *, reference: bool = True) -> None:
-        self.sensed: Index = np.flatnonzero(~np.isnan(geometry.pivot_counts_per_rev))
+        self.sensed: Index = geometry.sensed
         self.driven: Index = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
-        known = (geometry.fixed | ~np.isnan(geometry.pivot_counts_per_rev))[geometry.wheel_castor]
-        self.wheels: Index = np.flatnonzero(known & ~np.isnan(geometry.counts_per_rev))
-        self.castors: Index = np.unique(geometry.wheel_castor[known & geometry.standard])
-        self.row_castor: Index = np.concatenate([geometry.wheel_castor[self.wheels], self.castors])
+        self.rows = rows_in_use(geometry)
         self.q = max(round(WINDOW / period), 1)
         self.per_step = max(round(STEP / period) // self.q, 1)
         self.windows = (samples - 1) // self.q
@@ -66,13 +59,13 @@ class Layout:
 class Windows:
     """Body motion and residuals of W windows by counts, by least squares with equal weights.
 
-    rows (W, R, 3) times a body motion, plus by_turn (R, n) times castor turns, are the R measured distances. sideways
-    (W, R, 3): the derivative of rows by their castor's angle. inverse (W, 3, R): the pseudo-inverse of rows. moved (W,
-    3): the body's motion, m and rad. left (W, R): residual of it, m. rolled (W, w): by each wheel, m.
+    rows (W, R, 3) times a body motion, plus arms (R,) times their castors' turns, are the R measured distances.
+    sideways (W, R, 3): the derivative of rows by their castor's angle. inverse (W, 3, R): the pseudo-inverse of rows.
+    moved (W, 3): the body's motion, m and rad. left (W, R): residual of it, m. rolled (W, w): by each wheel, m.
     """
 
     rows: Array
-    by_turn: Array
+    arms: Array
     sideways: Array
     inverse: Array
     moved: Array
@@ -80,61 +73,26 @@ class Windows:
     rolled: Array
 
 
-def rolling(geometry: Geometry, layout: Layout, theta: Array) -> tuple[Array, Array, Array]:
-    """Return rows (W, R, 3), by_turn (R, n) and sideways (W, R, 3), as in `Windows`, at castor angles (W, n)."""
-    castor = layout.row_castor
-    c, s = np.cos(theta[:, castor]), np.sin(theta[:, castor])
-    x, y = geometry.pivot[castor].T
-    along = np.stack([c, s, s * x - c * y], axis=-1)
-    across = np.stack([-s, c, s * y + c * x], axis=-1)
-    of_wheel = len(layout.wheels)
-    arm = np.concatenate([geometry.lateral[layout.wheels], geometry.offset[layout.castors]])
-    roller = np.concatenate([geometry.roller[layout.wheels], np.zeros(len(layout.castors))])
-    rolls = np.arange(len(castor)) < of_wheel
-    share = np.where(rolls, 1.0, 0.0)[:, None], np.where(rolls, roller, 1.0)[:, None]
-    lever = arm + np.where(rolls, roller * geometry.offset[castor], 0.0)
-    rows = share[0] * along + share[1] * across
-    rows[:, :, 2] -= lever
-    by_turn = np.zeros((len(castor), geometry.n_castors))
-    by_turn[np.arange(len(castor)), castor] = -lever
-    return rows, by_turn, share[0] * across - share[1] * along
-
-
-def redundancy(robot: RobotDescription) -> int:
-    """Return the number of rows that the encoders of a robot give beyond the three directions of its motion.
-
-    Raises InputError where they leave a direction open.
-    """
-    geometry = Geometry.of(robot)
-    at_no_special_angle = np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))
-    rows = rolling(geometry, Layout(geometry, 2, robot.sample_period), at_no_special_angle[None])[0][0]
-    if np.linalg.matrix_rank(rows, tol=1e-9) < 3:
-        raise InputError(
-            f"the encoders of robot {robot.name!r} do not determine its motion; trials need a robot whose encoders do"
-        )
-    return len(rows) - 3
-
-
 def windows_of(geometry: Geometry, layout: Layout, log: Log, slip: Slip | None = None) -> Windows:
     """Return motion and residuals of a log's windows by its counts, with a known slip of contacts (None: no slip)."""
-    sensed, driven, ends = layout.sensed, layout.driven, layout.ends
+    ends, used = layout.ends, layout.rows
     phi = np.zeros((len(log), len(geometry.radius)))
-    phi[:, driven] = log.wheel * 2 * np.pi / geometry.counts_per_rev[driven]
-    theta = np.tile(np.where(geometry.fixed, geometry.angle, 0.0), (len(log), 1))
-    turn = geometry.pivot_counts_per_rev[sensed]
-    theta[:, sensed] = np.unwrap(log.pivot * 2 * np.pi / turn, axis=0) - geometry.pivot_zero[sensed]
+    phi[:, layout.driven] = log.wheel * (2 * np.pi / geometry.counts_per_rev[layout.driven])
+    theta = np.unwrap(castor_angles(geometry, log.pivot), axis=0)
     parts = [weight * theta[k : k + ends[-1] : layout.q] for k, weight in enumerate(layout.mean)]
+    middle = np.sum([part[: layout.windows] for part in parts], axis=0)
     rolled, turned = np.diff(phi[ends], axis=0) * geometry.radius, np.diff(theta[ends], axis=0)
 
-    rows, by_turn, sideways = rolling(geometry, layout, np.sum([part[: layout.windows] for part in parts], axis=0))
-    measured = np.pad(rolled[:, layout.wheels], ((0, 0), (0, len(layout.castors)))) - turned @ by_turn.T
+    rows, arms = (part[:, used.place] for part in constraint_matrix(geometry, middle))
+    measured = np.pad(rolled[:, used.wheels], ((0, 0), (0, len(used.castors)))) - turned[:, used.castor] * arms
     if slip is not None:
-        slipped = np.concatenate([slip.rolling[:, layout.wheels], slip.side[:, layout.castors]], axis=1)
+        slipped = np.concatenate([slip.rolling[:, used.wheels], slip.side[:, used.castors]], axis=1)
         measured += slipped[: ends[-1]].reshape(layout.windows, layout.q, -1).sum(axis=1)
+    sideways = constraints_by_angle(geometry, middle)[:, used.place]
     inverse = np.asarray(np.linalg.pinv(rows, rcond=1e-10), dtype=np.float64)
     moved = np.einsum("wij,wj->wi", inverse, measured)
     left = measured - np.einsum("wij,wj->wi", rows, moved)
-    return Windows(rows, by_turn, sideways, inverse, moved, left, rolled)
+    return Windows(rows, arms[0], sideways, inverse, moved, left, rolled)
 
 
 def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:

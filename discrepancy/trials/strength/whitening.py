@@ -97,9 +97,9 @@ def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
     pointing = np.einsum("wij,wj->wi", windows.sideways, windows.moved)
     for k, castor in enumerate(layout.sensed):
         radian = 2 * np.pi / geometry.pivot_counts_per_rev[castor]
-        still[:, k] = -windows.by_turn[:, castor] * radian
-        turning[:, :, k] = pointing * (layout.row_castor == castor) * radian
-    for row, wheel in enumerate(layout.wheels):
+        still[:, k] = -windows.arms * (layout.rows.castor == castor) * radian
+        turning[:, :, k] = pointing * (layout.rows.castor == castor) * radian
+    for row, wheel in enumerate(layout.rows.wheels):
         column = s + int(np.flatnonzero(layout.driven == wheel)[0])
         still[row, column] = geometry.radius[wheel] * 2 * np.pi / geometry.counts_per_rev[wheel]
     ends = np.zeros(layout.q + 1)
@@ -112,8 +112,8 @@ def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
     """Return the distances that the wheels of each row roll in each window (W, R), m; for side slip the mean of the
     castor's wheels."""
     rolled = np.abs(windows.rolled)
-    columns = [rolled[:, wheel] for wheel in layout.wheels]
-    for castor in layout.castors:
+    columns = [rolled[:, wheel] for wheel in layout.rows.wheels]
+    for castor in layout.rows.castors:
         wheels = layout.driven[geometry.wheel_castor[layout.driven] == castor]
         columns.append(rolled[:, wheels].mean(axis=1) if wheels.size else np.hypot(*windows.moved[:, :2].T))
     return np.stack(columns, axis=-1)

@@ -15,8 +15,8 @@ from discrepancy.trials.generators import generator
 from discrepancy.trials.outside import KINDS, outsiders
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import EXACT, REFERENCE_EVERY, Noise, angles_of, counts_of
-from discrepancy.trials.strength.residuals import redundancy
 from discrepancy.trials.strength.solve_size import TrialRun, solve_size
+from discrepancy.validation.sufficient import redundancy
 
 ROBOT, ROBOTS = preset("asoc-prototype"), preset_names()
 OWN = generator("pymunk")

@@ -21,7 +21,6 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.trials.generators import generator
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import EXACT
-from discrepancy.trials.strength.residuals import Layout, redundancy, rolling
 from discrepancy.trials.strength.separation import (
     StrengthMetric,
     apart,
@@ -32,6 +31,7 @@ from discrepancy.trials.strength.separation import (
 )
 from discrepancy.trials.strength.whitening import NoiseModel
 from discrepancy.validation.parity import parity_residual
+from discrepancy.validation.sufficient import redundancy
 
 ASOC = preset("asoc-prototype")
 SPEED = 0.2
@@ -80,21 +80,6 @@ def test_one_radius_wrong_under_slip_alone_as_the_closed_form():
     leverage = (a @ np.linalg.solve(a.T @ a, a.T))[1, 1]
     distance = SPEED * 0.1
     assert z == pytest.approx(part / slip * math.sqrt(100 * distance * (1 - leverage)), rel=1e-3)
-
-
-def test_rolling_is_that_of_the_kinematics():
-    for name in ("asoc-prototype", "tricycle", "omni3", "powered-caster"):
-        geometry = Geometry.of(preset(name))
-        layout = Layout(geometry, 100, 0.05)
-        theta = np.random.default_rng(1).uniform(-3, 3, (5, geometry.n_castors))
-        theta = np.where(geometry.fixed, geometry.angle, theta)
-        a, b = constraint_matrix(geometry, theta)
-        first = len(geometry.radius) + np.searchsorted(geometry.wheel_castor, layout.castors)
-        own = np.concatenate([layout.wheels, first])
-        rows, by_turn, _ = rolling(geometry, layout, theta)
-        np.testing.assert_allclose(rows, a[:, own], atol=1e-12)
-        turned = np.random.default_rng(2).normal(size=geometry.n_castors)
-        np.testing.assert_allclose(by_turn @ turned, b[0, own] * turned[layout.row_castor], atol=1e-12)
 
 
 def test_redundancy_is_that_of_the_parity_residual():
