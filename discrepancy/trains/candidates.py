@@ -1,6 +1,7 @@
 """Candidates: effects that a train's description may be missing, and unnamed alternatives."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -24,7 +25,7 @@ BLOCKS = 8
 """Number of equal parts of a log in which unnamed alternatives are tried."""
 
 
-PARTS = (("x", "m"), ("y", "m"), ("heading", "rad"))
+PARTS = ("x", "y", "heading")
 
 
 @dataclass(frozen=True)
@@ -91,38 +92,28 @@ class Placed:
         return f"{effect.title}, {place}"
 
 
-@dataclass(frozen=True, eq=False)
-class Rival(Term):
-    """An unnamed alternative. what: in words. family: the same at any time of the log. alike: the same for any wheel,
-    axle or frame. usual: its size in a train in good order."""
+@dataclass(frozen=True)
+class Candidate:
+    """A candidate: an effect (`placed`), or an unnamed alternative (`term`). what: in words.
+
+    family: name of the answer, for unnamed alternatives the same at any time of the log. alike: what the cause does,
+    whichever wheel, axle or frame it is of, as such causes scatter alike among trains in good order. usual: size of an
+    unnamed alternative in a train in good order.
+    """
 
     what: str
     family: str
     alike: str
-    unit: str
-    usual: float
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A candidate: an effect, or an unnamed alternative (`rival`). what: in words. unit: of its amplitude."""
-
-    what: str
-    unit: str
     placed: Placed | None = None
-    rival: Rival | None = field(default=None, compare=False)
+    term: Term | None = field(default=None, compare=False)
+    usual: float = field(default=math.nan, compare=False)
     columns = 1
 
-    @property
-    def family(self) -> str:
-        """Name of the answer: unnamed alternatives of a family at any time are one answer."""
-        return self.what if self.rival is None else self.rival.family
-
-    @property
-    def alike(self) -> str:
-        """What the cause does, whichever wheel, axle or frame it is of: causes that do the same scatter alike among
-        trains in good order."""
-        return self.placed.effect.name if self.placed is not None else self.rival.alike if self.rival else self.what
+    @classmethod
+    def of(cls, placed: Placed, train: TrainDescription) -> "Candidate":
+        """Return the candidate of an effect."""
+        what = placed.what(train)
+        return cls(what, what, placed.effect.name, placed)
 
     @property
     def kinds(self) -> tuple[Effect, ...]:
@@ -162,7 +153,7 @@ def named_candidates(train: TrainDescription) -> list[Candidate]:
         placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
     gone = {(f, gauge) for f, frame in enumerate(train.as_built().frames, start=1) for gauge in frame.dead_gauges}
     return [
-        Candidate(located.what(train), located.effect.unit, located)
+        Candidate.of(located, train)
         for located in placed
         if (getattr(located.effect, "frame", 0), getattr(located.effect, "gauge", None)) not in gone
     ]
@@ -170,44 +161,42 @@ def named_candidates(train: TrainDescription) -> list[Candidate]:
 
 def dead_gauges(train: TrainDescription) -> list[Candidate]:
     """Return every gauge that may be dead."""
-    return [Candidate(Placed(effect).what(train), "1", Placed(effect)) for effect in DeadGauge.variants(train)]
+    return [Candidate.of(Placed(effect), train) for effect in DeadGauge.variants(train)]
 
 
 def every_candidate(train: TrainDescription, logs: Sequence[TrainLog]) -> list[Candidate]:
     """Return every effect that the train may have, and unnamed alternatives in each log."""
-    unnamed = [rival for number, log in enumerate(logs) for rival in rivals(train, log, number)]
-    return [*named_candidates(train), *(Candidate(rival.what, rival.unit, rival=rival) for rival in unnamed)]
+    return [*named_candidates(train), *(rival for k, log in enumerate(logs) for rival in rivals(train, log, k))]
 
 
-def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
+def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidate]:
     """Return unnamed alternatives in a log, `number` from 0.
 
     An error of a wheel's counts in proportion to its speed is not among them: it could not be distinguished from its
     radius.
     """
-    found: list[Rival] = []
+    found: list[Candidate] = []
     t, name = log.t, f"log {number + 1}"
     edges = np.linspace(0.0, t[-1], BLOCKS + 1)
     way = np.sqrt(np.mean(log.signed_travel**2))
 
-    def add(
-        family: str, alike: str, time: str, unit: str, kind: str, width: int, at: int, course: Array, usual: float
-    ) -> None:
+    def add(family: str, alike: str, time: str, kind: str, width: int, at: int, course: Array, usual: float) -> None:
         change = np.zeros((len(course), width))
         change[:, at] = -course
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
         usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
-        found.append(Rival(number, kind, change, f"{family} {time}", family, alike, unit, usual))
+        term = Term(number, kind, change)
+        found.append(Candidate(f"{family} {time}", family, alike, term=term, usual=usual))
 
-    def count(w: int, how: str, when: str, course: Array, unit: str = "counts") -> None:
+    def count(w: int, how: str, when: str, course: Array) -> None:
         alike = f"counts otherwise{how}"
-        add(f"wheel {train.wheel_names[w]} {alike}", alike, when, unit, "counts", 2 * log.n, w, course, COUNTS)
+        add(f"wheel {train.wheel_names[w]} {alike}", alike, when, "counts", 2 * log.n, w, course, COUNTS)
 
-    def read(f: int, j: int, how: str, when: str, course: Array, per: str = "") -> None:
-        (part, unit), usual = PARTS[j], ROUGH[j]
+    def read(f: int, j: int, how: str, when: str, course: Array) -> None:
+        part, usual = PARTS[j], ROUGH[j]
         name = f"{part} of frame {train.frame_names[f]}'s sensor {how}"
-        add(name, f"{part} {how}", when, unit + per, f"gauges{f}", 3, j, course, usual)
+        add(name, f"{part} {how}", when, f"gauges{f}", 3, j, course, usual)
 
     wheels, sensors = range(2 * log.n), [(f, j) for f in range(log.f) for j in range(len(PARTS))]
     for b in range(BLOCKS):
@@ -218,30 +207,21 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Rival]:
         for w in wheels:
             count(w, "", span, ramp)
         for i in range(log.n):
-            add(
-                f"axle {i + 1} slips to its side",
-                "slips to its side",
-                span,
-                "m",
-                "side",
-                log.n,
-                i,
-                np.diff(ramp),
-                SLIP * way,
-            )
+            aside = "slips to its side"
+            add(f"axle {i + 1} {aside}", aside, span, "side", log.n, i, np.diff(ramp), SLIP * way)
         for sensor in sensors:
             read(*sensor, "is off", span, inside)
             if b:
                 read(*sensor, "jumps", at, since)
     for sensor in sensors:
-        read(*sensor, "drifts", f"in {name}", t - t.mean(), "/s")
+        read(*sensor, "drifts", f"in {name}", t - t.mean())
     ways = np.concatenate([np.zeros((1, log.n)), np.cumsum(log.signed_travel, axis=0)])
     speed = np.abs(np.gradient(ways, t, axis=0))
     for w in wheels:
         travel = log.signed_travel[:, w // 2]
         usual_speed = speed[1:, w // 2] @ travel**2 / max(float(np.sum(travel**2)), 1e-12)
         course = np.cumsum(np.append(0.0, (speed[1:, w // 2] - usual_speed) * travel))
-        count(w, " with speed", f"in {name}", course, "counts s/m2")
+        count(w, " with speed", f"in {name}", course)
         count(w, " with its angle", f"(sine) in {name}", np.sin(log.turned[:, w]))
         count(w, " with its angle", f"(cosine) in {name}", np.cos(log.turned[:, w]))
     return found

@@ -91,7 +91,7 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
         if probability < CREDIBLE:
             continue
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
-        candidate = _candidate(Placed(kind), seen.train)
+        candidate = Candidate.of(Placed(kind), seen.train)
         cost = cost_of_noise(seen, f)
         answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
     return answers
@@ -110,10 +110,11 @@ def stop_answers(
         if not known or (expected is not None and abs(expected - known[0]) < 2 * period):
             continue
         time = float(np.median(known))
-        candidate, error = _candidate(Placed(SensorStops(frame=f + 1, value=time)), train), period / 12**0.5
+        candidate, error = Candidate.of(Placed(SensorStops(frame=f + 1, value=time)), train), period / 12**0.5
         if not _agree(train, logs, f, time):
             times = ", ".join("not" if stop is None else f"at {stop:.2f} s" for stop in stops)
-            candidate = Candidate(f"{candidate.what}, but not always at one time: {times}", "s")
+            what = f"{candidate.what}, but not always at one time: {times}"
+            candidate = Candidate(what, what, what)
         confirmed = None
         if held_out:
             shown = any(_lasts(train, log, time) for log in held_out)
@@ -121,10 +122,6 @@ def stop_answers(
         off = [_kept(seen, k, f, time) for k in range(len(logs))]
         answers.append(_answer(candidate, time, error, np.sqrt(np.mean(np.square(off), axis=0)) / time, 1.0, confirmed))
     return answers
-
-
-def _candidate(placed: Placed, train: TrainDescription) -> Candidate:
-    return Candidate(placed.what(train), placed.effect.unit, placed)
 
 
 def _answer(

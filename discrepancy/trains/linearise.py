@@ -54,7 +54,7 @@ class Linearised:
     @property
     def usual(self) -> Array:
         """Size of unnamed alternatives in logs of a train in good order; NaN for effects."""
-        return np.array([np.nan if candidate.rival is None else candidate.rival.usual for candidate in self.candidates])
+        return np.array([candidate.usual for candidate in self.candidates])
 
     @property
     def redundant(self) -> bool:
@@ -107,11 +107,11 @@ class Linearised:
                 built = self.candidates[k].added(built, [size])
         families: dict[str, list[int]] = {}
         for k, candidate in enumerate(self.candidates):
-            if candidate.rival is not None and information[k, k] > 0:
+            if candidate.term is not None and information[k, k] > 0:
                 families.setdefault(candidate.family, []).append(k)
         gains = {name: float(score[k] @ _likeliest(information, score, k)) / len(k) for name, k in families.items()}
         family = families[max(gains, key=gains.__getitem__)] if gains else []
-        unnamed = [rival for k in family if (rival := self.candidates[k].rival) is not None]
+        unnamed = [term for k in family if (term := self.candidates[k].term) is not None]
         with suppress(InputError):  # it does not fit at all
             sizes = self.fit.sizes.at_most(fit_states(built, self.train_logs, self.fit, terms=unnamed).sizes)
             if sizes != self.fit.sizes:
@@ -148,8 +148,8 @@ def linearise(
                 if (gauge := candidate.restored(larger[1])) is not None:
                     at, (kind, change) = log.offset_of(*gauge, real, motion, ends, changed)
                     columns[:, at] = equations.weighed(kind, change)
-            elif (rival := candidate.rival) is not None and rival.log == j:
-                changes = {rival.kind: rival.change}
+            elif (term := candidate.term) is not None and term.log == j:
+                changes = {term.kind: term.change}
             for kind, change in changes.items():
                 if change.any():
                     column += equations.weighed(kind, change)

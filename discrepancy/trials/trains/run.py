@@ -107,7 +107,7 @@ def _costs(train: TrainDescription, log: Log, hidden: Sequence[Placed]) -> list[
     """Return the cost of ignoring each hidden effect of the catalogue, m per 10 m."""
     if not hidden:
         return []
-    candidates = [Candidate(placed.what(train), placed.effect.unit, placed) for placed in hidden]
+    candidates = [Candidate.of(placed, train) for placed in hidden]
     seen = linearise(train, *equations_of(train, [log]), candidates)
     sizes = zip(hidden, seen.cost[0].tolist(), strict=True)
     return [abs(placed.effect.value) * cost for placed, cost in sizes]
