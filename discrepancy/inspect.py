@@ -13,7 +13,8 @@ from discrepancy.preflight.stretches import poses_taken
 from discrepancy.validation.parity import BLIND, Parity, parity_residual
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
-FORMAT = "castor-inspect/1"
+FORMAT, DIGITS = "castor-inspect/1", 9
+"""Name of the format, and decimals of its numbers."""
 
 #: The drift (`Parity.rolling_drift`) from which on a log contradicts its robot file. Simulated perfect rolling stayed
 #: below 1.5 at 10 to 100 samples a second (at 5, castors that swing round reach 2); half a percent of one wheel's
@@ -31,13 +32,15 @@ def inspect_logs(robot: RobotDescription, logs: dict[str, Log]) -> dict[str, Any
     """Return what logs of one robot show, by path, as plain data for JSON; ``format`` is `FORMAT`.
 
     Times in s, counts as in the log, lengths in mm a sample; every number is finite, or null where there is none.
-    Floats are rounded far below what they can mean: times to 1e-9 s, lengths to 1e-6 mm, ratios to 1e-3.
+    Floats are rounded far below what they can mean.
     """
-    return {
-        "format": FORMAT,
-        "robot": {"name": robot.name, "hash": robot.hash(), "sample_period": robot.sample_period},
-        "logs": [{"path": path, **inspect_log(robot, log)} for path, log in logs.items()],
-    }
+    return _rounded(
+        {
+            "format": FORMAT,
+            "robot": {"name": robot.name, "hash": robot.hash(), "sample_period": robot.sample_period},
+            "logs": [{"path": path, **inspect_log(robot, log)} for path, log in logs.items()],
+        }
+    )
 
 
 def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
@@ -45,11 +48,11 @@ def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
     channels, steps, reference = _channels(robot, log), np.diff(log.t), _reference(log)
     return {
         "rows": len(log),
-        "duration": _rounded(log.t[-1] - log.t[0], 9),
+        "duration": log.t[-1] - log.t[0],
         "sample_period": {
-            "median": _rounded(np.median(steps), 9),
-            "smallest": _rounded(steps.min(), 9),
-            "largest": _rounded(steps.max(), 9),
+            "median": np.median(steps),
+            "smallest": steps.min(),
+            "largest": steps.max(),
             "declared": robot.sample_period,
         },
         "channels": channels,
@@ -96,10 +99,10 @@ def _channel(name: str, unit: str, values: Array, steps: Array, at_most: float |
     return {
         "name": name,
         "unit": unit,
-        "smallest": _rounded(values.min(), 9),
-        "largest": _rounded(values.max(), 9),
-        "largest_step": _rounded(steps.max(), 9),
-        "at_most": None if at_most is None else _rounded(at_most, 6),
+        "smallest": values.min(),
+        "largest": values.max(),
+        "largest_step": steps.max(),
+        "at_most": at_most,
         "whole": bool(np.all(values == np.round(values))),
     }
 
@@ -115,10 +118,10 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
     rows = [
         {
             "name": name,
-            "rms_mm": _rounded(1e3 * rms, 6),
-            "rounding_mm": _rounded(1e3 * rounding, 6),
-            "ratio": _rounded(rms / rounding, 3) if rounding > 0 else None,
-            "drift": _rounded(drift, 3) if rounding > 0 and parity.window else None,
+            "rms_mm": 1e3 * rms,
+            "rounding_mm": 1e3 * rounding,
+            "ratio": rms / rounding if rounding > 0 else None,
+            "drift": drift if rounding > 0 and parity.window else None,
         }
         for name, rms, rounding, drift in zip(names, parity.rms, parity.rounding, parity.drift, strict=True)
     ]
@@ -126,7 +129,7 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
     return {
         "redundancy": parity.redundancy,
         "moving_samples": int(parity.moving.sum()),
-        "window": _rounded(parity.window * np.median(np.diff(log.t)), 9),
+        "window": parity.window * np.median(np.diff(log.t)),
         "rolling": rows[:w] if seen else [],
         "side_slip": rows[w:] if seen else [],
         "verdict": _verdict(robot, parity, max(row["ratio"] or 0.0 for row in rows)) if seen else None,
@@ -140,9 +143,9 @@ def _gyro(robot: RobotDescription, log: Log) -> dict[str, Any] | None:
     if check is None:
         return None
     numbers = {
-        "scale": _rounded(check.scale, 6),
-        "bias": _rounded(check.bias, 9),
-        "follows": _rounded(check.follows, 3),
+        "scale": check.scale,
+        "bias": check.bias,
+        "follows": check.follows,
     }
     return numbers | {"verdict": check.verdict}
 
@@ -175,5 +178,9 @@ def _verdict(robot: RobotDescription, parity: Parity, ratio: float) -> str:
     return "consistent with rounding"
 
 
-def _rounded(value: float | np.floating[Any], digits: int) -> float:
-    return round(float(value), digits)
+def _rounded(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _rounded(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_rounded(value) for value in data]
+    return round(float(data), DIGITS) if isinstance(data, float | np.floating) else data

@@ -85,7 +85,7 @@ class Case:
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects of the catalogue."""
-        return tuple(hidden.effect for hidden in self.hidden if hidden.effect is not None)
+        return tuple(effect for hidden in self.hidden for effect in hidden.effects)
 
     @property
     def outside(self) -> Any | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.parts import wheel_channel
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
@@ -27,6 +28,21 @@ class Hidden:
     def effect(self) -> Effect | None:
         """The effect, if it is of the catalogue."""
         return self.what if isinstance(self.what, Effect) else None
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effect alone, or none if it is outside the catalogue."""
+        return () if self.effect is None else (self.effect,)
+
+    @property
+    def outside(self) -> Any | None:
+        """The effect, if it is outside the catalogue."""
+        return None if self.effect is not None else self.what
+
+    @property
+    def jitter(self) -> bool:
+        """Whether it is jitter of sampling, which changes no mean."""
+        return isinstance(self.what, SampleJitter)
 
     @property
     def wiring(self) -> bool:

@@ -67,7 +67,7 @@ SMOOTHED = 5
 class Replay:
     """The gaps of N windows. drive: how the simulation was driven; notes: remarks on this for the user.
 
-    start, end (N,): s, on the log's clock. place (N, 2): where it began, m in the reference's frame, NaN without one.
+    start, end (N,): s, on the log's clock.
     driven (N,): m that the body's origin moved in the simulation. body (N, 3): simulated less measured motion from
     start to end, in the body's frame at the start: along (forward), across (to the left), m, turned, rad; NaN where the
     reference is unknown. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot encoders):
@@ -78,7 +78,6 @@ class Replay:
     notes: tuple[str, ...]
     start: Array
     end: Array
-    place: Array
     driven: Array
     body: Array
     wheels: Array
@@ -149,36 +148,34 @@ def replay(
     robot: RobotDescription,
     log: Log,
     window: float = WINDOW,
-    drive: Drive | None = None,
     *,
     clock: ArrayLike = (0.0, 0.0),
     mount: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Replay:
     """Return the gap between the simulation of a robot, with the effects in its file, and a log.
 
-    window: s, at least, but at most half the log; each ends at the first reference pose after that. drive: None takes
-    the commands where the log has them. clock: (ahead, rate): the reference in the log's row of time t was taken at t +
-    ahead + rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both in addition to
-    the robot's effects on the reference.
+    By the commands where the log has them. window: s, at least, but at most half the log; each ends at the first
+    reference pose after that. clock: (ahead, rate): the reference in the log's row of time t was taken at t + ahead +
+    rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both in addition to the
+    robot's effects on the reference.
     Raises InputError where castors have no pivot encoder, and for logs without a window.
     """
     if window <= 0:
         raise ValueError(f"a window lasts more than 0 s, got {window}")
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
     measured = _measured_in(robot, log)
-    chosen, notes = _drive(robot, measured, drive)
+    drive, notes = _drive(robot, measured)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
-    runs = list(_runs(robot, measured, chosen, windows))
+    runs = list(_runs(robot, measured, drive, windows))
     if not runs:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
     motion, wheels, pivots = (np.array(part) for part in zip(*runs, strict=True))
     moved = np.array([relative_pose(stretch.first, stretch.last) for stretch in windows])
     return Replay(
-        drive=chosen,
+        drive=drive,
         notes=tuple(notes),
         start=np.array([stretch.start for stretch in windows]),
         end=np.array([stretch.end for stretch in windows]),
-        place=np.array([stretch.first[:2] for stretch in windows]),
         driven=np.hypot(motion[:, 0], motion[:, 1]),
         body=motion - moved,
         wheels=wheels,
@@ -190,10 +187,9 @@ def replay(
 
 def joined(replays: Sequence[Replay]) -> Replay:
     """Return the windows of several replays of one robot as one; `start` and `end` are each log's own."""
-    drives = {part.drive for part in replays}
-    if len(drives) != 1:
+    if len({part.drive for part in replays}) != 1:
         raise ValueError("replays of one drive can be joined")
-    arrays = ("start", "end", "place", "driven", "body", "wheels", "pivots")
+    arrays = ("start", "end", "driven", "body", "wheels", "pivots")
     return dataclasses.replace(
         replays[0],
         notes=tuple(dict.fromkeys(note for part in replays for note in part.notes)),
@@ -201,16 +197,13 @@ def joined(replays: Sequence[Replay]) -> Replay:
     )
 
 
-def _drive(robot: RobotDescription, measured: _Measured, requested: Drive | None) -> tuple[Drive, list[str]]:
+def _drive(robot: RobotDescription, measured: _Measured) -> tuple[Drive, list[str]]:
     """Return how to drive, and notes about it."""
-    commanded = measured.command is not None
-    if requested == "commands" and not commanded:
-        raise InputError("the log has no commands (cmd_...) to replay; replay it by counts")
-    chosen: Drive = requested or ("commands" if commanded else "counts")
-    notes = [] if commanded or requested else ["the log has no commands: wheels turn as their encoders counted"]
-    if chosen == "commands" and robot.driven_castors and measured.steering is None:
-        notes.append("the log has no steering commands: steering motors follow the pivots' counts")
-    return chosen, notes
+    if measured.command is None:
+        return "counts", ["the log has no commands: wheels turn as their encoders counted"]
+    if robot.driven_castors and measured.steering is None:
+        return "commands", ["the log has no steering commands: steering motors follow the pivots' counts"]
+    return "commands", []
 
 
 def _measured_in(robot: RobotDescription, log: Log) -> _Measured:

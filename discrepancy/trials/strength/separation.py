@@ -24,6 +24,7 @@ from castor_envs.effects.catalogue import (
     reference,
     slip_of,
 )
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
@@ -51,8 +52,6 @@ MOUNT_STEPS = 4
 
 LEAST = 1e-6
 """Standard deviations: an effect whose signal at its step's size is smaller is unobservable."""
-
-JITTER = "sample_jitter"
 
 FITTED_ANYWAY = frozenset(("all_latency", "clock_offset", "reference_yaw", "reference_lever_x", "reference_lever_y"))
 """Effects that are nuisances: of an offset of all clocks only the ends of the log remain, of the tracked point
@@ -129,7 +128,7 @@ class StrengthMetric:
         """Signatures (size, k), of length 1, of each class of the catalogue that is observable on this run."""
         found: dict[str, list[Array]] = {}
         for effect in catalogue(self.robot):
-            if effect.wiring or effect.name in FITTED_ANYWAY or effect.name == JITTER:
+            if effect.wiring or effect.name in FITTED_ANYWAY or isinstance(effect, SampleJitter):
                 continue
             try:
                 signature = self.signature(effect)

@@ -17,7 +17,7 @@ from discrepancy.trials.generators import Generator
 from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.outside import Outside
 from discrepancy.trials.reading import EXACT
-from discrepancy.trials.strength.separation import JITTER, StrengthMetric, apart, is_physical
+from discrepancy.trials.strength.separation import StrengthMetric, apart, is_physical
 from discrepancy.validation import cost
 
 CLOSE = 1.5
@@ -109,11 +109,13 @@ class TrialRun:
     def made(self, hidden: Hidden) -> Log:
         """Return the exact log with one hidden effect: on a new run if it changes the motion (`_moves`), else on the
         nominal run."""
-        return self.drive(*_given(hidden), outside=_outside(hidden)) if self._moves(hidden) else self._read(hidden)
+        if self._moves(hidden):
+            return self.drive(*hidden.effects, outside=hidden.outside)
+        return self._read(hidden)
 
     def z(self, hidden: Hidden) -> float:
         """Return z of one hidden effect; 0 where it is not well above the floor."""
-        if _is_jitter(hidden):
+        if hidden.jitter:
             return self.metric.jitter_strength(hidden.size)
         return self._above_floor(hidden, float(np.linalg.norm(self.metric.signal(self.made(hidden)))))
 
@@ -138,10 +140,10 @@ class TrialRun:
     def strength(self, hidden: tuple[Hidden, ...]) -> Strength:
         """Return the strengths of hidden effects, z and z_sep each with the other effects projected out."""
         metric, nothing = self.metric, np.zeros_like(self.metric.signal(self.nominal))
-        signals = [nothing if _is_jitter(item) else metric.signal(self.made(item)) for item in hidden]
+        signals = [nothing if item.jitter else metric.signal(self.made(item)) for item in hidden]
         alone, z, z_sep, nearest = apart(signals), [], [], []
         for k, item in enumerate(hidden):
-            if _is_jitter(item):  # nothing else looks like it
+            if item.jitter:  # nothing else looks like it
                 z.append(metric.jitter_strength(item.size))
                 z_sep.append(z[k])
                 nearest.append("")
@@ -167,7 +169,7 @@ class TrialRun:
 
     def _read(self, hidden: Hidden) -> Log:
         """Return the nominal run as sensors with an effect report it."""
-        return self.metric.read(*_given(hidden), outside=_outside(hidden))
+        return self.metric.read(*hidden.effects, outside=hidden.outside)
 
     def _moves(self, hidden: Hidden) -> bool:
         """Whether a hidden effect changes the motion: on the robot itself, or on what its castors are steered by.
@@ -176,7 +178,7 @@ class TrialRun:
         """
         effect = hidden.effect
         physical = not isinstance(hidden.what, Outside) if effect is None else is_physical(self.robot, effect)
-        if physical or not self.robot.driven_castors or _is_jitter(hidden):
+        if physical or not self.robot.driven_castors or hidden.jitter:
             return physical
         return not np.array_equal(self._read(hidden).pivot, self._unchanged.pivot)
 
@@ -226,21 +228,9 @@ def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     """Return a start: a physical effect in the size that its signature requires; other effects in the size of their
     step."""
     effect = hidden.effect
-    if effect is None or effect.name == JITTER or not is_physical(trial_run.robot, effect):
+    if effect is None or hidden.jitter or not is_physical(trial_run.robot, effect):
         return hidden
     alone = float(np.linalg.norm(trial_run.metric.signature(effect)))
     if alone * abs(effect.value) <= 0.01:
         return hidden
     return hidden.scaled(float(np.copysign(target / alone, effect.value)))
-
-
-def _given(hidden: Hidden) -> tuple[Any, ...]:
-    return () if hidden.effect is None else (hidden.effect,)
-
-
-def _outside(hidden: Hidden) -> Any:
-    return hidden.what if hidden.effect is None else None
-
-
-def _is_jitter(hidden: Hidden) -> bool:
-    return hidden.effect is not None and hidden.effect.name == JITTER
