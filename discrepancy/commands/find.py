@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from castor_envs.errors import InputError
+from castor_envs.files import new_folder, write_atomically, write_json
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.trajectory_files import write_drive
 from castor_envs.vehicles.load import file_name
@@ -15,7 +16,6 @@ from discrepancy.commands.given import Logs, Robot, logs_of, tell, vehicle_of
 from discrepancy.diagnose import examine
 from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
-from discrepancy.report.files import write_diagnosis
 from discrepancy.trains.examine import examine_train
 
 
@@ -69,7 +69,11 @@ def find(
         "separating_drive_file": str(separate) if separate is not None and best is not None else None,
     }
     if out is not None:
-        write_diagnosis(out, data, examined.found, dataclasses.replace(examined, data=data).page())
+        with new_folder(out) as partial:
+            write_json(partial / "diagnosis.json", data)
+            write_atomically(partial / "report.html", dataclasses.replace(examined, data=data).page())
+            if examined.found is not None:
+                examined.found.save(partial / file_name(examined.found))
     lines = sentences.as_lines(data)
     if separate is not None and best is None:
         lines.append(f"not written: {separate}: {sentences.why_no_drive(data)}")

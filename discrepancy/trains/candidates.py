@@ -164,11 +164,6 @@ def dead_gauges(train: TrainDescription) -> list[Candidate]:
     return [Candidate.of(Placed(effect), train) for effect in DeadGauge.variants(train)]
 
 
-def every_candidate(train: TrainDescription, logs: Sequence[TrainLog]) -> list[Candidate]:
-    """Return every effect that the train may have, and unnamed alternatives in each log."""
-    return [*named_candidates(train), *(rival for k, log in enumerate(logs) for rival in rivals(train, log, k))]
-
-
 def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidate]:
     """Return unnamed alternatives in a log, `number` from 0.
 

@@ -18,7 +18,7 @@ from discrepancy.posterior.priors import hypothesis_of, order_of, place_in_model
 from discrepancy.posterior.refit import Sized, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
-from discrepancy.trains.candidates import Candidate, dead_gauges, every_candidate
+from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
 from discrepancy.trains.linearise import Linearised, linearise
 from estimators.likelihood.trains.states import STILL, equations_of, sliding_in
@@ -100,7 +100,8 @@ def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:
     """Return the statistics of all candidates in logs."""
     train_logs, state = equations_of(train, logs)
-    return linearise(train, train_logs, state, [*dead_gauges(train), *every_candidate(train, train_logs)])
+    unnamed = [rival for k, log in enumerate(train_logs) for rival in rivals(train, log, k)]
+    return linearise(train, train_logs, state, [*dead_gauges(train), *named_candidates(train), *unnamed])
 
 
 def _of_trains(causes: Sequence[Cause]) -> list[Candidate]:

@@ -9,14 +9,14 @@ Files that are there already are kept, so a trial that was interrupted continues
 outcomes.
 """
 
-import dataclasses
 import os
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np  # noqa: F401  # and with it linear algebra, before its threads are limited
 from threadpoolctl import threadpool_limits
@@ -35,29 +35,31 @@ FORMAT, FINDER = "castor-trial-case/2", "posterior"
 """Format of labels and answers, and the finder that answers."""
 
 
-class Settings(Protocol):
-    """The settings of a trial, a dataclass: how its cases are made, and its finder asked."""
+@dataclass(frozen=True)
+class Settings:
+    """The settings of a trial. robots: presets' names. duration: of each log, s."""
 
-    @property
-    def cases(self) -> int:
-        """Number of cases."""
-        ...
+    cases: int
+    seed: int
+    generator: str
+    robots: list[str]
+    duration: float
 
     def beforehand(self, missing: Sequence[int], folder: Path) -> Sequence[Task]:
         """Return what must be made before missing cases can be judged."""
-        ...
+        return ()
 
     def make_case(self, number: int, folder: Path) -> dict[str, Any]:
         """Write the files of a case, and return its label."""
-        ...
+        raise NotImplementedError
 
     def together(self, number: int) -> str:
         """Return what cases share that are best judged one after another."""
-        ...
+        return ""
 
     def answer(self, name: str, folder: Path) -> Said:
         """Return the finder's answer on a case."""
-        ...
+        raise NotImplementedError
 
 
 def make(plan: Settings, folder: str | os.PathLike[str], *, jobs: int | None = None) -> None:
@@ -67,7 +69,7 @@ def make(plan: Settings, folder: str | os.PathLike[str], *, jobs: int | None = N
     Raises InputError for a folder that holds another trial.
     """
     folder = Path(folder)
-    path, asked = folder / "trial.json", dataclasses.asdict(plan)  # type: ignore[call-overload]
+    path, asked = folder / "trial.json", asdict(plan)
     if path.exists() and {**(stored := read_json(path)), "cases": 0} != {**asked, "cases": 0}:
         raise InputError(f"{folder}: holds another trial, {stored}; give another folder")
     for part in ("cases", "labels", "outcomes"):

@@ -20,7 +20,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import BOUNDS, Case, hide, motion, setting
-from discrepancy.trials.folder import LOGS, Task, label_file, name_of
+from discrepancy.trials.folder import LOGS, Settings, Task, label_file, name_of
 from discrepancy.trials.generators import Generator, generator
 from discrepancy.trials.hidden import Hidden
 from discrepancy.trials.reading import as_recorded
@@ -44,14 +44,8 @@ SLACK = 1.1
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
-    """The settings of a trial (`folder.Settings`). robots: presets' names."""
-
-    cases: int
-    seed: int
-    generator: str
-    robots: list[str]
-    duration: float = DURATION
+class Plan(Settings):
+    """The settings of a trial of robots."""
 
     @classmethod
     def of(cls, cases: int, seed: int, generator_name: str, robot: str | None, duration: float) -> "Plan":

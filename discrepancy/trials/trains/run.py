@@ -19,7 +19,7 @@ from discrepancy.posterior.verdicts import Material
 from discrepancy.trains.candidates import Candidate, Placed
 from discrepancy.trains.linearise import linearise
 from discrepancy.trains.posterior import diagnose_train
-from discrepancy.trials.folder import LOGS, Task, name_of
+from discrepancy.trials.folder import LOGS, Settings, name_of
 from discrepancy.trials.said import Said, Single, Size, size_of
 from discrepancy.trials.trains.cases import draw
 from discrepancy.trials.trains.simulate import log_at_random
@@ -33,22 +33,12 @@ ALL = Material(0.0, 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainPlan:
-    """The settings of a trial (`folder.Settings`). robots: a preset's name. duration: of a log, s, roughly."""
-
-    cases: int
-    seed: int
-    generator: str
-    robots: list[str]
-    duration: float
+class TrainPlan(Settings):
+    """The settings of a trial of one train; logs have roughly the duration."""
 
     def __post_init__(self) -> None:
         if self.generator != "pymunk":
             raise InputError(f"--generator {self.generator}: trains have pymunk alone")
-
-    def beforehand(self, missing: Sequence[int], folder: Path) -> list[Task]:
-        """Return no tasks."""
-        return []
 
     def make_case(self, number: int, folder: Path) -> dict[str, Any]:
         """Write the files of a case, and return its label."""
@@ -84,10 +74,6 @@ class TrainPlan:
             "log": {"cost": _costs(train, logs[0], case.hidden)} | unknown,
             "holdout": unknown,
         }
-
-    def together(self, number: int) -> str:
-        """Return nothing: the finder keeps nothing from case to case."""
-        return ""
 
     def answer(self, name: str, folder: Path) -> Said:
         """Return the finder's answer on a case."""

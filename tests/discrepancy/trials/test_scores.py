@@ -170,7 +170,7 @@ def test_confusion_says_what_was_taken_for_what():
 
 
 def test_report_is_plain_data_and_text(tmp_path):
-    plan = Plan(3, 0, "pymunk", ["omni3", "swerve"])
+    plan = Plan(3, 0, "pymunk", ["omni3", "swerve"], 60.0)
     (tmp_path / "trial.json").write_text(json.dumps(dataclasses.asdict(plan)), encoding="utf-8")
     with pytest.raises(InputError, match="judge"):
         scores.report(tmp_path)
