@@ -6,8 +6,8 @@ Motors may fail to do as they are told, as where wheels are driven against each 
 better another encoder, or the same one backwards, would follow the command.
 """
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ WINDOW = 0.4
 OBEYED = 0.05
 """Share of squares by which another encoder may follow better by chance."""
 
+TINY = 1e-12
+"""rad2: turns whose squares are less are none."""
+
 
 class Obedience:
     """The share of turns that commands explain better of other encoders, under any reading of logs; 0 without any."""
@@ -34,10 +37,11 @@ class Obedience:
         at = [channels.pivot_of.get(i + 1) for i in robot.driven_castors]
         steered = [(k, channel) for k, channel in enumerate(at) if channel is not None and channel not in dead]
         driven = [(k, channel) for k, channel in enumerate(channels.wheels) if channel not in dead]
-        self._kinds = [
-            _Kind.of(robot, [(log, log.command) for log in logs if log.command is not None], driven),
-            _Kind.of(robot, [(log, log.steering_command) for log in logs if log.steering_command is not None], steered),
+        kinds = [
+            _kind(robot, [(log, log.command) for log in logs if log.command is not None], driven),
+            _kind(robot, [(log, log.steering_command) for log in logs if log.steering_command is not None], steered),
         ]
+        self._kinds = [kind for kind in kinds if kind is not None]
 
     def share(self, reading: Reading) -> float:
         """Return the share of squares of the turns of wheels, and that of castors, in sum, as far as above `OBEYED`."""
@@ -46,63 +50,55 @@ class Obedience:
 
     def each(self, reading: Reading) -> float:
         """Return the mean of the shares of all motors, however little some of them turn."""
-        shares = [left / np.maximum(whole, 1e-12) for left, whole in self._squares(reading)]
+        shares = [left / np.maximum(whole, TINY) for left, whole in self._squares(reading)]
         return float(np.mean(np.concatenate(shares))) if shares else 0.0
 
-    def _squares(self, reading: Reading) -> list[tuple[Array, Array]]:
-        return [kind.squares(reading) for kind in self._kinds if kind is not None]
+    def _squares(self, reading: Reading) -> Iterator[tuple[Array, Array]]:
+        """Yield for wheels and for castors the sums of squares of the turns that each motor's encoder shows under a
+        reading (c,): those that commands explain less than of another encoder, and all."""
+        for kind in self._kinds:
+            at = [reading.source.index(channel) for channel in kind.channels]
+            backwards = [int(reading.gain[channel] < 0) for channel in at]
+            least = np.min(kind.left[:, kind.channels], axis=(1, 2))
+            left, whole = kind.left[np.arange(len(at)), at, backwards], kind.turned[at]
+            yield np.maximum(left - least, 0.0) * whole, whole
 
 
-class _Kind:
-    """Turns of all channels, and commands to those that have one, in V windows.
+class _Kind(NamedTuple):
+    """What commands explain of turns.
 
-    A motor's command is followed in any proportion above 0, as counts per turn may be wrong, and with any small delay.
+    channels (c,): those of the motors. left (c, all channels, 2): the share of squares that each command leaves of the
+    turns of each channel, forwards and backwards. turned (all channels,): these squares.
     """
 
-    def __init__(self, turned: Array, told: Array, changed: Array, channels: Sequence[int]) -> None:
-        """turned (V, all channels), rad; told, changed (V, c): angles that motors were told to turn, and the changes of
-        what they were told; channels (c,): those of the motors."""
-        self._turned, self._told, self._changed, self._channels = turned, told, changed, channels
-        self._known: dict[tuple[int, int, float], float] = {}
+    channels: list[int]
+    left: Array
+    turned: Array
 
-    @classmethod
-    def of(
-        cls, robot: RobotDescription, logs: Sequence[tuple[Log, Array]], columns: Sequence[tuple[int, int]]
-    ) -> "_Kind | None":
-        """Return this of logs with their commands (K, c), rad/s; columns: of a command, and the channel of its motor.
-        None if nothing was told, or nothing moved."""
-        parts = [_windows(robot, log, command[:, [k for k, _ in columns]]) for log, command in logs]
-        if not parts or not columns:
-            return None
-        turned, told, changed = (np.concatenate(each) for each in zip(*parts, strict=True))
-        seen = np.all(np.isfinite(told) & np.isfinite(changed), axis=1) & np.all(np.isfinite(turned), axis=1)
-        channels = [channel for _, channel in columns]
-        if not np.any(turned[seen][:, channels]) or not np.any(told[seen]):
-            return None
-        return cls(turned[seen], told[seen], changed[seen], channels)
 
-    def squares(self, reading: Reading) -> tuple[Array, Array]:
-        """Return the sums of squares of the turns that each motor's encoder shows under a reading (c,): those that
-        commands explain less than of another encoder, and all."""
-        shown_by = [reading.source.index(channel) for channel in self._channels]
-        left = [self._left(k, at, float(np.sign(reading.gain[at]))) for k, at in enumerate(shown_by)]
-        whole = np.sum(self._turned[:, shown_by] ** 2, axis=0)
-        return np.maximum(np.array(left) - self._least, 0.0) * whole, whole
+def _kind(
+    robot: RobotDescription, logs: Sequence[tuple[Log, Array]], columns: Sequence[tuple[int, int]]
+) -> _Kind | None:
+    """Return what commands (K, c), rad/s, explain of turns in logs; None if nothing was told, or nothing moved.
 
-    @cached_property
-    def _least(self) -> Array:
-        """The least share (c,) that each command leaves of the turns of any motor's encoder, forwards or backwards."""
-        ways = [(channel, sign) for channel in self._channels for sign in (1.0, -1.0)]
-        return np.array([min(self._left(k, *way) for way in ways) for k in range(len(self._channels))])
-
-    def _left(self, k: int, channel: int, sign: float) -> float:
-        """Return the share of squares that command k leaves of the turns of a channel, times this sign."""
-        if (k, channel, sign) not in self._known:
-            turned, by = sign * self._turned[:, channel], np.column_stack([self._told[:, k], self._changed[:, k]])
-            followed = np.linalg.lstsq(by, turned, rcond=None)[0]
-            left = turned - by @ followed if followed[0] > 0 else turned
-            self._known[k, channel, sign] = float(left @ left) / max(float(turned @ turned), 1e-12)
-        return self._known[k, channel, sign]
+    columns: of a command, and the channel of its motor. A motor's command is followed in any proportion above 0, as counts per turn may be wrong, and with any small delay.
+    """
+    parts = [_windows(robot, log, command[:, [k for k, _ in columns]]) for log, command in logs]
+    if not parts or not columns:
+        return None
+    turned, told, changed = (np.concatenate(each) for each in zip(*parts, strict=True))
+    seen = np.all(np.isfinite(told) & np.isfinite(changed), axis=1) & np.all(np.isfinite(turned), axis=1)
+    turned, told, changed, channels = turned[seen], told[seen], changed[seen], [channel for _, channel in columns]
+    if not np.any(turned[:, channels]) or not np.any(told):
+        return None
+    squares = np.sum(turned**2, axis=0)
+    left = []
+    for by in np.stack([told, changed], axis=-1).swapaxes(0, 1):
+        followed = np.linalg.lstsq(by, turned, rcond=None)[0]
+        unexplained = np.sum((turned - by @ followed) ** 2, axis=0)
+        ways = [np.where(sign * followed[0] > 0, unexplained, squares) for sign in (1, -1)]
+        left.append(np.stack(ways, axis=-1) / np.maximum(squares, TINY)[:, None])
+    return _Kind(channels, np.array(left), squares)
 
 
 def _windows(robot: RobotDescription, log: Log, command: Array) -> tuple[Array, Array, Array]:

@@ -245,13 +245,11 @@ def replays(before: Replay, after: Replay | None = None) -> Picture | None:
     kinds = {kind: told for kind, told in kinds.items() if told[1] and (kind, before.drive) != ("wheels", "counts")}
     if not posed and not kinds:
         return None
-    with _drawing(3.4 if posed and kinds else 2.0) as figure:
-        rows = figure.add_gridspec(2 if posed and kinds else 1, 1)
-        encoder_axes = []
-        if kinds:
-            lower = rows[-1].subgridspec(1, len(kinds), width_ratios=[1 + len(names) for _, names in kinds.values()])
-            encoder_axes = [figure.add_subplot(lower[k]) for k in range(len(kinds))]
-        top = figure.add_subplot(rows[0]) if posed else encoder_axes[0]
+    panels: list[Any] = [["position"] * max(len(kinds), 1)] * posed + [list(kinds)] * bool(kinds)
+    widths = [1 + len(names) for _, names in kinds.values()] or None
+    with _drawing(1.7 * len(panels)) as figure:
+        axes_of = figure.subplot_mosaic(panels, width_ratios=widths)
+        top = axes_of[panels[0][0]]
         if posed:
             for replay, color, label in shown:
                 position = 1e3 * np.hypot(replay.body[:, 0], replay.body[:, 1])
@@ -260,7 +258,8 @@ def replays(before: Replay, after: Replay | None = None) -> Picture | None:
             top.set_xlabel("window")
             top.xaxis.set_major_locator(MaxNLocator(integer=True))
             top.set_ylim(bottom=0)
-        for axes, (kind, (label, names)) in zip(encoder_axes, kinds.items(), strict=True):
+        for kind, (label, names) in kinds.items():
+            axes = axes_of[kind]
             width, places = 0.8 / len(shown), np.arange(len(names))
             for k, (replay, color, replay_label) in enumerate(shown):
                 gaps = 1e3 * np.sqrt(np.mean(getattr(replay, kind) ** 2, axis=0))
