@@ -81,7 +81,8 @@ def _kind(
 ) -> _Kind | None:
     """Return what commands (K, c), rad/s, explain of turns in logs; None if nothing was told, or nothing moved.
 
-    columns: of a command, and the channel of its motor. A motor's command is followed in any proportion above 0, as counts per turn may be wrong, and with any small delay.
+    columns: of a command, and the channel of its motor. A command is followed in any proportion above 0, as counts per
+    turn may be wrong, and with any small delay.
     """
     parts = [_windows(robot, log, command[:, [k for k, _ in columns]]) for log, command in logs]
     if not parts or not columns:
