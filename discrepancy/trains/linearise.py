@@ -3,7 +3,7 @@ out."""
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,8 @@ class Linearised:
 
     cost (2, P): error of the train's localisation by counts and relative poses per unit of each candidate that is
     ignored: m after 10 m, rad after a turn. fit: motions about which equations are linearised, and sizes of noise.
+    redundant: axles are seen by posture sensors, so encoders can contradict each other. lasting: of trains only single
+    logs were compared.
     """
 
     train: TrainDescription
@@ -40,6 +42,8 @@ class Linearised:
     logs: tuple[Statistics, ...]
     cost: Array
     fit: FittedStates
+    redundant: bool = True
+    lasting: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def noise(self) -> Sizes:
@@ -55,16 +59,6 @@ class Linearised:
     def usual(self) -> Array:
         """Size of unnamed alternatives in logs of a train in good order; NaN for effects."""
         return np.array([candidate.usual for candidate in self.candidates])
-
-    @property
-    def redundant(self) -> bool:
-        """Whether encoders can contradict each other: axles are seen by posture sensors."""
-        return True
-
-    @property
-    def lasting(self) -> NDArray[np.intp]:
-        """None: of trains only single logs were compared."""
-        return np.zeros(0, dtype=np.intp)
 
     @property
     def log_evidence(self) -> float:

@@ -10,20 +10,15 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 
-REFERENCE_EVERY = 20
-"""Samples between reference poses."""
-
-REFERENCE_NOISE = 1e-3
-"""Standard deviation of a reference pose, m and rad: a good tracker's."""
-
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of a reference pose, m and rad, and how many samples apart poses are."""
+    """Standard deviations of a reference pose, m and rad, those of a good tracker, and how many samples apart poses
+    are."""
 
-    position: float = REFERENCE_NOISE
-    heading: float = REFERENCE_NOISE
-    every: int = REFERENCE_EVERY
+    position: float = 1e-3
+    heading: float = 1e-3
+    every: int = 20
 
     def sparse(self, pose: Array, random: np.random.Generator) -> Array:
         """Return the poses (K, 3 N) of a log's reference: with noise where one is taken, NaN elsewhere."""

@@ -78,7 +78,6 @@ class StrengthMetric:
         self._by_nuisance = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
         seen = np.linalg.norm(self._by_nuisance, axis=0) > FAINT
         self._by_nuisance[:, ~seen] = 0.0
-        self._nuisances = basis(self._by_nuisance[:, seen])
 
     def signal(self, log: Log) -> Array:
         """Return the whitened residuals of a log less those of the metric's run, nuisances projected out.
@@ -183,8 +182,7 @@ class StrengthMetric:
         return np.concatenate([parity.ravel(), steps_left(self._layout, windows, log).ravel()])  # NaN: no pose
 
     def _cleared(self, residuals: Array) -> Array:
-        whitened = self._whitening.whitened(residuals)
-        return whitened - self._nuisances @ (self._nuisances.T @ whitened)
+        return without(self._whitening.whitened(residuals), self._by_nuisance)
 
     def _nuisance(self, k: int) -> Array:
         """Return whitened derivatives by the clock's offset (0) and the tracked point's x, y, and yaw (1, 2, 3)."""
@@ -211,21 +209,12 @@ def gaussian_strength(excess: Array) -> float:
 
 
 def without(signal: Array, *spans: Array) -> Array:
-    """Return a signal (size,) less its projection on all spans together, each (size,) or (size, k)."""
+    """Return a signal (size, ...) less its projection on all spans together, each (size,) or (size, k)."""
     if not spans:
         return signal
-    orthonormal = basis(np.column_stack(spans))
-    return signal - orthonormal @ (orthonormal.T @ signal)
-
-
-def basis(columns: Array) -> Array:
-    """Return an orthonormal basis (size, r) of columns (size, k); zero and dependent columns are dropped."""
-    length = np.linalg.norm(columns, axis=0)
-    columns = columns[:, length > 0] / length[length > 0]
-    if not columns.shape[1]:
-        return columns
-    left, strength, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, strength > 1e-6 * strength[0]]
+    columns = np.column_stack(spans)
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), LEAST)
+    return signal - columns @ np.linalg.lstsq(columns, signal, rcond=1e-6)[0]
 
 
 def is_physical(robot: RobotDescription, effect: Effect) -> bool:

@@ -10,7 +10,7 @@ from scipy.linalg import cholesky_banded, get_lapack_funcs
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
-from discrepancy.trials.reading import REFERENCE_NOISE
+from discrepancy.trials.reading import USUAL
 from discrepancy.trials.strength.residuals import Layout, Windows, between, followed, poses_of
 
 Index = NDArray[np.intp]
@@ -25,8 +25,8 @@ class NoiseModel:
     """
 
     counts: float = 1 / 12
-    position: float = REFERENCE_NOISE
-    heading: float = REFERENCE_NOISE
+    position: float = USUAL.position
+    heading: float = USUAL.heading
     slip: float = 3e-5
     least: float = 1e-7
 

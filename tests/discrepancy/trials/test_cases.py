@@ -14,7 +14,7 @@ from discrepancy.trials.cases import BOUNDS, CLEAN_LOGS, MIX, SEVERAL, UNTRACKED
 from discrepancy.trials.generators import generator
 from discrepancy.trials.outside import KINDS, outsiders
 from discrepancy.trials.pymunk_generator import drive
-from discrepancy.trials.reading import EXACT, REFERENCE_EVERY, Noise, angles_of, counts_of
+from discrepancy.trials.reading import EXACT, USUAL, Noise, angles_of, counts_of
 from discrepancy.trials.strength.solve_size import TrialRun, solve_size
 from discrepancy.validation.sufficient import redundancy
 
@@ -122,9 +122,9 @@ def test_a_log_is_the_exact_one_rounded_with_noise():
     exact = drive(ROBOT, MOTION, 5, duration=6.0, rounded=False, noise=EXACT)
     np.testing.assert_array_equal(log.wheel, np.round(exact.wheel))
     np.testing.assert_array_equal(log.pivot, np.mod(np.round(exact.pivot), 5143))
-    assert np.isfinite(poses(log)[::REFERENCE_EVERY]).all()
-    assert np.isnan(poses(log)[1:REFERENCE_EVERY]).all()
-    off = (poses(log) - poses(exact))[::REFERENCE_EVERY]
+    assert np.isfinite(poses(log)[:: USUAL.every]).all()
+    assert np.isnan(poses(log)[1 : USUAL.every]).all()
+    off = (poses(log) - poses(exact))[:: USUAL.every]
     assert 0 < np.abs(off).max() < 6e-3
 
 
