@@ -109,8 +109,7 @@ class StickyPivot(Outside):
 
     def act(self, world: World, t: float) -> None:
         """Set the friction for the rate at which the pivot turns (Stribeck's curve, `speed` in rad/s)."""
-        place = int(world.pivot[self.castor - 1])
-        dof = int(world.model.jnt_dofadr[np.flatnonzero(world.model.jnt_qposadr == place)[0]])
+        dof = world.model.joint(f"pivot_{self.castor - 1}").dofadr[0]
         sticking = math.exp(-((float(world.data.qvel[dof]) / self.speed) ** 2))
         world.model.dof_frictionloss[dof] = self.stick * (self.slide + (1 - self.slide) * sticking)
 

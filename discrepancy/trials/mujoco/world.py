@@ -46,22 +46,18 @@ class World:
         self.radius, self._step, self._patches = parts.geometry.radius.copy(), step, floor.patches
         self._outside = outside if outside is not None and outside.acts else None
 
-        def places(kind: str, names: list[str], addresses: Any) -> NDArray[np.intp]:
-            found = [mujoco.mj_name2id(self.model, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), name) for name in names]
-            return np.array([addresses[k] if k >= 0 else -1 for k in found], dtype=np.intp)
-
-        def of_wheels(name: str) -> list[str]:
-            return [f"{name}_{k}" for k in range(len(self.radius))]
-
-        at, dof, counted = self.model.jnt_qposadr, self.model.jnt_dofadr, np.arange(10**4)
-        self.pivot = places("JOINT", [f"pivot_{i}" for i in range(len(robot.castors))], at)
-        self.roll = places("JOINT", of_wheels("roll"), at)
-        self._slide_dof, self._roll_dof = (places("JOINT", of_wheels(name), dof) for name in ("slide", "roll"))
-        mast = places("JOINT", ["mast_x", "mast_y"], at)
-        self._tracked = mast[mast >= 0]
-        self._hub, self._geom = places("BODY", of_wheels("hub"), counted), places("GEOM", of_wheels("wheel"), counted)
+        model, wheels = self.model, range(len(robot.wheels))
+        joints = {model.joint(k).name: model.joint(k) for k in range(model.njnt)}
+        turning = [f"pivot_{i}" for i in range(len(robot.castors))]
+        self.pivot = np.array([joints[name].qposadr[0] if name in joints else -1 for name in turning], dtype=np.intp)
+        self.roll: NDArray[np.intp] = np.array([joints[f"roll_{k}"].qposadr[0] for k in wheels])
+        self._roll_dof = [joints[f"roll_{k}"].dofadr[0] for k in wheels]
+        self._slide_dof = [joints[f"slide_{k}"].dofadr[0] for k in wheels]
+        self._tracked = [joints[name].qposadr[0] for name in ("mast_x", "mast_y") if name in joints]
+        self._hub = [model.body(f"hub_{k}").id for k in wheels]
+        self._geom = [model.geom(f"wheel_{k}").id for k in wheels]
         motors = [*(f"drive_{k}" for k in robot.driven_wheels), *(f"steer_{i}" for i in robot.driven_castors)]
-        self._motors, self._fastest = places("ACTUATOR", motors, counted), robot.max_wheel_speed
+        self._motors, self._fastest = [model.actuator(name).id for name in motors], robot.max_wheel_speed
         self._friction = self.model.geom_friction[self._geom, 0].copy()
         self._unloaded = self.radius + self.tyres.shrinking * parts.load
         self._share = np.zeros((2, len(self.radius)))
@@ -166,10 +162,9 @@ class World:
         force, total = np.zeros(6), np.zeros((len(self._geom), 3))
         for c in range(self.data.ncon):
             contact = self.data.contact[c]
-            wheel = np.flatnonzero(self._geom == contact.geom[1])
-            if len(wheel):
+            if contact.geom[1] in self._geom:
                 self._mujoco.mj_contactForce(self.model, self.data, c, force)
-                total[wheel[0]] += contact.frame.reshape(3, 3).T @ force[:3]
+                total[self._geom.index(contact.geom[1])] += contact.frame.reshape(3, 3).T @ force[:3]
         left = self.data.xmat[self._hub].reshape(-1, 3, 3)[:, :2, 1]
         ahead = np.column_stack([left[:, 1], -left[:, 0]])
         return (total[:, :2] * ahead).sum(axis=1), (total[:, :2] * left).sum(axis=1)
