@@ -168,19 +168,22 @@ class Trial:
 
 @dataclass(frozen=True)
 class Rate:
-    """A rate: `what` holds for `count` of `total` cases. low, high: the 95 % Wilson interval."""
+    """A rate: `what` holds for `count` of `total` cases. low, high: the 95 % Wilson interval. share: None of no
+    cases."""
 
     what: str
     count: int
     total: int
     low: float
     high: float
+    share: float | None
 
     @classmethod
     def of(cls, statement: str, hits: Iterable[bool]) -> "Rate":
         """Return the rate of true hits."""
         results = list(hits)
-        return cls(statement, sum(results), len(results), *wilson(sum(results), len(results)))
+        count, total = sum(results), len(results)
+        return cls(statement, count, total, *wilson(count, total), count / total if total else None)
 
 
 PLAIN = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
@@ -245,7 +248,7 @@ def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     for k in np.unique(place).tolist():
         inside = [entry for entry, where in zip(reported, place, strict=True) if where == k]
         rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (right for _, right in inside))
-        bins.append(_as_plain(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
+        bins.append(dataclasses.asdict(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
     return bins
 
 
@@ -336,16 +339,11 @@ def lines(scores: dict[str, Any]) -> list[str]:
     return text
 
 
-def _as_plain(rate: Rate) -> dict[str, Any]:
-    """Return a rate as data for JSON."""
-    return dataclasses.asdict(rate) | {"share": rate.count / rate.total if rate.total else None}
-
-
 def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     bins = reliability([entry for trial in trials for entry in trial.reported()])
     return {
         "cases": len(trials),
-        "rates": [_as_plain(rate) for rate in rates(trials)],
+        "rates": [dataclasses.asdict(rate) for rate in rates(trials)],
         "reliability": bins,
         "calibration_error": calibration_error(bins),
         "seconds": {
@@ -356,7 +354,7 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def _counted(rate: dict[str, Any]) -> str:
-    """Return a rate of `_as_plain` as text."""
+    """Return a rate as text."""
     share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
     ends = f"{100 * rate['low']:.1f} to {100 * rate['high']:.1f}"
     return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {ends})  {rate['what']}"

@@ -66,6 +66,12 @@ def text(*values: float) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
+def element(parent: ET.Element, tag: str, **given: Any) -> ET.Element:
+    """Return a new element of a model; numbers, and sequences of them, are written as MuJoCo's files have them."""
+    written = {name: value if isinstance(value, str) else text(*np.ravel(value)) for name, value in given.items()}
+    return ET.SubElement(parent, tag, written)
+
+
 @dataclass(eq=False)
 class Parts:
     """The XML elements of a model while it is made, for effects to change.
@@ -96,33 +102,33 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
         )
     height = float(described.radius.max())
     root = ET.Element("mujoco")
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
-    option = ET.SubElement(
+    element(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
+    option = element(
         root,
         "option",
-        timestep=text(step),
+        timestep=step,
         integrator="discrete",
         cone="elliptic",
-        impratio=text(TIGHTNESS),
-        gravity=text(*floor.downhill_gravity, -floor.normal_gravity),
+        impratio=TIGHTNESS,
+        gravity=(*floor.downhill_gravity, -floor.normal_gravity),
         tolerance="1e-10",
     )
-    ET.SubElement(option, "flag", refsafe="disable")
-    world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "geom", type="plane", size="0 0 1", contype="0", conaffinity="3", condim="1")
+    element(option, "flag", refsafe="disable")
+    world = element(root, "worldbody")
+    element(world, "geom", type="plane", size="0 0 1", contype="0", conaffinity="3", condim="1")
     for cable in floor.cables:
         half = np.array([math.cos(cable.direction), math.sin(cable.direction)]) * cable.length / 2
         ends = [(*(np.array(cable.center) + way * half), cable.diameter / 2) for way in (-1, 1)]
-        shape = {"type": "capsule", "size": text(cable.diameter / 2), "fromto": text(*ends[0], *ends[1])}
-        ET.SubElement(world, "geom", shape, contype="0", conaffinity="1", condim="1")
-    chassis = ET.SubElement(world, "body", name="chassis", pos=text(0, 0, height))
-    ET.SubElement(chassis, "freejoint")
+        shape = {"type": "capsule", "size": cable.diameter / 2, "fromto": ends}
+        element(world, "geom", **shape, contype="0", conaffinity="1", condim="1")
+    chassis = element(world, "body", name="chassis", pos=(0, 0, height))
+    element(chassis, "freejoint")
     center = (*robot.center_of_mass, HEIGHT * height)
-    inertia = text(TILTING * robot.inertia, TILTING * robot.inertia, robot.inertia)
-    ET.SubElement(chassis, "inertial", pos=text(*center), mass=text(robot.mass), diaginertia=inertia)
+    inertia = (TILTING * robot.inertia, TILTING * robot.inertia, robot.inertia)
+    element(chassis, "inertial", pos=center, mass=robot.mass, diaginertia=inertia)
     skids = skids_of(robot, described)
     loads = static_loads(robot, described, floor.normal_gravity, skids)
-    actuator = ET.SubElement(root, "actuator")
+    actuator = element(root, "actuator")
     standing = len(skids) + (geometry.n_castors if not geometry.fixed.all() else 0)
     sinking = SINKING * (REDUNDANT if standing > 3 else 1.0)
     wheel_loads = loads[: len(geometry.radius)]
@@ -139,10 +145,10 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     _share_loads(parts)
     # Skids touch the plane alone, so no cable lifts the wheels by them.
     for place, load in zip(skids, loads[len(geometry.radius) :], strict=True):
-        skid = ET.SubElement(chassis, "body", pos=text(*place, height / 4 - height))
-        ET.SubElement(skid, "joint", _spring(load, sinking))
-        ET.SubElement(skid, "inertial", pos="0 0 0", mass="0.05", diaginertia="1e-4 1e-4 1e-4")
-        ET.SubElement(skid, "geom", type="sphere", size=text(height / 4), condim="1", contype="2", conaffinity="0")
+        skid = element(chassis, "body", pos=(*place, height / 4 - height))
+        element(skid, "joint", **_spring(load, sinking))
+        element(skid, "inertial", pos="0 0 0", mass="0.05", diaginertia="1e-4 1e-4 1e-4")
+        element(skid, "geom", type="sphere", size=height / 4, condim="1", contype="2", conaffinity="0")
     return parts
 
 
@@ -159,71 +165,71 @@ def mujoco_module() -> Any:
 
 def _castor(parts: Parts, actuator: ET.Element, i: int) -> ET.Element:
     geometry, robot, castor = parts.geometry, parts.robot, parts.robot.castors[i]
-    body = ET.SubElement(parts.chassis, "body", name=f"castor_{i}", pos=text(*geometry.pivot[i], 0))
+    body = element(parts.chassis, "body", name=f"castor_{i}", pos=(*geometry.pivot[i], 0))
     if castor.steering == "fixed":
         body.set("euler", text(0, 0, castor.angle))
     else:
         damping = PIVOT_DAMPING if castor.steering == "free" else 0.0
-        ET.SubElement(body, "joint", name=f"pivot_{i}", type="hinge", axis="0 0 1", damping=text(damping))
+        element(body, "joint", name=f"pivot_{i}", type="hinge", axis="0 0 1", damping=damping)
     if castor.steering == "driven":
         droop = STEERING_DROOP * robot.max_steering_speed
-        ET.SubElement(actuator, "velocity", _servo(f"steer_{i}", f"pivot_{i}", robot.max_steering_torque, droop))
+        _servo(actuator, f"steer_{i}", f"pivot_{i}", robot.max_steering_torque, droop)
     mass, inertia = fork(castor)
-    moments = text(TILTING * inertia, TILTING * inertia, inertia)
-    ET.SubElement(body, "inertial", pos=text(-geometry.offset[i], 0, 0), mass=text(mass), diaginertia=moments)
+    moments = (TILTING * inertia, TILTING * inertia, inertia)
+    element(body, "inertial", pos=(-geometry.offset[i], 0, 0), mass=mass, diaginertia=moments)
     return body
 
 
 def _wheel(parts: Parts, actuator: ET.Element, k: int, place: tuple[float, ...]) -> ET.Element:
     robot, wheel, castor = parts.robot, parts.robot.wheels[k], parts.geometry.wheel_castor
     radius, spin = parts.geometry.radius[k], wheel.inertia
-    body = ET.SubElement(parts.castors[castor[k]], "body", name=f"hub_{k}", pos=text(*place))
+    body = element(parts.castors[castor[k]], "body", name=f"hub_{k}", pos=place)
     alone = np.sum(castor == castor[k]) == 1
     slide = _spring(parts.load[k], parts.sinking * (1.0 if alone else ROCKING))
-    ET.SubElement(body, "joint", {"name": f"slide_{k}"} | slide)
-    ET.SubElement(body, "joint", name=f"roll_{k}", type="hinge", axis="0 1 0")
-    mass = text(wheel_mass(spin, wheel.radius))
-    ET.SubElement(body, "inertial", pos="0 0 0", mass=mass, diaginertia=text(ACROSS * spin, spin, ACROSS * spin))
-    ET.SubElement(
+    element(body, "joint", name=f"slide_{k}", **slide)
+    element(body, "joint", name=f"roll_{k}", type="hinge", axis="0 1 0")
+    mass = wheel_mass(spin, wheel.radius)
+    element(body, "inertial", pos="0 0 0", mass=mass, diaginertia=(ACROSS * spin, spin, ACROSS * spin))
+    element(
         body,
         "geom",
         name=f"wheel_{k}",
         type="ellipsoid",
-        size=text(radius, THINNESS * radius, radius),
+        size=(radius, THINNESS * radius, radius),
         priority="1",
         condim="3",
-        friction=text(robot.contact.friction, 0.005, 0.0001),
-        solref=text(CONTACT_TIME * parts.step, 1),
-        solimp=text(IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2),
+        friction=(robot.contact.friction, 0.005, 0.0001),
+        solref=(CONTACT_TIME * parts.step, 1),
+        solimp=(IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2),
         contype="1",
         conaffinity="0",
     )
     if wheel.driven:
-        servo = _servo(f"drive_{k}", f"roll_{k}", robot.max_wheel_torque, DROOP * robot.max_wheel_speed)
-        ET.SubElement(actuator, "velocity", servo)
+        _servo(actuator, f"drive_{k}", f"roll_{k}", robot.max_wheel_torque, DROOP * robot.max_wheel_speed)
     return body
 
 
-def _servo(name: str, joint: str, torque: float, droop: float) -> dict[str, str]:
-    """Return a motor that turns a joint as commanded, `droop` (rad/s) slower at its full torque (N m)."""
-    return {"name": name, "joint": joint, "kv": text(torque / droop), "forcerange": text(-torque, torque)}
+def _servo(actuator: ET.Element, name: str, joint: str, torque: float, droop: float) -> None:
+    """Add a motor that turns a joint as commanded, `droop` (rad/s) slower at its full torque (N m)."""
+    element(actuator, "velocity", name=name, joint=joint, kv=torque / droop, forcerange=(-torque, torque))
 
 
-def _spring(load: float, sinking: float) -> dict[str, str]:
+def _spring(load: float, sinking: float) -> dict[str, Any]:
     """Return the vertical slide of a wheel or skid whose spring gives by `sinking` (m) under `load` (N)."""
-    given = {"stiffness": load / sinking, "springref": -sinking, "damping": damping_of(sinking) * (load / sinking)}
-    return {"type": "slide", "axis": "0 0 1"} | {name: text(value) for name, value in given.items()}
+    stiffness = load / sinking
+    spring = {"stiffness": stiffness, "springref": -sinking, "damping": damping_of(sinking) * stiffness}
+    return {"type": "slide", "axis": "0 0 1"} | spring
 
 
 def _share_loads(parts: Parts) -> None:
     """Add springs that only the common rising of a castor's wheels compresses, with the stiffness that their sinking
     requires."""
-    tendons = ET.SubElement(parts.root, "tendon")
+    tendons = element(parts.root, "tendon")
     for i in range(len(parts.castors)):
         wheels = np.flatnonzero(parts.geometry.wheel_castor == i)
         if len(wheels) > 1:
             stiffness = parts.load[wheels].mean() * (1 - 1 / ROCKING) / parts.sinking / len(wheels)
-            spring = {"stiffness": text(stiffness), "damping": text(damping_of(parts.sinking) * stiffness)}
-            tendon = ET.SubElement(tendons, "fixed", spring, springlength="0")
+            damping = damping_of(parts.sinking) * stiffness
+            tendon = element(tendons, "fixed", stiffness=stiffness, damping=damping, springlength="0")
             for k in wheels:
-                ET.SubElement(tendon, "joint", joint=f"slide_{k}", coef="1")
+                element(tendon, "joint", joint=f"slide_{k}", coef="1")

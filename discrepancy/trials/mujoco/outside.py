@@ -13,7 +13,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.foreign.run import Outside
 from discrepancy.trials.hidden import Hidden, counter_of, place_at_random, wheel_of
-from discrepancy.trials.mujoco.model import THINNESS, Parts, text
+from discrepancy.trials.mujoco.model import THINNESS, Parts, element, text
 from discrepancy.trials.mujoco.world import World
 
 
@@ -82,9 +82,8 @@ class PivotPlay(Outside):
         castor = parts.castors[self.castor - 1]
         half = text(-self.size / 2, self.size / 2)
         for place, axis in enumerate(("1 0 0", "0 1 0")):
-            slide = ET.Element("joint", type="slide", axis=axis, range=half, damping="5", frictionloss="0.1")
-            slide.set("solreflimit", "0.004 1")
-            castor.insert(place, slide)
+            play = {"range": half, "damping": "5", "frictionloss": "0.1", "solreflimit": "0.004 1"}
+            castor.insert(place, ET.Element("joint", {"type": "slide", "axis": axis} | play))
 
 
 @dataclass(frozen=True)
@@ -124,12 +123,12 @@ class LooseMast(Outside):
 
     def build(self, parts: Parts) -> None:
         """Put a small mass on two springs above the body's origin."""
-        mast = ET.SubElement(parts.chassis, "body", name="mast", pos="0 0 0.1")
+        mast = element(parts.chassis, "body", name="mast", pos="0 0 0.1")
         rate = 2 * math.pi * self.frequency
+        spring = {"stiffness": self.mass * rate**2, "damping": 2 * self.damping * self.mass * rate}
         for name, axis in (("mast_x", "1 0 0"), ("mast_y", "0 1 0")):
-            spring = {"stiffness": text(self.mass * rate**2), "damping": text(2 * self.damping * self.mass * rate)}
-            ET.SubElement(mast, "joint", {"name": name, "type": "slide", "axis": axis} | spring)
-        ET.SubElement(mast, "inertial", pos="0 0 0", mass=text(self.mass), diaginertia="1e-5 1e-5 1e-5")
+            element(mast, "joint", name=name, type="slide", axis=axis, **spring)
+        element(mast, "inertial", pos="0 0 0", mass=self.mass, diaginertia="1e-5 1e-5 1e-5")
 
 
 @dataclass(frozen=True)

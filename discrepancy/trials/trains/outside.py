@@ -33,11 +33,6 @@ class Outside:
         """Return a log changed by this effect."""
         return KINDS[self.name][0](self, train, log)
 
-    @property
-    def what(self) -> str:
-        """The effect in words."""
-        return f"{self.name.replace('_', ' ')}, wheel {self.wheel + 1}, frame {self.frame + 1}"
-
 
 def draw_outside(train: TrainDescription, random: np.random.Generator) -> Outside:
     """Return a random effect outside the catalogue; all kinds are equally likely, sizes are log-uniform between
