@@ -8,6 +8,7 @@ import numpy as np
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.sensors.encoders import castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 
 
@@ -50,15 +51,11 @@ def angles_of(robot: RobotDescription, log: Log) -> Array:
 
     Idle wheels stand still; castors without encoder stand at their angle.
     """
-    built, w = Geometry.of(robot.as_built()), len(robot.wheels)
-    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
-    angle = np.zeros((len(log), w + built.n_castors))
-    angle[:, w:] = built.angle
-    angle[:, driven] = (log.wheel - log.wheel[0]) * 2 * np.pi / built.counts_per_rev[driven]
-    turn = built.pivot_counts_per_rev[sensed]
-    theta = np.unwrap(log.pivot * 2 * np.pi / turn, axis=0) - built.pivot_zero[sensed]
-    angle[:, [w + i for i in sensed]] = theta - 2 * np.pi * np.round(theta[:1] / (2 * np.pi))
-    return angle
+    built, driven = Geometry.of(robot.as_built()), list(robot.driven_wheels)
+    wheel, castor = np.zeros((len(log), len(robot.wheels))), np.unwrap(castor_angles(built, log.pivot), axis=0)
+    wheel[:, driven] = (log.wheel - log.wheel[0]) * 2 * np.pi / built.counts_per_rev[driven]
+    castor -= 2 * np.pi * np.round(castor[:1] / (2 * np.pi))
+    return np.column_stack([wheel, np.where(np.isnan(castor), built.angle, castor)])
 
 
 def as_recorded(

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from castor_envs.effects.catalogue import floor_of, reference
 from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.se2 import wrap
+from castor_envs.geometry.se2 import rotate_single, wrap
 from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import KinematicController, trailing_angles
 from castor_envs.motion.kinematics import Geometry
@@ -182,9 +183,8 @@ def start_angles(geometry: Geometry, motion: Trajectory, random: np.random.Gener
 def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
     """Return the friction of the last patch in which a place (x, y, m) is; None outside all."""
     for patch in reversed(patches):
-        x, y = place[0] - patch.center[0], place[1] - patch.center[1]
-        c, s = math.cos(patch.angle), math.sin(patch.angle)
-        if abs(c * x + s * y) <= patch.size[0] / 2 and abs(c * y - s * x) <= patch.size[1] / 2:
+        off = rotate_single(np.subtract(place, patch.center), -patch.angle)
+        if np.all(np.abs(off) <= np.array(patch.size) / 2):
             return patch.friction
     return None
 
@@ -205,17 +205,11 @@ def read(
     rows = [slice(0, 1), *(slice(k + 1, k + every + 1) for k in range(0, len(run.t) - 1, every))]
     seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
     t = run.t[::every]
-    wheel, pivot = counts_of(robot, _at(reading_times(robot, t), run.t, seen), run.phase)
+    sampled = make_interp_spline(run.t, seen, k=1)(reading_times(robot, t))  # straight on after the last time
+    wheel, pivot = counts_of(robot, sampled, run.phase)
     if outside is not None:
         wheel = outside.count(robot, t, wheel, np.random.default_rng([run.seed, 4]))
     steering = run.steering if run.steering.shape[1] else None
     pose = reference(robot, run.t, run.pose)[::every]
     exact = Log(t, wheel, pivot, run.command, steering, reference=pose)
     return as_recorded(robot, exact, np.random.default_rng([run.seed, 3]), noise, rounded)
-
-
-def _at(instants: Array, t: Array, values: Array) -> Array:
-    """Return values (N, c) at times (K,); after the last time they are extrapolated."""
-    last = (values[-1] - values[-2]) / (t[-1] - t[-2])
-    beyond = np.maximum(instants - t[-1], 0.0)[:, None] * last
-    return np.column_stack([np.interp(instants, t, column) for column in values.T]) + beyond
