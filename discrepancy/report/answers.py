@@ -13,7 +13,7 @@ from typing import Any
 
 from castor_envs.rendering.pages.page import render
 from discrepancy.report import sentences
-from discrepancy.report.parts import Data, names_apart, number
+from discrepancy.report.parts import MILLI, PERCENT, Data, names_apart, number
 from discrepancy.report.pictures import Picture, learned_curve, probabilities
 
 GAP = (("m", "position", "mm"), ("rad", "heading", "mrad"))
@@ -105,14 +105,14 @@ def _trifles(data: Data) -> Iterator[str]:
 def _gap(data: Data) -> Data | None:
     pairs = [data[of] or (None, None) for of in ("gap", "held_out_gap")]
     four: list[Data] = [{} if gap is None else {"m": gap[0], "rad": gap[1]} for pair in pairs for gap in pair]
-    return _before_after("Odometry with predicted creep less reference (rms)", four, GAP, 1e3)
+    return _before_after("Odometry with predicted creep less reference (rms)", four, GAP, MILLI)
 
 
 def _gap_notes(data: Data) -> Iterator[str]:
     if not _gap(data):
         yield "There are no reference poses: odometry's gap is not measured."
     elif noise := data["noise"]:
-        position, heading = (number(noise[key], 1e3, 2) for key in ("position_m", "heading_rad"))
+        position, heading = (number(noise[key], MILLI, 2) for key in ("position_m", "heading_rad"))
         yield f"The reference itself is uncertain by {position} mm and {heading} mrad."
 
 
@@ -143,7 +143,7 @@ def _replay_notes(replay: Data) -> Iterator[str]:
 def _where(place: Data | None) -> str:
     if not place:
         return ""
-    share, most = number(place["share_of_slip"], 100), number(place["most_slip_m"], 1e3, 2)
+    share, most = number(place["share_of_slip"], PERCENT), number(place["most_slip_m"], MILLI, 2)
     t, x, y = (number(place[key], 1, digits) for key, digits in (("at_s", 1), ("x_m", 2), ("y_m", 2)))
     return (
         f"Most of it is in {place['channel']} ({share} %); the largest, {most} mm in a second, at {t} s near "
@@ -172,7 +172,7 @@ def _before_after(
 
 def _left(before: Any, after: Any) -> str:
     """Return what part of a gap is left."""
-    return "\N{EN DASH}" if after is None or not before else f"{100 * after / before:.0f} %"
+    return "\N{EN DASH}" if after is None or not before else f"{PERCENT * after / before:.0f} %"
 
 
 def _shown(picture: Picture) -> Data:

@@ -7,7 +7,10 @@ from typing import Any
 
 Data = Mapping[str, Any]
 
-READ_AS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "s": ("ms", 1e3), "1": ("%", 1e2)}
+MILLI, PERCENT = 1e3, 100
+"""mm a metre, mrad a radian, ms a second; and per cent of the whole."""
+
+READ_AS = {"m": ("mm", MILLI), "rad": ("mrad", MILLI), "s": ("ms", MILLI), "1": ("%", PERCENT)}
 """Units of the data, and what people read instead, so many to one."""
 
 

@@ -20,6 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.palette import AXES, ESTIMATE, FADED, GRID, INK, TRUTH, WHITE, Color
+from discrepancy.report.parts import MILLI, PERCENT
 from discrepancy.report.traces import Errors, Traces
 from discrepancy.validation.replay import Replay
 
@@ -59,7 +60,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.titlesize": 9.0,
+    "axes.titlesize": "medium",
     "axes.titlelocation": "left",
     "grid.color": _hex(GRID),
     "grid.linewidth": 0.4,
@@ -67,8 +68,8 @@ STYLE: Any = {
     "ytick.color": _hex(FADED),
     "text.color": _hex(INK),
     "legend.frameon": False,
-    "legend.fontsize": 8.5,
     "lines.linewidth": 1.2,
+    "lines.markersize": 3,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
 }
@@ -99,11 +100,11 @@ def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Pi
         for (title, pair), (position, heading) in zip(seen.items(), grid.T, strict=True):
             for several, color, label in zip(pair, (BEFORE, AFTER), STATES, strict=True):
                 for k, (way, off) in enumerate(several):
-                    away = 1e3 * np.hypot(off[:, 0], off[:, 1])
+                    away = MILLI * np.hypot(off[:, 0], off[:, 1])
                     position.plot(way, away, color=color, label="_" if k else label)
-                    heading.plot(way, 1e3 * off[:, 2], color=color)
+                    heading.plot(way, MILLI * off[:, 2], color=color)
             heading.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
-            position.set_title(f"rms {', then '.join(rms[title])}", loc="right", fontsize=8.0, color=_hex(FADED))
+            position.set_title(f"rms {', then '.join(rms[title])}", loc="right", fontsize="small", color=_hex(FADED))
         grid[0, 0].set_ylim(bottom=0)
         grid[0, 0].set_ylabel("position off by, mm")
         grid[1, 0].set_ylabel("heading, mrad")
@@ -127,10 +128,10 @@ def slip(before: Traces, after: Traces | None = None) -> Picture:
     top = float(max(np.percentile(np.abs(before.slip), 99), 1e-6))
     with _drawing(0.5 + (0.35 + 0.19 * rows) * len(shown), grid=False) as figure:
         maps = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
-        scale = ScalarMappable(Normalize(-1e3 * top, 1e3 * top), SIGNED)
+        scale = ScalarMappable(Normalize(-MILLI * top, MILLI * top), SIGNED)
         for axes, (traces, _, label) in zip(maps, shown, strict=True):
-            axes.pcolorfast(_edges(traces.middle), np.arange(rows + 1.0), scale.to_rgba(1e3 * traces.slip.T))
-            axes.set_yticks(np.arange(rows) + 0.5, traces.channels, fontsize=7.5)
+            axes.pcolorfast(_edges(traces.middle), np.arange(rows + 1.0), scale.to_rgba(MILLI * traces.slip.T))
+            axes.set_yticks(np.arange(rows) + 0.5, traces.channels, fontsize="small")
             axes.invert_yaxis()
             axes.tick_params(length=0)
             axes.set_title(label)
@@ -142,7 +143,7 @@ def slip(before: Traces, after: Traces | None = None) -> Picture:
         "slip",
         svg,
         f"A map of slip by channel and time{_also(after)}; most of it in {worst['channel']}, and at its largest, "
-        f"{1e3 * worst['most_slip_m']:.2g} mm, at {worst['at_s']:.0f} s.",
+        f"{MILLI * worst['most_slip_m']:.2g} mm, at {worst['at_s']:.0f} s.",
         "By how much each wheel's rolling and each castor's side motion miss perfect rolling. One row that stands "
         "out is a wheel or castor; one column, an event.",
     )
@@ -150,7 +151,7 @@ def slip(before: Traces, after: Traces | None = None) -> Picture:
 
 def floor(before: Traces) -> Picture:
     """Return where on the floor wheels slip."""
-    size = 1e3 * np.sqrt(np.mean(before.slip**2, axis=1))
+    size = MILLI * np.sqrt(np.mean(before.slip**2, axis=1))
     with _drawing(3.4) as figure:
         axes, order = figure.subplots(), np.argsort(size)
         axes.plot(before.path[:, 0], before.path[:, 1], color=_hex(GRID), linewidth=0.8, zorder=1)
@@ -180,9 +181,9 @@ def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] 
     with _drawing(0.55 + 0.2 * len(best) + 0.11 * sum(label.count("\n") for label in labels), grid=False) as figure:
         axes = figure.subplots()
         colors = [AFTER if name in named else OTHERS for name, _, _ in best]
-        bars = axes.barh(rows, [100 * part for _, part, _ in best], color=colors, height=0.62)
-        axes.bar_label(bars, [said for _, _, said in best], padding=3, fontsize=7.5)
-        axes.set_yticks(rows, labels, fontsize=7.5)
+        bars = axes.barh(rows, [PERCENT * part for _, part, _ in best], color=colors, height=0.62)
+        axes.bar_label(bars, [said for _, _, said in best], padding=3, fontsize="small")
+        axes.set_yticks(rows, labels, fontsize="small")
         axes.invert_yaxis()
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", length=0)
@@ -210,12 +211,12 @@ def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
     if unit == "degrees":
         at = np.degrees(np.append(at, at[0] + 2 * np.pi))
         heights = [np.append(height, height[0]) for height in heights]
-    value, low, high = (100 * height for height in heights)
+    value, low, high = (PERCENT * height for height in heights)
     with _drawing(2.6) as figure:
         axes = figure.subplots()
         axes.axhline(0, color=BEFORE, linewidth=0.8)
         axes.fill_between(at, low, high, color=AFTER, alpha=0.2, linewidth=0, label="95 % band")
-        axes.plot(at, value, "o-", color=AFTER, markersize=3.5, label="learned from the logs")
+        axes.plot(at, value, "o-", color=AFTER, label="learned from the logs")
         if unit == "degrees":
             axes.set_xticks(at[0] + np.arange(0, 361, 60))
         axes.margins(x=0.02)
@@ -252,8 +253,8 @@ def replays(before: Replay, after: Replay | None = None) -> Picture | None:
         top = axes_of[panels[0][0]]
         if posed:
             for replay, color, label in shown:
-                position = 1e3 * np.hypot(replay.body[:, 0], replay.body[:, 1])
-                top.plot(np.arange(1, len(position) + 1), position, "o-", color=color, markersize=3, label=label)
+                position = MILLI * np.hypot(replay.body[:, 0], replay.body[:, 1])
+                top.plot(np.arange(1, len(position) + 1), position, "o-", color=color, label=label)
             top.set_ylabel("position, mm")
             top.set_xlabel("window")
             top.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -262,7 +263,7 @@ def replays(before: Replay, after: Replay | None = None) -> Picture | None:
             axes = axes_of[kind]
             width, places = 0.8 / len(shown), np.arange(len(names))
             for k, (replay, color, replay_label) in enumerate(shown):
-                gaps = 1e3 * np.sqrt(np.mean(getattr(replay, kind) ** 2, axis=0))
+                gaps = MILLI * np.sqrt(np.mean(getattr(replay, kind) ** 2, axis=0))
                 axes.bar(places - 0.4 + width * (k + 0.5), gaps, width * 0.9, color=color, label=replay_label)
             axes.set_xticks(places, [name.partition("_")[2] for name in names])
             axes.grid(visible=False, axis="x")
@@ -289,7 +290,7 @@ def _also(after: object) -> str:
 
 def _rms_mm(errors: Sequence[Errors]) -> float:
     off = np.concatenate([log.off for log in errors])
-    return 1e3 * float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))
+    return MILLI * float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))
 
 
 def _short(text: str) -> str:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from discrepancy.report.parts import READ_AS, Data, digits_by, number
+from discrepancy.report.parts import MILLI, PERCENT, READ_AS, Data, digits_by, number
 from estimators.calibration.identifiability import COVERAGE
 
 HALF = 0.5
@@ -86,7 +86,7 @@ def gaps_of(data: Data) -> list[str]:
     for log_set, of in GAPS:
         if data[of] is not None:
             before, after = data[of]
-            part = f"{100 * after[0] / before[0]:.0f} %" if after is not None and before[0] > 0 else "all"
+            part = f"{PERCENT * after[0] / before[0]:.0f} %" if after is not None and before[0] > 0 else "all"
             now = "" if after is None else f"; with {file} {off(after)}, {part} stays"
             lines.append(f"odometry with predicted creep is off the reference{log_set} by {off(before)} (rms){now}")
     return lines
@@ -97,7 +97,7 @@ def stays(data: Data) -> str:
     if (staying := _staying(data)) is None:
         return ""
     log_set, before, after, noise = staying
-    share, of = f"{100 * after / before:.0f} % of the gap{log_set} stays", f"{after:.3g} of {before:.3g} mm (rms)"
+    share, of = f"{PERCENT * after / before:.0f} % of the gap{log_set} stays", f"{after:.3g} of {before:.3g} mm (rms)"
     if noise:
         return f"{share}, {of}; the reference's own noise is about {noise:.2g} mm."
     if after >= before:
@@ -144,7 +144,7 @@ def size_of(answer: Data) -> str:
     a size or a name."""
     if answer["curve"]:
         values = answer["curve"]["values"]
-        return f"{number(min(values), 100, 2, signed=True)} to {number(max(values), 100, 2, signed=True)} %"
+        return f"{number(min(values), PERCENT, 2, signed=True)} to {number(max(values), PERCENT, 2, signed=True)} %"
     size, unit, interval = answer["size"], answer["unit"], answer["interval"]
     if size is None or unit is None or not interval:
         return ""
@@ -165,7 +165,7 @@ def nearest_of(answer: Data) -> str:
 def cost_of(answer: Data) -> str:
     """Return what an effect costs in use; nothing where these drives do not show it."""
     costs = zip(answer["cost"], COSTS, strict=False)
-    return " and ".join(f"{_figures(1e3 * cost)} {unit} {of}" for cost, (unit, of) in costs if cost)
+    return " and ".join(f"{_figures(MILLI * cost)} {unit} {of}" for cost, (unit, of) in costs if cost)
 
 
 def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
@@ -215,12 +215,12 @@ def percent(part: float) -> str:
     """Return a probability; none is reported as certain."""
     if part > 0.999:
         return "over 99.9 %"
-    return f"{100 * part:.{1 if part > 0.99 else 0}f} %" if part >= LEAST_REPORTED else "under 1 %"
+    return f"{PERCENT * part:.{1 if part > 0.99 else 0}f} %" if part >= LEAST_REPORTED else "under 1 %"
 
 
 def off(gap: Sequence[float]) -> str:
     """Return a gap (m, rad)."""
-    return " and ".join(f"{_figures(1e3 * part)} {unit}" for part, (unit, _) in zip(gap, COSTS, strict=True))
+    return " and ".join(f"{_figures(MILLI * part)} {unit}" for part, (unit, _) in zip(gap, COSTS, strict=True))
 
 
 def _errors_of(summary: Mapping[str, Any]) -> str:
@@ -247,13 +247,15 @@ def _staying(data: Data) -> tuple[str, float, float, float] | None:
     """Return the first gap of which half or more stays: where, mm before and after, and the reference's own noise, mm,
     if that is half of it or more; None if there is none."""
     replays, position = data["replay"] or {}, data["noise"]["position_m"] if data["noise"] else None
-    gaps = [(log_set, [None if gap is None else 1e3 * gap[0] for gap in data[of]]) for log_set, of in GAPS if data[of]]
+    gaps = [
+        (log_set, [None if gap is None else MILLI * gap[0] for gap in data[of]]) for log_set, of in GAPS if data[of]
+    ]
     if not gaps:
         counted = [(replays.get(state) or {}).get("wheels_rms_mm") for state in ("before", "after")]
         gaps, position = [(" between simulated and measured wheel counts", counted)], None
     for log_set, (before, after) in gaps:
         if before and after is not None and after >= HALF * before:
-            noise = 1e3 * math.sqrt(2) * (position or 0.0)  # along both axes
+            noise = MILLI * math.sqrt(2) * (position or 0.0)  # along both axes
             return log_set, before, after, noise if noise >= HALF * after else 0.0
     return None
 
