@@ -16,9 +16,10 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.checks import GAP
 from discrepancy.preflight.reading import Channels, Reading
-from discrepancy.preflight.stretches import unwrapped
+from discrepancy.preflight.stretches import STEP, unwrapped
+from discrepancy.preflight.stretches import WINDOW as STEPS_A_WINDOW
 
-WINDOW = 0.4
+WINDOW = STEP * STEPS_A_WINDOW
 """s: turns are summed over this long, in which motors follow their commands."""
 
 OBEYED = 0.05

@@ -16,22 +16,24 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.posterior.calibrated import CREDIBLE
+from discrepancy.posterior.verdicts import MATERIAL
 from discrepancy.trials.folder import FINDER, asked_of, judged
 from discrepancy.trials.said import QUIET
 
 FORMAT = "castor-trial/3"
 
-MATTERS, COSTLY, SEPARATE, STRONG, LOUD = 1e-3, 2e-3, 5.0, 8.0, 20.0
+MATTERS, COSTLY, SEPARATE, STRONG, LOUD = MATERIAL.position, 2e-3, 5.0, 8.0, 20.0
 """m per 10 m from which on a cost matters to a user; m per 10 m, z_sep and z from which on an effect should be named; z
 from which on an effect outside the catalogue should be flagged."""
 
 ALIKE = 1.0
 """z_sep below which no log can distinguish an effect from the nearest class."""
 
-LEAST_REPORTED = 0.05
-"""Least probability of a name that counts in the reliability diagram: a credible set of 95 % omits no more."""
+LEAST_REPORTED = 1 - CREDIBLE
+"""Least probability of a name that counts in the reliability diagram: a credible set omits no more."""
 
-EDGES = (LEAST_REPORTED, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
+EDGES = (LEAST_REPORTED, 0.2, 0.4, 0.6, 0.8, 0.9, CREDIBLE, 0.99, 1.0)
 """Edges of the bins of probability, narrow near 1."""
 
 

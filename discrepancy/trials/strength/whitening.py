@@ -91,17 +91,13 @@ class Whitening:
 def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
     """Return derivatives of measured distances (W, R, (q + 1) * channels), m, by the counts at each sample of a
     window."""
-    w, n_rows = windows.left.shape
-    s = len(layout.sensed)
-    still, turning = np.zeros((n_rows, s + len(layout.driven))), np.zeros((w, n_rows, s + len(layout.driven)))
+    rows, s, d = layout.rows, len(layout.sensed), len(layout.driven)
+    of_castor = (rows.castor[:, None] == layout.sensed) * (2 * np.pi / geometry.pivot_counts_per_rev[layout.sensed])
     pointing = np.einsum("wij,wj->wi", windows.sideways, windows.moved)
-    for k, castor in enumerate(layout.sensed):
-        radian = 2 * np.pi / geometry.pivot_counts_per_rev[castor]
-        still[:, k] = -windows.arms * (layout.rows.castor == castor) * radian
-        turning[:, :, k] = pointing * (layout.rows.castor == castor) * radian
-    for row, wheel in enumerate(layout.rows.wheels):
-        column = s + int(np.flatnonzero(layout.driven == wheel)[0])
-        still[row, column] = geometry.radius[wheel] * 2 * np.pi / geometry.counts_per_rev[wheel]
+    turning = np.pad(pointing[:, :, None] * of_castor, ((0, 0), (0, 0), (0, d)))
+    still = np.pad(-windows.arms[:, None] * of_castor, ((0, 0), (0, d)))
+    length = geometry.radius * 2 * np.pi / geometry.counts_per_rev
+    still[np.arange(len(rows.wheels)), s + np.searchsorted(layout.driven, rows.wheels)] = length[rows.wheels]
     ends = np.zeros(layout.q + 1)
     ends[0], ends[-1] = -1.0, 1.0
     by_end = [end * still - share * turning for end, share in zip(ends, layout.mean, strict=True)]
