@@ -325,7 +325,8 @@ def lines(scores: dict[str, Any]) -> list[str]:
     plan = scores["plan"]
     done = f"{scores['judged']} of {plan['cases']} cases, generator {plan['generator']}, seed {plan['seed']}"
     text = [f"{done}, finder {scores['finder']}, {len(plan['robots'])} robots"]
-    for name, group in {"all": scores["all"], **scores["groups"]}.items():
+    parts = {name: group for name, group in scores["groups"].items() if group["cases"] < scores["judged"]}
+    for name, group in {"all": scores["all"], **parts}.items():
         seconds = group["seconds"]
         each = f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each"
         text += ["", f"{name}: {group['cases']} cases, {each}"]
