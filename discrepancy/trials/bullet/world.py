@@ -15,7 +15,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
@@ -72,7 +71,7 @@ class World:
         larger = max(geometry.radius[link.wheel] - link.place[2] for link in parts.links if link.wheel is not None)
         self._place, self._turn = (
             np.array([0.0, 0.0, larger + CLEARANCE]) + self._center,
-            Rotation.identity(),
+            np.array([0.0, 0.0, 0.0, 1.0]),
         )
         self._body, self._usual = self._made(parts), robot.contact.friction
 
@@ -176,7 +175,7 @@ class World:
             self._servo(still)
             self._advance()
         self._bullet.setGravity(*self._gravity, **self._at)
-        self._turn = Rotation.from_rotvec([0.0, 0.0, start[2] - self._pose()[2]]) * self._turn
+        self._turn = turned(self._turn, np.array([0.0, 0.0, start[2] - self._pose()[2]]))
         self._place[:2] += start[:2] - self._pose()[:2]
         self._speed, self._spin, self._rate = np.zeros(3), np.zeros(3), np.zeros(len(self._hinges))
         self._turned[:] = 0.0
@@ -208,8 +207,9 @@ class World:
 
     def _pose(self) -> Array:
         """Return the pose (3,) of B: x, y, m, and psi, rad, between -pi and pi."""
-        origin = self._place - self._turn.apply(self._center)
-        return np.array([origin[0], origin[1], self._turn.as_euler("ZYX")[0]])
+        x, y, z, w = self._turn.tolist()
+        origin = self._place - rotated(self._turn, self._center)
+        return np.array([origin[0], origin[1], math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
 
     def _servo(self, command: Array) -> None:
         """Let motors turn their hinges toward rates (k,), rad/s, with torques in proportion to what is missing."""
@@ -232,8 +232,8 @@ class World:
             torque = -self._stiffness * self.joint[self._sprung] - self._damping * self._rate[self._sprung]
             hinges = [self._hinges[hinge] for hinge in self._sprung]
             bullet.setJointMotorControlArray(body, hinges, bullet.TORQUE_CONTROL, forces=torque.tolist(), **at)
-        place, turn = self._place + half * self._speed, Rotation.from_rotvec(half * self._spin) * self._turn
-        bullet.resetBasePositionAndOrientation(body, place.tolist(), turn.as_quat().tolist(), **at)
+        place, turn = self._place + half * self._speed, turned(self._turn, half * self._spin)
+        bullet.resetBasePositionAndOrientation(body, place.tolist(), turn.tolist(), **at)
         bullet.resetBaseVelocity(body, self._speed.tolist(), self._spin.tolist(), **at)
         joint = self.joint + half * self._rate
         bullet.resetJointStatesMultiDof(body, self._hinges, joint[:, None].tolist(), self._rate[:, None].tolist(), **at)
@@ -241,7 +241,7 @@ class World:
         self._speed, self._spin = map(np.array, bullet.getBaseVelocity(body, **at))
         self._rate = np.array([joint[1] for joint in bullet.getJointStates(body, self._hinges, **at)])
         self._place = self._place + self._step * self._speed
-        self._turn = Rotation.from_rotvec(self._step * self._spin) * self._turn
+        self._turn = turned(self._turn, self._step * self._spin)
         self.joint = self.joint + self._step * self._rate
 
     def _loads(self) -> Array:
@@ -273,6 +273,26 @@ class World:
             if friction != self._friction[k]:
                 self._bullet.changeDynamics(self._body, self._spheres[k], lateralFriction=friction, **self._at)
                 self._friction[k] = friction
+
+
+def turned(turn: Array, by: Array) -> Array:
+    """Return a quaternion (x, y, z, w) turned further by a rotation vector (3,) in N, rad.
+
+    Bullet's own are of single precision, and scipy's rotations make a step take half as long again.
+    """
+    x, y, z, w = turn.tolist()
+    angle = math.sqrt(float(by @ by))
+    a, b, c = (by * (math.sin(angle / 2) / angle if angle > 0 else 0.5)).tolist()
+    d = math.cos(angle / 2)
+    vector = d * x + a * w + b * z - c * y, d * y - a * z + b * w + c * x, d * z + a * y - b * x + c * w
+    return np.array([*vector, d * w - a * x - b * y - c * z])
+
+
+def rotated(turn: Array, vector: Array) -> Array:
+    """Return a vector (3,) turned by a quaternion (x, y, z, w)."""
+    axis, w = turn[:3], turn[3]
+    side = 2 * np.cross(axis, vector)
+    return vector + w * side + np.cross(axis, side)
 
 
 def _springy(load: float, sinking: float) -> dict[str, float]:
