@@ -113,12 +113,15 @@ def test_true_values_are_within_their_intervals_without_reference_poses():
 
 def test_wheels_that_cannot_disagree_creep_under_forces_only():
     """Which these logs hardly show."""
-    log = driven("differential", None, 31)
-    found, without = calibrate(preset("differential"), [log]), calibrate_without_creep(preset("differential"), log)
-    assert found.creeps
-    seen = without.standard_errors > 0
-    assert np.all(np.abs(found.after - without.after)[seen] < 0.2 * without.standard_errors[seen])
-    np.testing.assert_allclose(found.standard_errors, without.standard_errors, rtol=0.05)
+    moved = []
+    for seed in (31, 32, 33):
+        log = driven("differential", None, seed)
+        found, without = calibrate(preset("differential"), [log]), calibrate_without_creep(preset("differential"), log)
+        assert found.creeps
+        seen = without.standard_errors > 0
+        moved.append((found.after - without.after)[seen] / without.standard_errors[seen])
+        np.testing.assert_allclose(found.standard_errors, without.standard_errors, rtol=0.05)
+    assert np.sqrt(np.mean(np.square(moved), axis=0)).max() < 0.2
 
 
 def test_a_wheel_of_a_swerve_is_found_within_its_interval():
