@@ -26,6 +26,24 @@ from castor_envs.geometry.arrays import Array, vectors
 from castor_envs.vehicles.robot import Fixes, Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from castor_envs.vehicles.train import TrainDescription
+from castor_envs.vehicles.weight import chassis
+
+NUMBERS = {
+    "pivot": 2,
+    "offset": 1,
+    "pivot_zero": 1,
+    "angle": 1,
+    "lateral": 1,
+    "radius": 1,
+    "roller": 1,
+    "mass": 0,
+    "inertia": 0,
+    "center": 1,
+    "castor_mass": 1,
+    "castor_inertia": 1,
+    "slip_stiffness": 1,
+}
+"""Numbers of a geometry, and how many axes each has behind the leading ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +51,9 @@ class Geometry:
     """The numbers of one robot, or of many of one layout, as arrays with any leading axes.
 
     n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
-    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. Layout, equal for all
+    fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. mass, inertia (...) and
+    center (..., 2) of the chassis with its fixed castors, castor_mass and castor_inertia (..., n) of others, 0 of
+    fixed ones; slip_stiffness (..., 2), along and across, over a wheel's load. Layout, equal for all
     robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there
     is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering. gyro, fixes and
     tolerances: as the description states them, None where it states none.
@@ -53,6 +73,12 @@ class Geometry:
     fixed: NDArray[np.bool_]
     driven: NDArray[np.bool_]
     sample_period: float
+    mass: Array
+    inertia: Array
+    center: Array
+    castor_mass: Array
+    castor_inertia: Array
+    slip_stiffness: Array
     gyro: Gyro | None = None
     fixes: Fixes | None = None
     tolerances: Tolerances | None = None
@@ -90,8 +116,7 @@ class Geometry:
 
     @classmethod
     def _stacked(cls, members: Sequence["Geometry"]) -> "Geometry":
-        numbers = ("pivot", "offset", "pivot_zero", "angle", "lateral", "radius", "roller")
-        stacked = {name: np.stack([getattr(member, name) for member in members]) for name in numbers}
+        stacked = {name: np.stack([getattr(member, name) for member in members]) for name in NUMBERS}
         return dataclasses.replace(members[0], **stacked)
 
     @property
@@ -133,19 +158,10 @@ class Geometry:
 
     def expand(self, axes: int) -> "Geometry":
         """Return the geometry with `axes` new axes of length 1 behind its leading ones, to broadcast over runs."""
-        parameters = {
-            "pivot": 2,
-            "offset": 1,
-            "pivot_zero": 1,
-            "angle": 1,
-            "lateral": 1,
-            "radius": 1,
-            "roller": 1,
-        }
         if self.offset.ndim == 1:
             return self  # it has no leading axes
         changed = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        for name, ndim in parameters.items():
+        for name, ndim in NUMBERS.items():
             array = changed[name]
             split = array.ndim - ndim
             changed[name] = array.reshape(array.shape[:split] + (1,) * axes + array.shape[split:])
@@ -154,6 +170,8 @@ class Geometry:
 
 def _of_robot(robot: RobotDescription) -> Geometry:
     castors, wheels = robot.castors, robot.wheels
+
+    mass, inertia, center = chassis(robot)
 
     def numbers(values: list[float | None]) -> Array:
         return np.array([np.nan if value is None else value for value in values], dtype=float)
@@ -173,6 +191,12 @@ def _of_robot(robot: RobotDescription) -> Geometry:
         fixed=np.array([castor.steering == "fixed" for castor in castors]),
         driven=np.array([castor.steering == "driven" for castor in castors]),
         sample_period=robot.sample_period,
+        mass=np.array(mass),
+        inertia=np.array(inertia),
+        center=center,
+        castor_mass=np.array([0.0 if castor.steering == "fixed" else castor.mass for castor in castors]),
+        castor_inertia=np.array([0.0 if castor.steering == "fixed" else castor.inertia for castor in castors]),
+        slip_stiffness=np.array([robot.contact.slip_stiffness_long, robot.contact.slip_stiffness_lat]),
         gyro=robot.gyro,
         fixes=robot.fixes,
         tolerances=robot.tolerances,

@@ -10,12 +10,30 @@ import numpy as np
 
 from castor_envs.kernels.arguments import REAL, array
 from castor_envs.kernels.kernel import Kernel
+from estimators.filtering.creep import (
+    ARM,
+    BY_ANGLE,
+    CARRIED,
+    CHASSIS,
+    CREEP,
+    FIXED,
+    LEFT,
+    SCALE,
+    SWING,
+    TRAILING,
+    WAY,
+    YIELD,
+    balanced,
+    crept,
+    forced,
+    yields,
+)
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
 from estimators.steps.castor_odometry import displace, sinc
 from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, SINGULAR, bent, equation, solved, swivelled
 
-SLIP, SIDE_SLIP = 5e-4, 2e-4
-"""m after 1 m: standard deviations of the random walks of slip along a wheel's rolling direction and to its side."""
+SLIP = 5e-4
+"""m after 1 m: standard deviation of the random walk of a wheel's creep."""
 
 TIE = 2.0
 """Twice the log-likelihood ratio up to which it is not known which of two measurements contradicts: both are released.
@@ -37,27 +55,11 @@ AGAIN = 2.0
 WEAR = 1e-4
 """After 1 m: random walk of radii, 0.3 % in a kilometre, as of tyres under a payload."""
 
-LEAST_WAY = 0.02
-"""Of the way of the contact that rolls farthest in a sample: the shortest one for which a stiffness is computed."""
-
 LEAST = 1e-12
 """m^2: least variance of slip in a sample."""
 
 DRIFT = 1e-4
 """rad/s in a root second: random walk of a gyro's bias, 0.04 deg/s in a minute, as of a chip that warms up."""
-
-CARRIED = np.dtype(
-    [
-        # step of a castor's encoder, rad; its kind, `FIXED` to `TRAILING`; offset, m; swivel in the sample before, rad
-        ("step", float),
-        ("kind", np.int64),
-        ("offset", float),
-        ("last", float),
-    ],
-    align=True,
-)
-FIXED, STEERED, TRAILING = range(3)
-"""Whether a castor stands, a motor holds it, or the floor turns it."""
 
 WHEEL = np.dtype([("radius", float), ("lateral", float), ("count", float)], align=True)
 """m, m, and rad of a count."""
@@ -67,7 +69,6 @@ FILTER = np.dtype([("slip", float), ("creeps", np.int64)], align=True)
 
 SWIVEL = 3
 """Where measured states begin: after the pose; n castors, d wheels, no side slip of c, and a gyro, if there is one."""
-LEFT, BY_ANGLE, SWING, WAY, STIFFNESS = range(5)
 RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
 
 
@@ -75,9 +76,9 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
     """Set up a sample's equations of a robot with the numbers of a filter's state x (D,), and linearise about their
     solution.
 
-    Writes into `found` (5, m) of each equation its residual, m, or, of rolling, the angle that the wheel turns, rad; by
-    how much it changes with the castor's angle, and with a swivel beyond what was read, m/rad; and the way of the
-    pivot, m. Into `carry` (D, R) and `moves` (3, D) its derivatives by the state before and by the motion. Returns the
+    Writes into `found` (ROWS, m) of each equation its residual, m, or, of rolling, the angle that the wheel turns, rad;
+    by how much it changes with the castor's angle, and with a swivel beyond what was read, m/rad; the way of the pivot
+    and h, m. Into `carry` (D, R) and `moves` (3, D) its derivatives by the state before and by the motion. Returns the
     motion.
     """
     n, d, m = carried.shape[1], wheels.shape[1], rows.shape[1]
@@ -99,13 +100,13 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
             rolled = of_wheel.radius * math.exp(known * x[radius + i]) * of_wheel.count * wheel[robot, row.wheel]
         east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
         equation(equations, 0, i, castor, row, east, north, arm, rolled, 1)
-        found[SWING, i] = arm
+        found[ARM, i] = arm
     along, across, turn = solved(equations, 0, 1)
     a = 2.0 * math.sin(0.5 * turn)
     for i in range(m):
         row = rows[robot, i]
         j, at_row = row.castor, SWIVEL + n + i
-        castor, arm = castors[robot, j], found[SWING, i]
+        castor, arm = castors[robot, j], found[ARM, i]
         g_x, g_y = equations[0, i, G_X], equations[0, i, G_Y]
         lever = equations[0, i, LEVER] + arm * castor.half_cos
         # The direction turned by +90 degrees, and the pivot's way.
@@ -132,46 +133,6 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
     return along, across, turn
 
 
-def stiffnesses(rows, robot, found):
-    """Write the stiffness of contacts' creep, in any unit, into `found`.
-
-    Creep is in proportion to the way and to the force (`castor_envs.physics.tyre`); wheels carry equal loads.
-    """
-    m, farthest = rows.shape[1], math.sqrt(LEAST)
-    for i in range(m):
-        farthest = max(farthest, found[WAY, i])
-    for i in range(m):
-        found[STIFFNESS, i] = rows[robot, i].contacts / max(found[WAY, i] / farthest, LEAST_WAY)
-
-
-def balanced(carry, at, end, moves, first, stiffness, small):
-    """Leave of disagreements of m contacts what remains after these crept until their forces balance.
-
-    carry (D, R), moves (3, R or D): disagreements are rows `at` to `end`, columns `first` on; of moves M, by how much
-    contacts move for a unit of each free motion, the same columns. stiffness (m,): of their creep, K. The creep that is
-    taken off has M K creep = 0: neither force nor torque is left. small (4, 3): room.
-    """
-    m = stiffness.shape[0]
-    for k in range(3):
-        for other in range(3):
-            small[k, other] = 0.0
-    for i in range(m):
-        for k in range(3):
-            for other in range(3):
-                small[k, other] += stiffness[i] * moves[k, first + i] * moves[other, first + i]
-    inverted(small)
-    for s in range(at, end):
-        for k in range(3):
-            small[UW, k] = 0.0
-        for i in range(m):
-            force = stiffness[i] * carry[s, first + i]
-            for k in range(3):
-                small[UW, k] += moves[k, first + i] * force
-        u_x, u_y, u_z = motion(small, 0), motion(small, 1), motion(small, 2)
-        for i in range(m):
-            carry[s, first + i] = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
-
-
 def turn_off_mean(castors, rows, robot, found, first, moves, small):
     """Return by how much the body's turning rate at the end of a sample differs from its mean, times the sample, rad.
 
@@ -195,14 +156,19 @@ def turn_off_mean(castors, rows, robot, found, first, moves, small):
     return 0.5 * motion(small, 2)
 
 
-def unevenness(found, i, swivel, offset, off):
-    """Return the variance, m^2, of an equation of a castor that does not turn evenly in a sample.
+def unevenness(found, i, castor, swivel, uneven):
+    """Return the variance, m^2, of an equation of a castor that swivels in a sample.
 
-    off: error of the angle half-way, rad. Along a tractrix the third order of the way over the offset is in doubt: a
-    part of it is that of `bent`, all of it where motors turn castors evenly.
+    uneven: error of the angle half-way as a part of the change of the swivel, where it begins from zero, of a castor
+    that a motor turns: to how far it does so evenly, and whether it follows a tractrix, is in doubt. Where the floor
+    turns it (`bent`), an error of the fifth order is left.
     """
-    way = found[WAY, i]
+    way, offset = found[WAY, i], castor.offset
     tractrix = way * way * swivel / (24.0 * offset) if offset > 0.0 else 0.0
+    if castor.kind == TRAILING:
+        return (tractrix * way * way / (offset * offset)) ** 2
+    change = swivel - castor.last
+    off = uneven * change * change / (abs(swivel) + abs(castor.last) + castor.step + 1e-9)
     least = min(off, 1.0)
     return (found[BY_ANGLE, i] * off) ** 2 + (0.5 * way * least * least) ** 2 + tractrix * tractrix
 
@@ -272,6 +238,8 @@ def _advance(
     log_likelihood,
     gyro,
     freed,
+    chassis,
+    before,
     wheel,
     pivot,
     filters,
@@ -284,6 +252,8 @@ def _advance(
     factor,
     whitened,
     small,
+    held,
+    bearing,
     uneven,
     gate,
 ):
@@ -292,12 +262,15 @@ def _advance(
     castors, carried (B, n), wheels (B, d), rows (B, m): of types `CASTOR`, `CARRIED`, `WHEEL` and `ROW`. start, pose
     (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 4): a turn,
     rad, the variance of what it is off but for readings' noise, the sample's duration, s, 0 where there is none, and
-    that noise, rad/s. freed (B, F, q): the variances of slip of
-    those measurements that are released. wheel and pivot: the counts. Others: room.
+    that noise, rad/s. freed (B, F, q): the variances of slip of those measurements that are released. chassis (B, 1):
+    of type `CHASSIS`. before (B, F, 3 + 2 n): the motion of the sample before (`forced`). wheel and pivot:
+    the counts. Others: room.
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
     q = measured.shape[1]
     first, at = SWIVEL + n, SWIVEL + q
+    numbers = 2 * d + 4 * n
+    compliance = at + numbers
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
@@ -308,6 +281,8 @@ def _advance(
             moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
         for f in range(filters.shape[0]):
             if not moves_on:
+                for k in range(3 + 2 * n):
+                    before[robot, f, k] = 0.0
                 continue
             for i in range(q):
                 measured[GATES, i] = gate if freed[robot, f, i] == 0.0 else min(gate, AGAIN)
@@ -321,10 +296,11 @@ def _advance(
             along, across, turn = linearised(
                 castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves
             )
+            yields(carried, wheels, rows, robot, wheel, chassis, found)
+            last, motion_of = before[robot, f], (along, across, turn)
+            forced(castors, carried, chassis, rows, robot, *motion_of, last, first, moves, found, held, bearing)
             if creeps:
-                numbers = 2 * d + 4 * n
-                stiffnesses(rows, robot, found)
-                balanced(carry, at, at + numbers, moves, first, found[STIFFNESS], small)
+                balanced(carry, at, at + numbers, moves, first, found[YIELD], small)
                 for i in range(m):
                     more = 0.0
                     for s in range(at, at + numbers):
@@ -334,10 +310,13 @@ def _advance(
             has_gyro = at > first + m and duration > 0.0
             off_mean = turn_off_mean(castors, rows, robot, found, first, moves, small) if has_gyro else 0.0
             # Equations of rolling become those of the wheels' angles.
+            for i in range(m):
+                found[SCALE, i] = 1.0
+                carry[compliance, first + i] = -found[CREEP, i]
             for i in range(d):
                 of_wheel = wheels[robot, i]
                 known = 0.0 if creeps else x[at + i]
-                scale = 1.0 / (of_wheel.radius * math.exp(known))
+                scale = found[SCALE, i] = 1.0 / (of_wheel.radius * math.exp(known))
                 for s in range(size):
                     carry[s, first + i] *= scale
                 for k in range(3):
@@ -380,8 +359,8 @@ def _advance(
             for j in range(n):
                 of_castor, swivel = carried[robot, j], castors[robot, j].swivel
                 step, changed = of_castor.step, swivel != 0.0
-                held = TURNED if of_castor.kind == TRAILING else CHANGING if changed else STEADY
-                beyond, at_castor = (held * step) ** 2, SWIVEL + j
+                unread = TURNED if of_castor.kind == TRAILING else CHANGING if changed else STEADY
+                beyond, at_castor = (unread * step) ** 2, SWIVEL + j
                 p[at_castor, at_castor] += beyond
                 rounding = step * step / 12.0
                 if not changed:
@@ -389,8 +368,6 @@ def _advance(
                 measured[RESIDUAL, j] = -x[at_castor]
                 measured[VARIANCE, j] = rounding + (1.0 if of_castor.kind == FIXED else 0.0)
                 measured[SLIPS, j] = 0.0
-                change = swivel - of_castor.last
-                off = uneven * change * change / (abs(swivel) + abs(of_castor.last) + step + 1e-9)
                 for i in range(m):
                     if rows[robot, i].castor != j:
                         continue
@@ -400,22 +377,22 @@ def _advance(
                     for other in range(m):
                         if rows[robot, other].castor == j:
                             p[first + i, first + other] += by_swing * found[SWING, other]
-                    here, variance = n + i, unevenness(found, i, swivel, of_castor.offset, off)
+                    here, variance = n + i, unevenness(found, i, of_castor, swivel, uneven)
                     if i < d:
                         of_wheel = wheels[robot, i]
-                        radius = of_wheel.radius * (1.0 if creeps else math.exp(x[at + i]))
+                        scale = found[SCALE, i]
                         rolled = of_wheel.count * wheel[robot, rows[robot, i].wheel]
-                        variance += filters[f].slip ** 2 * abs(radius * rolled) + LEAST
-                        p[at + i, at + i] += WEAR**2 * abs(radius * rolled)
-                        p[first + i, first + i] += variance / (radius * radius)
-                        x[first + i] += found[LEFT, i] - rolled
+                        p[at + i, at + i] += WEAR**2 * abs(rolled / scale)
+                        p[first + i, first + i] += variance * scale * scale
+                        x[first + i] += found[LEFT, i] - scale * found[CREEP, i] * (1.0 + x[compliance]) - rolled
                         measured[RESIDUAL, here] = -x[first + i]
                         measured[VARIANCE, here] = of_wheel.count**2 / 12.0
                         measured[SLIPS, here] = (RELEASED / of_wheel.radius) ** 2
                     else:
-                        measured[RESIDUAL, here] = -found[LEFT, i]
-                        measured[VARIANCE, here] = SIDE_SLIP**2 * found[WAY, i] + LEAST + variance
+                        measured[RESIDUAL, here] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
+                        measured[VARIANCE, here] = LEAST + variance
                         measured[SLIPS, here] = RELEASED**2
+            crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing)
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
             gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(
@@ -454,9 +431,11 @@ ADVANCE = Kernel(
     "_advance",
     (
         *(array(of, 2) for of in (CASTOR, CARRIED, WHEEL, ROW, float, float)),
-        *(array(float, axes) for axes in (3, 4, 2, 2, 3, 2, 2)),
+        *(array(float, axes) for axes in (3, 4, 2, 2, 3)),
+        array(CHASSIS, 2),
+        *(array(float, axes) for axes in (3, 2, 2)),
         array(FILTER, 1),
-        *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2)),
+        *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2, 2, 2)),
         REAL,
         REAL,
     ),

@@ -7,10 +7,12 @@ nine things about a motion of three degrees of freedom; what contradicts is put 
 Counts themselves are measured, not their increments: each count and each pivot's reading is off by its own rounding, so
 that no remainder is ever lost. A castor does not slip to its side: a measurement of zero. The equations of a sample are
 those of `rolling_equations`, about whose solution they are linear; of the sample's motion itself hardly anything is
-known before (`kalman`). Measurements that contradict the others, as over a bump, are released while they do (`GATE`). A
-gyro, if the description has one, measures the turn of each sample by the mean of its readings at both ends, so that the
-noise of a reading is part of two samples. External fixes correct the pose, late and wrong ones too (`fixes`). The state
-of a robot with n castors, d wheels with encoders and c castors that do not slip to their side is
+known before (`kalman`). Contacts creep under the forces of a motion, as masses and slip stiffness in the description
+say, up to a factor that is learned; beyond that they creep in such a way that forces on the body and about each pivot
+balance (`creep`). Measurements that contradict the others, as over a bump, are released while they do (`GATE`). A gyro,
+if the description has one, measures the turn of each sample by the mean of its readings at both ends, so that the noise
+of a reading is part of two samples. External fixes correct the pose, late and wrong ones too (`fixes`). The state of a
+robot with n castors, d wheels with encoders and c castors that do not slip to their side is
 
     pose (3)         in the frame of the start pose
     swivel (n)       angles of the castors beyond what their encoders read, rad
@@ -18,6 +20,7 @@ of a robot with n castors, d wheels with encoders and c castors that do not slip
     side (c)         slip to the side in the sample, m
     turn (1)         of the sample as the gyro reads it; where there is a gyro
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
+    compliance (1)   by what part contacts creep more under forces than described
     bias (1)         of the gyro, rad/s, and the noise of its last reading (1)
 
 Of these `sample` measures swivel, roll, side and turn.
@@ -43,8 +46,9 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
+from estimators.filtering.creep import CARRIED, FIXED, OF_CASTOR, ROWS, STEERED, TRAILING, inertias
 from estimators.filtering.fixes import Belief, FixUpdates
-from estimators.filtering.sample import ADVANCE, CARRIED, FILTER, FIXED, SLIP, STEERED, SWIVEL, TRAILING, WHEEL
+from estimators.filtering.sample import ADVANCE, FILTER, SLIP, SWIVEL, WHEEL
 from estimators.protocol import Observation
 from estimators.steps.gyro import GyroTurns
 from estimators.steps.rolling_equations import NUMBERS, Rows
@@ -64,7 +68,12 @@ UNSEEN = 20.0
 """Factor on `SLIP` of wheels that slip where no redundancy shows it; what fixes of the pose then tell."""
 
 UNEVEN = 2.0
-"""Error of a castor's angle half-way, as a part of the change of its swivel rate, where the rate begins from zero."""
+"""Error of the angle half-way of a castor that a motor turns, as a part of the change of its swivel rate, where the
+rate begins from zero."""
+
+COMPLIANCE = 1.0
+"""Standard deviation of by how much contacts creep more under forces than described, as a part: perfectly rolling
+wheels do not at all, and of tyres hardly more than the order of magnitude is known."""
 
 GATE = 3.0
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
@@ -118,7 +127,7 @@ class CalibratingFilter:
         n, d, m, gyro = len(rows.known), len(rows.wheels), len(rows.castor), int(geometry.gyro is not None)
         at = SWIVEL + n + m + gyro
         self._rows, self._at = rows, _Numbers.of(at, n, d)
-        size = self._at.y.stop + 2 * gyro
+        size = self._at.y.stop + 1 + 2 * gyro
 
         carried = np.zeros(castors.shape, CARRIED)
         encoded = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev[rows.known])
@@ -126,6 +135,8 @@ class CalibratingFilter:
         carried["step"], carried["offset"] = np.where(fixed, 0.0, encoded), offset
         trailing = geometry.trailing[..., rows.known] & np.logical_not(driven)
         carried["kind"] = np.where(fixed, FIXED, np.where(trailing, TRAILING, STEERED))
+        chassis, mass, inertia = inertias(geometry)
+        carried["mass"], carried["inertia"] = mass[..., rows.known], inertia[..., rows.known]
         wheels = np.zeros((*geometry.offset.shape[:-1], d), WHEEL)
         wheels["radius"], wheels["lateral"] = geometry.radius[..., rows.wheels], geometry.lateral[..., rows.wheels]
         wheels["count"] = rows.angle_per_count
@@ -147,6 +158,7 @@ class CalibratingFilter:
             variance[..., k, self._at.offset] = (errors.offset * offset) ** 2
             variance[..., k, self._at.zero] = errors.pivot_zero**2
             variance[..., k, self._at.x] = variance[..., k, self._at.y] = errors.pivot**2
+        variance[..., self._at.y.stop] = COMPLIANCE**2
         if geometry.gyro is not None:
             variance[..., -2], variance[..., -1] = BIAS**2, geometry.gyro.noise**2
         known = variance[..., None] * np.eye(size)
@@ -161,9 +173,10 @@ class CalibratingFilter:
         parts = [
             *map(Part, (castors, carried, wheels, equations, start, start)),
             *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(4))),
-            Part(np.zeros((len(bank), q)), 2),
+            *(Part(np.zeros((len(bank), q)), 2), Part(chassis[..., None]), Part(np.zeros((len(bank), 3 + 2 * n)), 2)),
         ]
-        room = [(1, m, NUMBERS), (5, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
+        room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
+        room += [(OF_CASTOR, n), (4, 3)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
         self._gyro, self._turns = geometry.gyro, GyroTurns()
         self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, start)
@@ -229,6 +242,12 @@ class CalibratingFilter:
         return dataclasses.replace(
             geometry, radius=radius, lateral=lateral, offset=offset, pivot_zero=zero, pivot=pivot
         )
+
+    @property
+    def compliance(self) -> Array:
+        """How many times as much as described contacts creep under forces (...), as learned so far."""
+        of_filters = self._stack.parts[STATE][..., self._at.y.stop]
+        return 1.0 + np.sum(self._probabilities * of_filters, axis=-1)
 
     @property
     def gyro_bias(self) -> Array:

@@ -10,6 +10,7 @@ from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Gyro
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators import CalibratingFilter
+from estimators.filtering.creep import ROWS
 from estimators.filtering.sample import linearised, turn_off_mean
 from estimators.robots import calibrating_filter
 from estimators.steps.rolling_equations import NUMBERS, swivelled
@@ -81,7 +82,7 @@ def test_the_turning_rate_at_the_end_where_steering_turns():
     for angle in (delta - swivel / 2, delta + swivel / 2):
         swivelled(castors, 0, np.array([[angle / (2 * math.pi) * turn]]), 0.5)
     counts = np.array([[way / wheels["radius"][0, 0] / wheels["count"][0, 0]]])
-    found, carry, moves = np.zeros((5, m)), np.zeros((size, at)), np.zeros((3, size))
+    found, carry, moves = np.zeros((ROWS, m)), np.zeros((size, at)), np.zeros((3, size))
     equations = np.zeros((1, m, NUMBERS))
     linearised(castors, carried, wheels, rows, 0, counts, np.zeros(size), at, False, equations, found, carry, moves)
     off = turn_off_mean(castors, rows, 0, found, 3 + carried.shape[1], moves, np.zeros((4, 3)))

@@ -8,7 +8,7 @@ from benchmarks.scoring.registry import score
 from benchmarks.tasks.driving.task import KINDS, DrivenRobot
 from castor_envs.vehicles.presets import preset
 from estimators import CalibratingFilter, WheelOdometry
-from estimators.filtering.sample import balanced
+from estimators.filtering.creep import balanced
 from estimators.robots.calibrating_filter import COVARIANCE
 
 SEEDS = range(930_000, 930_002)
@@ -21,7 +21,7 @@ def drawn(*size):
 def left_of(moves, stiffness, disagreeing):
     """What is left of disagreements (m, c) of contacts that move by moves (m, 3)."""
     carry = disagreeing.T.copy()
-    balanced(carry, 0, len(carry), moves.T.copy(), 0, stiffness, np.zeros((4, 3)))
+    balanced(carry, 0, len(carry), moves.T.copy(), 0, 1.0 / stiffness, np.zeros((4, 3)))
     return carry.T
 
 

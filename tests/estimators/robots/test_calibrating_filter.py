@@ -11,7 +11,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset, preset_names
-from castor_envs.vehicles.robot import Gyro
+from castor_envs.vehicles.robot import Contact, Gyro
 from estimators import CalibratingFilter, WheelOdometry
 from estimators.calibration.drives import log_of
 from estimators.robots.calibrating_filter import COVARIANCE
@@ -231,8 +231,9 @@ def test_where_either_wheel_may_slip_neither_is_preferred(exact_motion, drive):
 
 
 def test_what_no_redundancy_shows_is_not_learned(drive):
-    """Of a differential robot the filter is odometry."""
-    robot = preset("differential")
+    """Of a differential robot whose contacts do not creep the filter is odometry."""
+    stiff = Contact(slip_stiffness_long=1e6, slip_stiffness_lat=1e6)
+    robot = dataclasses.replace(preset("differential"), contact=stiff)
     log = log_of(robot, wander(np.random.default_rng(2), duration=30.0, holonomic=False), "all")
     observations = list(log.observations())
     learned, plain = (drive(kind(), robot, observations) for kind in (CalibratingFilter, WheelOdometry))
@@ -248,3 +249,13 @@ def test_a_robot_that_stands_still_gets_no_surer(run, drive):
         estimator.update({**observations[-1], "wheel": 0 * observations[-1]["wheel"]})
     np.testing.assert_array_equal(estimator.pose, pose)
     np.testing.assert_array_equal(estimator.covariance, covariance)
+
+
+def test_perfectly_rolling_wheels_turn_out_not_to_creep(run, drive):
+    """The description says that they do under forces, once as much as it states; that is unlearned."""
+    true, observations = run
+    estimator = CalibratingFilter()
+    estimator.reset(preset("asoc-prototype"), true[0])
+    assert estimator.compliance == 1.0
+    drive(estimator, preset("asoc-prototype"), observations, true[0])
+    assert abs(estimator.compliance) < 0.5

@@ -1,0 +1,232 @@
+"""By how much contacts creep in a sample: under forces, and beyond these until they balance.
+
+A contact that rolls a way w under a force F creeps by D F, D = w / K, K its slip stiffness
+(`castor_envs.physics.tyre`). Contacts move by s = G u + a c for motions u of the body and swivels c of the castors that
+the floor turns, with a what a castor's swivel does to its contacts. The forces on them, -s / D, bear what accelerates:
+f of the body with all that it carries, t about each pivot. As matrices, D diagonal,
+
+    G' s / D = -f        a' s / D = -t for each castor
+
+What forces alone make of that is the creep s = G u + a c that solves it (`forced`):
+
+    N u = b t / H - f    c = -(t + b' u) / H    H = a' a / D    b = G' a / D    N = G' G / D - b b' / H
+
+with sums over castors. Wheels that disagree make contacts creep beyond it, by as much as nobody knows; but then too
+forces on the body and about pivots balance. Of creep of covariance q D there remains (`crept`), with Q = G - a b' / H,
+
+    q (D - a a' / H - Q Q' / N)
+
+To it comes q G G' / N, slip of the whole robot, of which no wheel tells: it changes how sure the pose is, and no more.
+Wheels are taken to carry equal loads. Plain Python for one robot at a time, which is compiled (`castor_envs.kernels`).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from castor_envs.floor import Floor
+from castor_envs.geometry.arrays import Array
+from castor_envs.motion.kinematics import Geometry
+from estimators.filtering.kalman import UW, inverted, motion
+from estimators.steps.rolling_equations import SINGULAR
+
+STANDING = 4e-6
+"""m: the way for which a contact yields that does not roll."""
+
+HELD = 6.25
+"""How much stiffer to their side contacts of castors count that motors hold or nothing turns: their creep is 2e-4 m
+after 1 m where that of wheels is 5e-4."""
+
+CHASSIS = np.dtype([("mass", float), ("inertia", float), ("x", float), ("y", float), ("lateral", float)], align=True)
+"""Mass (1/m) and inertia (m) as `inertias` has them, its centre, m, and how much stiffer contacts are to their side."""
+
+CARRIED = np.dtype(
+    [
+        # step of a castor's encoder, rad; its kind, `FIXED` to `TRAILING`; offset, m; swivel in the sample before, rad
+        ("step", float),
+        ("kind", np.int64),
+        ("offset", float),
+        ("last", float),
+        # mass and inertia, as `inertias` has them
+        ("mass", float),
+        ("inertia", float),
+    ],
+    align=True,
+)
+FIXED, STEERED, TRAILING = range(3)
+"""Whether a castor stands, a motor holds it, or the floor turns it."""
+
+LEFT, BY_ANGLE, SWING, WAY, ARM, YIELD, CREEP, SCALE, FREE_X = range(9)
+ROWS = FREE_X + 3
+"""Of each equation of a sample (`sample.linearised`), `found` (ROWS, m). ARM: h, m, by which its contact moves back for
+a swivel of its castor, -a. YIELD: D, as the way that a wheel would roll, m. CREEP: under forces, m. SCALE: what makes
+it an equation of a wheel's angle, rad/m, or 1. From FREE_X on: Q."""
+TWIST, HOLD, OF_CASTOR = 3, 4, 5
+"""Of castors, `held` (OF_CASTOR, n): b, then t and H, which is 0 of castors that motors hold."""
+
+
+def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
+    """Return the records `CHASSIS` (...) of robots, and masses and inertias (..., n) of their castors.
+
+    All over K of a wheel and the square of the sample period: times what is moved more than in the sample before, m or
+    rad, they are a force or moment as a part of K.
+    """
+    stiffness = geometry.slip_stiffness
+    everything = geometry.mass + np.sum(geometry.castor_mass, axis=-1)
+    load = everything * Floor().normal_gravity / len(geometry.wheel_castor)
+    scale = 1.0 / (stiffness[..., 0] * load * geometry.sample_period**2)
+    chassis = np.zeros(np.shape(scale), CHASSIS)
+    chassis["mass"], chassis["inertia"] = geometry.mass * scale, geometry.inertia * scale
+    chassis["x"], chassis["y"] = np.moveaxis(geometry.center, -1, 0)
+    chassis["lateral"] = stiffness[..., 1] / stiffness[..., 0]
+    return chassis, geometry.castor_mass * scale[..., None], geometry.castor_inertia * scale[..., None]
+
+
+def yields(carried, wheels, rows, robot, wheel, chassis, found):
+    """Write how much contacts yield, D, into `found`: of a castor's side, all its wheels together."""
+    d = wheels.shape[1]
+    for i in range(rows.shape[1]):
+        row = rows[robot, i]
+        if i < d:
+            of_wheel = wheels[robot, i]
+            found[YIELD, i] = abs(of_wheel.radius * of_wheel.count * wheel[robot, row.wheel]) + STANDING
+            continue
+        stiffness = 0.0
+        for of in range(d):
+            if rows[robot, of].castor == row.castor:
+                stiffness += 1.0 / found[YIELD, of]
+        if stiffness == 0.0:  # wheels without encoders
+            stiffness = row.contacts / (found[WAY, i] + STANDING)
+        stiffness *= chassis[robot, 0].lateral
+        found[YIELD, i] = 1.0 / (stiffness if carried[robot, row.castor].kind == TRAILING else HELD * stiffness)
+
+
+def forced(castors, carried, chassis, rows, robot, along, across, turn, before, first, moves, found, held, small):
+    """Write by how much contacts creep under forces into `found`.
+
+    along, across (m) and turn (rad): the body's motion in the sample. before (3 + 2 n,): that of the sample before,
+    then the way of each castor's axle (m) and its turn in N (rad) in it; becomes that of this one. moves (3, ...): G',
+    columns `first` on. held (OF_CASTOR, n), small (4, 3): room, in which b, t, H and the inverse of N are left.
+    """
+    n, m = carried.shape[1], rows.shape[1]
+    body, a, b = chassis[robot, 0], 2.0 * math.sin(0.5 * turn), 2.0 * math.sin(0.5 * before[2])
+    c, s = math.cos(0.5 * (turn + before[2])), math.sin(0.5 * (turn + before[2]))
+    x, y = before[0] - body.y * b, before[1] + body.x * b
+    f_x = body.mass * (along - body.y * a - c * x - s * y)
+    f_y = body.mass * (across + body.x * a - c * y + s * x)
+    f_turn = body.inertia * (turn - before[2]) + body.x * f_y - body.y * f_x
+    before[0], before[1], before[2] = along, across, turn
+    for k in range(3):
+        for other in range(3):
+            small[k, other] = 0.0
+        for j in range(n):
+            held[k, j] = 0.0
+    for j in range(n):
+        castor, of_castor, at = castors[robot, j], carried[robot, j], 3 + 2 * j
+        way = castor.cos * (along - castor.y * a) + castor.sin * (across + castor.x * a)
+        turned = turn + castor.swivel
+        c, s = math.cos(0.5 * (turned + before[at + 1])), math.sin(0.5 * (turned + before[at + 1]))
+        ahead, left = of_castor.mass * (way - c * before[at]), of_castor.mass * s * before[at]
+        moment = of_castor.inertia * (turned - before[at + 1])
+        before[at], before[at + 1] = way, turned
+        x, y = castor.cos * ahead - castor.sin * left, castor.sin * ahead + castor.cos * left
+        f_x += x
+        f_y += y
+        f_turn += moment - of_castor.offset * left + castor.x * y - castor.y * x
+        held[TWIST, j], held[HOLD, j] = moment - of_castor.offset * left, 0.0
+    for i in range(m):
+        j, stiffness = rows[robot, i].castor, 1.0 / found[YIELD, i]
+        if carried[robot, j].kind == TRAILING:
+            held[HOLD, j] += stiffness * found[ARM, i] ** 2
+        for k in range(3):
+            by = stiffness * moves[k, first + i]
+            held[k, j] -= by * found[ARM, i]
+            for other in range(3):
+                small[k, other] += by * moves[other, first + i]
+    small[UW, 0], small[UW, 1], small[UW, 2] = -f_x, -f_y, -f_turn
+    for j in range(n):
+        if held[HOLD, j] > 0.0:
+            for k in range(3):
+                part = held[k, j] / held[HOLD, j]
+                small[UW, k] += part * held[TWIST, j]
+                for other in range(3):
+                    small[k, other] -= part * held[other, j]
+    least = SINGULAR * (small[0, 0] + small[1, 1] + small[2, 2])
+    for k in range(3):
+        small[k, k] += least
+    inverted(small)
+    u_x, u_y, u_turn = motion(small, 0), motion(small, 1), motion(small, 2)
+    for i in range(m):
+        j, swung = rows[robot, i].castor, 0.0
+        if held[HOLD, j] > 0.0:
+            swung = found[ARM, i] / held[HOLD, j]
+        for k in range(3):
+            found[FREE_X + k, i] = moves[k, first + i] + swung * held[k, j]
+        found[CREEP, i] = (
+            found[FREE_X, i] * u_x + found[FREE_X + 1, i] * u_y + found[FREE_X + 2, i] * u_turn + swung * held[TWIST, j]
+        )
+
+
+def balanced(carry, at, end, moves, first, compliance, small):
+    """Leave of disagreements of m contacts what remains after these crept until their forces balance.
+
+    carry (D, R), moves (3, R or D): disagreements are rows `at` to `end`, columns `first` on; of moves M, by how much
+    contacts move for a unit of each free motion, the same columns. compliance (m,): D. The creep that is taken off has
+    M creep / D = 0: neither force nor torque is left. small (4, 3): room.
+    """
+    m = compliance.shape[0]
+    for k in range(3):
+        for other in range(3):
+            small[k, other] = 0.0
+    for i in range(m):
+        for k in range(3):
+            for other in range(3):
+                small[k, other] += moves[k, first + i] * moves[other, first + i] / compliance[i]
+    inverted(small)
+    for s in range(at, end):
+        for k in range(3):
+            small[UW, k] = 0.0
+        for i in range(m):
+            force = carry[s, first + i] / compliance[i]
+            for k in range(3):
+                small[UW, k] += moves[k, first + i] * force
+        u_x, u_y, u_z = motion(small, 0), motion(small, 1), motion(small, 2)
+        for i in range(m):
+            carry[s, first + i] = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
+
+
+def crept(covariance, first, rows, robot, slip, moves, found, held, small):
+    """Add the covariance of creep that nobody knows to covariance (D, D), m equations from entry `first` on.
+
+    slip: standard deviation of a wheel's before forces balance, m after 1 m. moves (3, ...): G', by `SCALE`.
+    held, small: as `forced` leaves them.
+    """
+    m = rows.shape[1]
+    for i in range(m):
+        j, scale = rows[robot, i].castor, slip * slip * found[SCALE, i]
+        free_x, free_y, free_turn = spread(small, found[FREE_X, i], found[FREE_X + 1, i], found[FREE_X + 2, i])
+        at = first + i
+        slip_x, slip_y, slip_turn = spread(small, moves[0, at], moves[1, at], moves[2, at])
+        for other in range(i + 1):
+            left = -free_x * found[FREE_X, other] - free_y * found[FREE_X + 1, other]
+            left -= free_turn * found[FREE_X + 2, other]
+            if other == i:
+                left += found[YIELD, i]
+            if rows[robot, other].castor == j and held[HOLD, j] > 0.0:
+                left -= found[ARM, i] * found[ARM, other] / held[HOLD, j]
+            to = first + other
+            alike = slip_x * moves[0, to] + slip_y * moves[1, to] + slip_turn * moves[2, to]
+            left = scale * found[SCALE, other] * left + slip * slip * alike
+            covariance[at, to] += left
+            if other < i:
+                covariance[to, at] += left
+
+
+def spread(small, x, y, turn):
+    """Return the product of the first three rows of `small` (4, 3) and a vector."""
+    return (
+        small[0, 0] * x + small[0, 1] * y + small[0, 2] * turn,
+        small[1, 0] * x + small[1, 1] * y + small[1, 2] * turn,
+        small[2, 0] * x + small[2, 1] * y + small[2, 2] * turn,
+    )

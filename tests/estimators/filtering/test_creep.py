@@ -1,0 +1,142 @@
+"""The creep of contacts in a sample: forces balance, and it is that of the simulation."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.physics.robot_world import RobotWorld
+from castor_envs.vehicles.presets import preset
+from estimators import CalibratingFilter
+from estimators.filtering.creep import ARM, CREEP, FREE_X, HOLD, OF_CASTOR, ROWS, SCALE, TWIST, YIELD, crept, forced
+from estimators.steps.rolling_equations import swivelled
+
+PERIOD = 0.05
+
+
+class Contacts:
+    """What kernels work on: of the prototype, its castors at odd angles, contacts yielding as drawn."""
+
+    def __init__(self, robot=None):
+        self.robot = robot or preset("asoc-prototype")
+        estimator = CalibratingFilter()
+        estimator.reset(self.robot, np.zeros(3))
+        parts = estimator._stack.parts
+        self.castors, self.carried, _, self.rows = (part.reshape(1, -1).view(np.recarray) for part in parts[:4])
+        self.chassis = parts[11].reshape(1, -1).view(np.recarray)
+        n, m = self.carried.shape[1], self.rows.shape[1]
+        self.found, self.held, self.small = np.zeros((ROWS, m)), np.zeros((OF_CASTOR, n)), np.zeros((4, 3))
+        self.before, self.found[SCALE] = np.zeros(3 + 2 * n), 1.0
+
+    def turn(self, before, after):
+        """Let castors swivel from angles (n,) to angles, rad; their contacts are in the order of the filter's."""
+        for angle in (before, after):
+            swivelled(self.castors, 0, np.array([angle]) / (2 * np.pi) * 5143, 0.5)
+        by_body, by_castor = constraint_matrix(Geometry.of(self.robot), (np.asarray(before) + after) / 2)
+        kept = [0, 1, 2, 3, 4, 5, 6, 8, 10]  # one side of each castor
+        self.moves, self.found[ARM] = by_body[kept].T.copy(), -by_castor[kept]
+
+    def creep(self, along, across, turn):
+        """The creep (m,) under forces in a sample of this motion, after that `before`."""
+        body = self.castors, self.carried, self.chassis, self.rows, 0, along, across, turn
+        forced(*body, self.before, 0, self.moves, self.found, self.held, self.small)
+        return self.found[CREEP].copy()
+
+
+@pytest.fixture(name="contacts")
+def _contacts():
+    drawn = np.random.default_rng(4)
+    contacts = Contacts()
+    contacts.turn([0.3, -1.2, 2.0], [0.35, -1.15, 1.9])
+    contacts.found[YIELD] = np.exp(drawn.standard_normal(9))
+    contacts.before[:] = 0.01 * drawn.standard_normal(9)
+    return contacts
+
+
+def held_by(contacts, castor):
+    """By how much contacts (m,) move for a swivel of a castor."""
+    return np.where(contacts.rows[0].castor == castor, -contacts.found[ARM], 0.0)
+
+
+def test_forces_bear_what_accelerates_and_twist_no_castor(contacts):
+    """A body of mass alone, in its origin: the contacts' forces are mass times acceleration, without any moment."""
+    for part in (contacts.carried["mass"], contacts.carried["inertia"], contacts.chassis["inertia"]):
+        part[...] = 0.0
+    contacts.before[:] = 0.0
+    creep = contacts.creep(0.01, 0.02, 0.0)
+    force = -creep / contacts.found[YIELD]
+    mass = contacts.chassis["mass"][0, 0]
+    np.testing.assert_allclose(contacts.moves @ force, mass * np.array([0.01, 0.02, 0.0]), atol=1e-9 * mass)
+    for castor in range(3):
+        assert held_by(contacts, castor) @ force == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_castor_is_twisted_by_what_turns_it(contacts):
+    creep = contacts.creep(0.01, 0.02, 0.03)
+    force = -creep / contacts.found[YIELD]
+    for castor in range(3):
+        assert held_by(contacts, castor) @ force == pytest.approx(contacts.held[TWIST, castor], rel=1e-9)
+    assert (contacts.held[HOLD] > 0.0).all()
+
+
+def test_a_motion_that_goes_on_needs_no_force(contacts):
+    """Castors in line with a straight way: the second sample of it makes no contact creep."""
+    contacts.turn([0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    contacts.creep(0.01, 0.0, 0.0)
+    np.testing.assert_allclose(contacts.creep(0.01, 0.0, 0.0), 0.0, atol=1e-15)
+
+
+def test_creep_that_nobody_knows_balances_but_for_slip_of_the_whole_robot(contacts):
+    """Its forces are neither on castors nor, beyond the slip G G' / N, on the body."""
+    contacts.creep(0.01, 0.02, 0.03)
+    covariance = np.zeros((9, 9))
+    crept(covariance, 0, contacts.rows, 0, 1.0, contacts.moves, contacts.found, contacts.held, contacts.small)
+    whole = contacts.moves.T @ contacts.small[:3] @ contacts.moves
+    left = covariance - whole
+    np.testing.assert_allclose(left, left.T, atol=1e-15)
+    assert np.linalg.eigvalsh(left).min() > -1e-9
+    assert np.linalg.matrix_rank(left, tol=1e-9) == 3  # nine contacts, three motions of the body, three castors
+    by_force = left / contacts.found[YIELD]
+    np.testing.assert_allclose(by_force @ contacts.moves.T, 0.0, atol=1e-9)
+    for castor in range(3):
+        np.testing.assert_allclose(by_force @ held_by(contacts, castor), 0.0, atol=1e-9)
+    free = contacts.moves.T + np.array(
+        [
+            contacts.found[ARM, i] * contacts.held[:3, row.castor] / contacts.held[HOLD, row.castor]
+            for i, row in enumerate(contacts.rows[0])
+        ]
+    )
+    np.testing.assert_allclose(contacts.found[FREE_X:], free.T, atol=1e-12)
+
+
+def test_it_is_the_creep_of_the_simulation():
+    """The prototype starts with castors in line: wheels creep by their way times acceleration over stiffness."""
+    robot, acceleration = preset("asoc-prototype"), 0.4
+    world = RobotWorld(robot, twist=(0.1, 0.0, 0.0))
+    contacts, radius = Contacts(robot), robot.wheels[0].radius
+    contacts.turn([0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    seen, expected, speed, x = [], [], 0.1, 0.0
+    for k in range(20):
+        before = world.wheel_angles[0]
+        speed += acceleration * PERIOD
+        world.advance(np.full(6, speed / radius))
+        moved, x = world.pose[0] - x, world.pose[0]
+        rolled = radius * (world.wheel_angles[0] - before)
+        contacts.found[YIELD] = rolled * np.repeat([1.0, 0.5], [6, 3])
+        crept_by = contacts.creep(moved, 0.0, 0.0)
+        if k >= 10:
+            seen.append(moved - rolled)
+            expected.append(crept_by)
+    np.testing.assert_allclose(np.array(expected)[:, 0], seen, rtol=0.02)
+    by_hand = -speed * PERIOD * acceleration / (robot.contact.slip_stiffness_long * 9.80665)
+    assert seen[-1] == pytest.approx(by_hand, rel=0.05)
+
+
+def test_softer_contacts_creep_more(contacts):
+    """Half the stiffness, twice the creep under the same acceleration."""
+    soft = dataclasses.replace(contacts.robot.contact, slip_stiffness_long=40.0, slip_stiffness_lat=40.0)
+    other = Contacts(dataclasses.replace(contacts.robot, contact=soft))
+    other.turn([0.3, -1.2, 2.0], [0.35, -1.15, 1.9])
+    other.found[YIELD], other.before[:] = contacts.found[YIELD], contacts.before
+    np.testing.assert_allclose(other.creep(0.01, 0.02, 0.03), 2.0 * contacts.creep(0.01, 0.02, 0.03), rtol=1e-9)
