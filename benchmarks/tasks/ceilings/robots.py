@@ -26,7 +26,7 @@ STIFF = Contact(slip_stiffness_long=1e6, slip_stiffness_lat=1e6)
 """Contacts of wheels that never slip: the filter is to expect no creep under forces."""
 
 SUBSTEPS = 4
-"""In which trailing castors' angles are integrated, a sample, by the midpoint rule: where one swings round by 0.3 rad in
+"""In which trailing castors' angles are integrated, a sample, by the midpoint rule: where one swings by 0.3 rad in
 a sample, it is off by 5e-5 rad, a twentieth of its encoder's step."""
 
 
