@@ -11,12 +11,11 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, Signatures, rate_of, signatures_of, stacked
+from discrepancy.hypotheses.candidates import Candidate, Signatures, signatures_of, stacked
 from estimators.calibration.maximum_likelihood.noise import resized
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.likelihood.creep_prediction import UNEVEN, Slipping
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise
-from estimators.likelihood.measurements.poses import TIMED
 from estimators.likelihood.reduction import Reduced
 from estimators.likelihood.rolling import Changes
 from estimators.likelihood.sparse_columns import SparseColumns
@@ -46,8 +45,8 @@ class Made(NamedTuple):
 class Columns:
     """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
     `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
-    of the reference's clock, s/s; gyro_scales (R,): part by which the gyro reads too much; rate: of that clock by the
-    robot's effects, None where no poses determine it. creep (K - 1, rows, 1 + rows): known up to factors (`Shared`)."""
+    of the reference's clock, s/s; gyro_scales (R,): part by which the gyro reads too much; rate: of that clock, if
+    it is known, s/s. creep (K - 1, rows, 1 + rows): known up to factors (`Shared`)."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -71,6 +70,7 @@ class Columns:
         log: Log,
         state: Array,
         clock: Array,
+        rate: float | None,
         slipping: Slipping,
         among: Sequence[Candidate] | None,
         places: Sequence[Candidate],
@@ -98,7 +98,7 @@ class Columns:
             steps=found.steps,
             rates=found.rates,
             gyro_scales=found.gyro_scales,
-            rate=rate_of(robot.effects) if model.poses_used >= TIMED else None,
+            rate=rate,
             creep=SparseColumns.of(slipping.columns()),
             make=lambda: make(signatures()),
             _made=[make(found)],

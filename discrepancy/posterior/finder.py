@@ -21,7 +21,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
 from discrepancy.posterior.calibrated import NOTHING, SIGNATURE
-from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, is_dimension, most_likely
+from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
@@ -195,12 +195,12 @@ def _diagnosed(
     held, lacking, order, confirmed, free = None, None, None, [None] * len(events), Released()
     if held_out:
         among = [effect.candidate for effect in named if isinstance(effect.candidate, Candidate)]
-        after = linearise(found, held_out, creep=creep, among=among, jitter=jitter)
+        after = linearise(found, held_out, creep=creep, among=among, jitter=jitter, own_clocks=True)
         after.forget()
         if len(events):
             recurring, confirmed = events.in_other_logs(found, held_out, after)
             free = recurring.released(found, held_out, after)
-            after = linearise(found, held_out, creep=creep, among=among, released=free, jitter=jitter)
+            after = linearise(found, held_out, creep=creep, among=among, released=free, jitter=jitter, own_clocks=True)
         plainly = linearise(base, held_out, creep=creep, among=among, released=free, jitter=jitter) if named else after
         held = plainly, after
         lacking = held[0] if curve is None else linearise(robot, held_out, creep=creep, among=(), released=free)
@@ -220,16 +220,12 @@ def _diagnosed(
         return diagnosis
     of_model = {effect.candidate: effect for effect in (*begin, *named)}
     built = [of_model.get(effect.candidate, effect) for effect in built]
-    others = [effect for effect in named if effect.candidate not in {dimension.candidate for dimension in built}]
+    others = [effect for effect in diagnosis.sized if effect.candidate not in {one.candidate for one in built}]
     together = [one for one in guessed(look, seen, good, built, others) if one.matters(seen, material)]
     changed = replace(diagnosis, dimensions=tuple(together))
-    nuisances = [effect for effect in named if not is_dimension(seen, effect)]
 
     def in_held_out(one: Diagnosis[RobotDescription, Linearised]) -> Linearised:
-        sizes = [effect for effect in one.sized if is_dimension(seen, effect)]
-        return linearise(
-            with_effects(base, [*sizes, *nuisances]), held_out, creep=creep, among=(), released=free, jitter=jitter
-        )
+        return linearise(one.found, held_out, creep=creep, among=(), released=free, jitter=jitter, own_clocks=True)
 
     pair = in_held_out(diagnosis), in_held_out(changed)
     return changed if explains_better(*pair, material) and not gap_grows(*pair, material) else diagnosis

@@ -17,7 +17,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
-from discrepancy.hypotheses.candidates import Candidate, gyro_scale_of
+from discrepancy.hypotheses.candidates import Candidate, gyro_scale_of, rate_of
 from discrepancy.hypotheses.wheel_tracks import slips_of
 from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, reestimated_noise, schur_complement
 from discrepancy.measurement.fit_states import fit_states
@@ -32,6 +32,7 @@ from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.disagreement import Disagreement
 from estimators.likelihood.elimination import blocks
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
+from estimators.likelihood.measurements.poses import TIMED
 from estimators.likelihood.sparse_columns import SparseColumns
 
 COUNTS, SLIP = 0.2, 3e-5
@@ -126,13 +127,15 @@ def linearise(
     places: Sequence[Candidate] = (),
     released: Sequence[NDArray[np.bool_]] = (),
     jitter: float = 0.0,
+    own_clocks: bool = False,
 ) -> Linearised:
     """Return information and score of candidates in logs, linearised about the most likely states.
 
     start: an earlier result for the same logs, as starting point. creep: factor of predicted creep under forces in
     clean logs of the robot. among: candidates to consider; None: all of the catalogue and all unnamed alternatives.
     places: further candidates, at places of the floor. released: steps of every log as `LogLikelihood.release` takes
-    them; empty: none. jitter: standard deviation of the times at which all encoders were read, s.
+    them; empty: none. jitter: standard deviation of the times at which all encoders were read, s. own_clocks: whether
+    the clocks of the reference have other rates than in the logs that the robot's effects come from (`_rates`).
     Raises InputError for logs that the robot cannot have made.
     """
     geometry = Geometry.of(robot.as_built())
@@ -154,9 +157,9 @@ def linearise(
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        Columns.of(robot, model, log, state, clock, slipping, among, places, name)
-        for model, log, state, clock, slipping, name in zip(
-            models, logs, at.states, at.clocks, slips, names, strict=True
+        Columns.of(robot, model, log, state, clock, rate, slipping, among, places, name)
+        for model, log, state, clock, rate, slipping, name in zip(
+            models, logs, at.states, at.clocks, _rates(robot, models, at, own_clocks), slips, names, strict=True
         )
     ]
     candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
@@ -206,6 +209,19 @@ def linearise(
         slips=beyond,
         lasting=_lasting(designs, place),
     )
+
+
+def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, own_clocks: bool) -> list[float | None]:
+    """Return the rate of the reference's clock in each log, s/s; None where too few poses determine it.
+
+    It is 0 unless the robot's effects say that clocks do not agree. Such clocks are as wrong in each log, but not by
+    the same: their rates differ from log to log as they are fitted. Those of `own_clocks` have no mean that is known.
+    """
+    skew = rate_of(robot.effects)
+    timed = [model.poses_used >= TIMED for model in models]
+    mean = skew if own_clocks else float(np.mean(at.clocks[timed, 1])) if any(timed) else 0.0
+    rates = skew + (at.clocks[:, 1] - mean if skew else np.zeros(len(models)))
+    return [rate if known else None for rate, known in zip(rates.tolist(), timed, strict=True)]
 
 
 def _lasting(designs: Sequence[Columns], place: Mapping[Candidate, NDArray[np.intp]]) -> NDArray[np.intp]:

@@ -13,7 +13,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen, size_of
-from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.priors import bounds_of, direction_of, place_in_model
 from discrepancy.posterior.random_effects import summed
 
@@ -171,10 +171,12 @@ def exchanged(
 
     Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
-    Here the whole model is fitted with each. more: effects of which each is also added, with prior log odds `odds`, and
-    in the first size given of it put in the place of each in the model.
+    Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
+    their sizes are (`_log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
+    first size given of it put in the place of each in the model.
     """
     best, found = seen.log_evidence, None
+    of_named = _log_prior(named, seen)
     added = [((*named, effect), LOG_ODDS - odds) for effect in more]
     first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
     added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
@@ -182,11 +184,30 @@ def exchanged(
         refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
             continue
+        if len(effects) == len(named):
+            advantage += max(of_named - _log_prior(refit_effects, fitted), 0.0)
         if found is None:  # states of the model itself may not have converged either
             best = max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
         if fitted.log_evidence > best + advantage:
             best, found = fitted.log_evidence - advantage, (refit_effects, fitted)
     return found
+
+
+def _log_prior(effects: Sequence[Sized], seen: Seen) -> float:
+    """Return the prior log probability (natural logarithm, up to a constant for each effect) that effects have these
+    sizes, to within their standard errors: faults are Cauchy distributed (`priors`)."""
+    present = [effect for effect in effects if effect.candidate in seen.candidates]
+    if not present:
+        return 0.0
+    statistics = summed(seen.logs)
+    directions = np.concatenate([_direction(seen, effect.candidate) for effect in present], axis=1)
+    variances = np.diag(np.linalg.pinv(directions.T @ statistics.information @ directions, rcond=1e-9, hermitian=True))
+    ends, log_prior = np.cumsum([effect.candidate.columns for effect in present])[:-1], 0.0
+    for effect, variance in zip(present, np.split(variances, ends), strict=True):
+        if not effect.candidate.kinds[0].binary:
+            scale = FAULT * effect.candidate.kinds[0].tolerance
+            log_prior += float(np.mean(np.log(variance))) / 2 - np.log(scale) - np.log1p((effect.size / scale) ** 2)
+    return log_prior
 
 
 def _alternatives(

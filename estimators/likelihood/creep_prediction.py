@@ -28,7 +28,7 @@ UNEVEN = 0.3
 DOUBT = 0.5
 """Prior standard deviation of the factor of creep under forces, about 1, where nothing is known of contacts."""
 
-LEAST_NOISE = Noise(along=3e-5, across=3e-5, position=1e-4, heading=1e-4, gyro=1e-6)
+LEAST_NOISE = Noise(along=3e-5, across=3e-5, position=1e-4, heading=1e-4, gyro=1e-6, turning=3e-6)
 """Lower bounds of the noise of contacts that creep, and of trackers: 0.03 mm after 1 m, as trials declare; 0.1 mm and
 0.1 mrad."""
 

@@ -4,7 +4,8 @@ Unknown, beside the description, is the state: at every sample the body's pose, 
 Known are
 
     counts                   rounded: off by an even spread of one count; a run of equal counts is one reading
-    rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled
+    rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled, and
+                             turning^2 times the angle by which a motor that steers turns the contact on the floor
     reference poses          off by independent errors, where they were taken (`measurements.poses`)
     yaw rates of a gyro      off by noise, a bias and a latency, where the robot file describes it (`measurements.gyro`)
 
@@ -42,7 +43,8 @@ class Noise:
     """Standard deviations of noise.
 
     along, across: slip in the rolling direction and to the side, m after 1 m. position, heading: of reference poses, m
-    along each axis and rad. gyro: of a reading, rad/s.
+    along each axis and rad. gyro: of a reading, rad/s. turning: slip in either direction, m after the contact has
+    turned on the floor by 1 rad: a wheel that is steered where it stands hardly holds.
     """
 
     along: float = 3e-5
@@ -50,6 +52,7 @@ class Noise:
     position: float = 2e-3
     heading: float = 5e-3
     gyro: float = 1e-3
+    turning: float = 3e-6
 
 
 class ExtraColumns(NamedTuple):
@@ -290,11 +293,17 @@ class LogLikelihood(RollingConstraints):
 
     def _by_fields(self, name: str, left: Array, steps: slice, slipping: Whitening) -> list[tuple[str, Array]]:
         """Return the residuals (k, rows, c) of a kind of `_values` by the fields of `Noise`: of slips, those of
-        each contact."""
+        each contact, their squares in proportion to the variances of which a slip's variance is the sum."""
         if name != "slips":
             return [(name, left)]
         left, rolling = slipping.of_contacts(steps, left), len(self._rolling)
-        return [("along", left[:, :rolling]), ("across", left[:, rolling:])]
+        by_turning = slipping.by_turning[steps, :, None]
+        rolled = np.sqrt(1 - by_turning) * left
+        return [
+            ("along", rolled[:, :rolling]),
+            ("across", rolled[:, rolling:]),
+            ("turning", np.sqrt(by_turning) * left),
+        ]
 
     def _weights(self, state: Array, noise: Noise) -> dict[str, Array]:
         """Return one over the standard deviation of every equation at a state but for slips, by the kinds of
@@ -307,15 +316,19 @@ class LogLikelihood(RollingConstraints):
         """Return how slips at a state are made independent, each of standard deviation 1."""
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         sizes = np.repeat([noise.along, noise.across], [len(self._rolling), len(self._used) - len(self._rolling)])
-        slip = sizes**2 * farthest[:, None] + FLOOR**2 + np.square(self._doubt)
+        by_rolling = sizes**2 * farthest[:, None] + FLOOR**2
+        by_turning = noise.turning**2 * self._turned(geometry, state)
+        slip = by_rolling + by_turning + np.square(self._doubt)
+        by_turning /= by_rolling + by_turning
         free = np.where(self._released, farthest[:, None], 0.0)
         weight = 1 / np.sqrt(slip + free**2 + self._unsure(geometry, state) ** 2)
         if self._stiffness is None:
-            return Whitening(weight)
+            return Whitening(weight, by_turning)
         # contacts that slip for another reason hardly hold
         stiffness = slip * weight**2 * self._stiffness / self._stiffness.max(axis=1, keepdims=True)
         return Whitening.balanced(
             weight,
+            by_turning,
             stiffness,
             lambda steps: self._moved(geometry, *self._matrices_in(geometry, state, steps)),
         )

@@ -14,14 +14,18 @@ SPANNED = 1e-8
 
 class Whitening(NamedTuple):
     """What makes slips independent, each of standard deviation 1: weight (K - 1, rows), over standard deviations; and
-    basis (K - 1, p, rows) of the combinations that contacts' balance keeps, None: all. moved: see `balanced`."""
+    basis (K - 1, p, rows) of the combinations that contacts' balance keeps, None: all. moved: see `balanced`.
+    by_turning (K - 1, rows): the part of slip's variance that is of contacts' turning on the floor."""
 
     weight: Array
+    by_turning: Array
     basis: Array | None = None
     moved: Callable[[slice], Array] | None = None
 
     @classmethod
-    def balanced(cls, weight: Array, stiffness: Array, moved: Callable[[slice], Array]) -> "Whitening":
+    def balanced(
+        cls, weight: Array, by_turning: Array, stiffness: Array, moved: Callable[[slice], Array]
+    ) -> "Whitening":
         """Return what is kept of slips where contacts of a stiffness (K - 1, rows) creep freely against each other.
 
         moved: how far every row's contact moves in some steps (k, rows, p) for a unit of each of p free motions, A. The
@@ -31,7 +35,7 @@ class Whitening(NamedTuple):
             np.swapaxes(_orthonormal((stiffness[steps] / weight[steps])[..., None] * moved(steps)), 1, 2)
             for steps in blocks(len(weight))
         ]
-        return cls(weight, np.concatenate(basis), moved)
+        return cls(weight, by_turning, np.concatenate(basis), moved)
 
     def log_density(self) -> float:
         """Return the logarithm of the density of slips of 0, up to a constant of the log."""

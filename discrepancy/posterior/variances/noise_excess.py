@@ -5,7 +5,7 @@ log, about a level and with a scatter that clean logs tell. A fault outside the 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ from discrepancy.measurement.design_matrix import PROBES
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
 from discrepancy.posterior.linearise import Linearised
-from estimators.likelihood.log_likelihood import Noise
 
 SCATTER = 0.2
 """Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
@@ -111,7 +110,7 @@ def noise_of(seen: Linearised) -> list[dict[str, Found]]:
     found = []
     for design in seen.designs:
         unchanged = stacked(design.geometry, [])
-        noise = Noise(**{kind: max(size, RESOLVED) for kind, size in asdict(seen.noise).items()})
+        noise = replace(seen.noise, **{kind: max(getattr(seen.noise, kind), RESOLVED) for kind in KINDS})
         at = design.geometry, unchanged, np.zeros(0), design.state, design.clock
         reduced = design.model.reduce(*at, seen.shared.mount, noise, PROBES)
         _, _, left = reduced.finish(np.zeros((len(reduced.information), 1 + PROBES)))

@@ -180,7 +180,8 @@ def _with_creep(
 ) -> tuple[State, Noise, Solution, str]:
     """Return the most likely state, sizes of noise and last step with creep, from those without it; and why creep is
     left out, "" if it is not, or wheels hardly slip."""
-    rolling = sizes.along <= LEAST.along and sizes.across <= LEAST.across  # no wheel slips
+    slips = ((getattr(sizes, kind), getattr(LEAST, kind)) for kind in ("along", "across", "turning"))
+    rolling = all(size <= least for size, least in slips)  # no wheel slips
     if rolling or solution.moved > 1.0 or not solution.seen.any():
         return at, sizes, solution, ""
     try:
@@ -259,6 +260,8 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
     found = []
     if max(noise.along, noise.across) > MOST.along:
         found.append(f"slip of {1e3 * max(noise.along, noise.across):.3g} mm after 1 m")
+    if noise.turning > MOST.turning:
+        found.append(f"slip of {1e3 * noise.turning:.3g} mm where a wheel turns by 1 rad on the floor")
     if noise.position > MOST.position or noise.heading > MOST.heading:
         found.append(f"reference noise of {1e3 * noise.position:.3g} mm and {np.degrees(noise.heading):.3g} deg")
     if noise.gyro > MOST.gyro:

@@ -12,9 +12,9 @@ from castor_envs.geometry.arrays import Array
 from estimators.likelihood.log_likelihood import Noise
 from estimators.likelihood.reduction import Leftover
 
-LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5, gyro=1e-6)
+LEAST = Noise(along=1e-5, across=1e-5, position=1e-5, heading=1e-5, gyro=1e-6, turning=3e-6)
 
-MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3, gyro=0.1)
+MOST = Noise(along=0.015, across=0.015, position=0.15, heading=0.3, gyro=0.1, turning=0.015)
 """Largest noise of a sound robot, reference and gyro: more has another cause."""
 
 NOISE_CONVERGED, NOISE_CONVERGED_BY_ERROR = 0.02, 0.1
@@ -46,7 +46,7 @@ def resized(sizes: Noise, left: list[Leftover], least: Noise = LEAST) -> Noise:
 
 
 class Pace(NamedTuple):
-    """How the sizes of noise (5,) approach those that `resized` leaves as they are. Changes are of logarithms.
+    """How the sizes of noise (6,) approach those that `resized` leaves as they are. Changes are of logarithms.
 
     off: how far `resized` changed them in the last round. moved: how far they were changed. factor: the second over the
     first.

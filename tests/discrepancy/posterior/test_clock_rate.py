@@ -48,6 +48,16 @@ def test_the_answer_on_a_rate_does_not_depend_on_the_model():
     )
 
 
+def test_where_clocks_do_not_agree_each_log_has_a_rate_of_its_own():
+    """As where the times of recordings are put together by hand; clocks that are said to agree are not doubted."""
+    rates, logs = (-0.003, 0.009), [driven(3, ClockSkew(value=-0.003)), driven(4, ClockSkew(value=0.009))]
+    seen = linearise(ROBOT.with_effects(ClockSkew(value=0.003)), logs, among=())
+    assert [design.rate for design in seen.designs] == pytest.approx(rates, abs=5e-4)
+    other = linearise(ROBOT.with_effects(ClockSkew(value=-0.003)), logs[1:], among=(), own_clocks=True)
+    assert other.designs[0].rate == pytest.approx(0.009, abs=5e-4)
+    assert [design.rate for design in linearise(ROBOT, logs, among=()).designs] == [0.0, 0.0]
+
+
 def test_logs_without_reference_say_nothing_of_its_clock():
     from dataclasses import replace
 

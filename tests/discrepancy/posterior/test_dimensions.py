@@ -93,7 +93,8 @@ def test_where_encoders_contradict_each_other_nothing_is_begun_with():
 
 
 @pytest.mark.slow
-def test_a_measured_robot_comes_nearer_to_the_reference_where_no_name_is_certain():
+def test_a_measured_robot_comes_nearer_to_the_reference_by_dimensions_that_are_not_certain():
+    """Its wheels are a part in 500 too small, which is not certain beside a track that is 1 % too large."""
     root = Path(os.environ.get("CASTOR_DATA", ""))
     if not os.environ.get("CASTOR_DATA") or not (root / "optiodom").is_dir():
         pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/")
@@ -105,8 +106,10 @@ def test_a_measured_robot_comes_nearer_to_the_reference_where_no_name_is_certain
         for rows in (slice(None, half), slice(half, None))
     )
     told = diagnose(session.robot, [log], [held_out])
-    assert not [answer for answer in told.answers if answer.verdict == "named"]
-    assert {dimension.sized.candidate.family for dimension in told.dimensions} >= {"track 1", "all_wheel_radius"}
-    assert len(told.found.effects) == len(told.dimensions)
+    named = {answer.candidate.family for answer in told.answers if answer.verdict == "named"}
+    assert "all_wheel_radius" not in named
+    guessed = {dimension.sized.candidate.family for dimension in told.dimensions}
+    assert guessed >= {"track 1", "all_wheel_radius"}
+    assert len(told.found.effects) == len(named | guessed)
     before, after = (linearise(robot, [held_out], among=()).gap for robot in (session.robot, told.found))
     assert after[0] < before[0] / 2

@@ -1,0 +1,57 @@
+"""Effects that take the place of others: by the evidence of the logs, and by how likely effects of these sizes are."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import PivotPositionX
+from castor_envs.effects.encoders import PivotGain
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.random_effects import Statistics
+from discrepancy.posterior.refit import Sized, exchanged
+
+ROBOT = preset("tricycle")
+PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
+GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
+FEW = 10 * PivotPositionX.tolerance, 10 * PivotGain.tolerance
+
+
+def exchange(place, gain, likelier) -> Any:
+    """The effect that stays, if another in its place makes logs likelier by so much; sizes are known to a tolerance."""
+
+    def look(effects, seen, among) -> Any:
+        kinds = [effect.candidate for effect in effects]
+        information = np.diag([kind.kinds[0].tolerance ** -2.0 for kind in kinds])
+        return SimpleNamespace(
+            candidates=tuple(kinds),
+            columns=tuple(np.arange(k, k + 1) for k in range(len(kinds))),
+            logs=(Statistics(information, np.zeros(len(kinds))),),
+            usual=np.full(len(kinds), np.nan),
+            redundant=True,
+            log_evidence=likelier if kinds == [GAIN] else 0.0,
+        )
+
+    named = (Sized(PLACE, np.array([place])),)
+    instead = [Sized(GAIN, np.array([gain]))]
+    seen: Any = look(named, None, None)
+    found = exchanged(ROBOT, look, 1e3, named, (), seen, instead, odds=-1e3)
+    return None if found is None else found[0][0]
+
+
+def test_of_effects_of_as_many_tolerances_the_one_with_which_logs_are_likelier_stays():
+    assert exchange(*FEW, LOG_ODDS - 0.1) is None
+    assert exchange(*FEW, LOG_ODDS + 0.1).candidate == GAIN
+
+
+def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as_it_is_less_likely():
+    """Faults are Cauchy distributed: 100 times as large is 5000 times less likely, where the other is of the scale."""
+    many = 100 * FEW[1]
+    against = np.log((1 + 100**2) / 2)
+    assert exchange(FEW[0], many, LOG_ODDS + against - 0.1) is None
+    effect = exchange(FEW[0], many, LOG_ODDS + against + 0.1)
+    assert (effect.candidate, effect.size) == (GAIN, pytest.approx(many))
+    assert exchange(100 * FEW[0], many, LOG_ODDS + 0.1).candidate == GAIN
