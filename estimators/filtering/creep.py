@@ -38,8 +38,20 @@ HELD = 6.25
 """How much stiffer to their side contacts of castors count that motors hold or nothing turns: their creep is 2e-4 m
 after 1 m where that of wheels is 5e-4."""
 
-CHASSIS = np.dtype([("mass", float), ("inertia", float), ("x", float), ("y", float), ("lateral", float)], align=True)
-"""Mass (1/m) and inertia (m) as `inertias` has them, its centre, m, and how much stiffer contacts are to their side."""
+CHASSIS = np.dtype(
+    [
+        # mass (1/m) and inertia (m) as `inertias` has them; its centre, m; how much stiffer contacts are to their side
+        ("mass", float),
+        ("inertia", float),
+        ("x", float),
+        ("y", float),
+        ("lateral", float),
+        # how long the sample is, in lengths of that before; forces over those of two samples of the nominal length
+        ("longer", float),
+        ("quicker", float),
+    ],
+    align=True,
+)
 
 CARRIED = np.dtype(
     [
@@ -80,17 +92,25 @@ def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
     chassis["mass"], chassis["inertia"] = geometry.mass * scale, geometry.inertia * scale
     chassis["x"], chassis["y"] = np.moveaxis(geometry.center, -1, 0)
     chassis["lateral"] = stiffness[..., 1] / stiffness[..., 0]
+    chassis["longer"] = chassis["quicker"] = 1.0
     return chassis, geometry.castor_mass * scale[..., None], geometry.castor_inertia * scale[..., None]
 
 
-def yields(carried, wheels, rows, robot, wheel, chassis, found):
-    """Write how much contacts yield, D, into `found`: of a castor's side, all its wheels together."""
-    d = wheels.shape[1]
+def yields(carried, wheels, rows, robot, wheel, chassis, before, found):
+    """Write how much contacts yield, D, into `found`: of a castor's side, all its wheels together.
+
+    A force that accelerates acts between two samples, so ways are means of both: else noise of a sample, of its counts
+    or of the time that it takes, would move the contact and bring it back a longer way. before (3 + 2 n + d,): at last
+    the ways of wheels in the sample before, m; become those of this one.
+    """
+    d, first = wheels.shape[1], 3 + 2 * carried.shape[1]
     for i in range(rows.shape[1]):
         row = rows[robot, i]
         if i < d:
             of_wheel = wheels[robot, i]
-            found[YIELD, i] = abs(of_wheel.radius * of_wheel.count * wheel[robot, row.wheel]) + STANDING
+            way = abs(of_wheel.radius * of_wheel.count * wheel[robot, row.wheel])
+            found[YIELD, i] = 0.5 * (way + chassis[robot, 0].longer * before[first + i]) + STANDING
+            before[first + i] = way
             continue
         stiffness = 0.0
         for of in range(d):
@@ -105,11 +125,14 @@ def yields(carried, wheels, rows, robot, wheel, chassis, found):
 def forced(castors, carried, chassis, rows, robot, along, across, turn, before, first, moves, found, held, small):
     """Write by how much contacts creep under forces into `found`.
 
-    along, across (m) and turn (rad): the body's motion in the sample. before (3 + 2 n,): that of the sample before,
-    then the way of each castor's axle (m) and its turn in N (rad) in it; becomes that of this one. moves (3, ...): G',
-    columns `first` on. held (OF_CASTOR, n), small (4, 3): room, in which b, t, H and the inverse of N are left.
+    along, across (m) and turn (rad): the body's motion in the sample. before (3 + 2 n or more,): that of the sample
+    before, then the way of each castor's axle (m) and its turn in N (rad) in it; becomes that of this one. moves
+    (3, ...): G', columns `first` on. held (OF_CASTOR, n), small (4, 3): room, in which b, t, H and the inverse of N
+    are left.
     """
     n, m = carried.shape[1], rows.shape[1]
+    for k in range(3 + 2 * n):
+        before[k] *= chassis[robot, 0].longer
     body, a, b = chassis[robot, 0], 2.0 * math.sin(0.5 * turn), 2.0 * math.sin(0.5 * before[2])
     c, s = math.cos(0.5 * (turn + before[2])), math.sin(0.5 * (turn + before[2]))
     x, y = before[0] - body.y * b, before[1] + body.x * b
@@ -163,9 +186,8 @@ def forced(castors, carried, chassis, rows, robot, along, across, turn, before, 
             swung = found[ARM, i] / held[HOLD, j]
         for k in range(3):
             found[FREE_X + k, i] = moves[k, first + i] + swung * held[k, j]
-        found[CREEP, i] = (
-            found[FREE_X, i] * u_x + found[FREE_X + 1, i] * u_y + found[FREE_X + 2, i] * u_turn + swung * held[TWIST, j]
-        )
+        crept_by = found[FREE_X, i] * u_x + found[FREE_X + 1, i] * u_y + found[FREE_X + 2, i] * u_turn
+        found[CREEP, i] = body.quicker * (crept_by + swung * held[TWIST, j])
 
 
 def balanced(carry, at, end, moves, first, compliance, small):

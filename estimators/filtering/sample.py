@@ -263,8 +263,8 @@ def _advance(
     (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 4): a turn,
     rad, the variance of what it is off but for readings' noise, the sample's duration, s, 0 where there is none, and
     that noise, rad/s. freed (B, F, q): the variances of slip of those measurements that are released. chassis (B, 1):
-    of type `CHASSIS`. before (B, F, 3 + 2 n): the motion of the sample before (`forced`). wheel and pivot:
-    the counts. Others: room.
+    of type `CHASSIS`. before (B, F, 3 + 2 n + d): the motion of the sample before (`forced`, `yields`). wheel and
+    pivot: the counts. Others: room.
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
     q = measured.shape[1]
@@ -281,7 +281,7 @@ def _advance(
             moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
         for f in range(filters.shape[0]):
             if not moves_on:
-                for k in range(3 + 2 * n):
+                for k in range(before.shape[2]):
                     before[robot, f, k] = 0.0
                 continue
             for i in range(q):
@@ -296,8 +296,8 @@ def _advance(
             along, across, turn = linearised(
                 castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves
             )
-            yields(carried, wheels, rows, robot, wheel, chassis, found)
             last, motion_of = before[robot, f], (along, across, turn)
+            yields(carried, wheels, rows, robot, wheel, chassis, last, found)
             forced(castors, carried, chassis, rows, robot, *motion_of, last, first, moves, found, held, bearing)
             if creeps:
                 balanced(carry, at, at + numbers, moves, first, found[YIELD], small)

@@ -34,7 +34,7 @@ from estimators.calibration.maximum_likelihood.fit import (
     scales_of,
 )
 from estimators.calibration.maximum_likelihood.newton_step import Solution, solved
-from estimators.calibration.maximum_likelihood.noise import LEAST, MOST
+from estimators.calibration.maximum_likelihood.noise import MOST
 from estimators.calibration.maximum_likelihood.tracker import MOUNT_SEEN, mount_prior, size_of, straightened
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
 from estimators.likelihood.creep_prediction import LEAST_NOISE
@@ -180,8 +180,8 @@ def _with_creep(
 ) -> tuple[State, Noise, Solution, str]:
     """Return the most likely state, sizes of noise and last step with creep, from those without it; and why creep is
     left out, "" if it is not, or wheels hardly slip."""
-    slips = ((getattr(sizes, kind), getattr(LEAST, kind)) for kind in ("along", "across", "turning"))
-    rolling = all(size <= least for size, least in slips)  # no wheel slips
+    slips = ((getattr(sizes, kind), getattr(LEAST_NOISE, kind)) for kind in ("along", "across", "turning"))
+    rolling = all(size <= least for size, least in slips)  # creep would leave more slip
     if rolling or solution.moved > 1.0 or not solution.seen.any():
         return at, sizes, solution, ""
     try:

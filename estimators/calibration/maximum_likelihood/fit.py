@@ -18,7 +18,7 @@ from estimators.calibration.parameters import Parameter, geometry_with
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise, moved_along
 from estimators.likelihood.reduction import Leftover, Reduced
 
-ROUNDS, PROBES = 60, 4
+ROUNDS, PROBES = 60, 8
 
 CONVERGED, CONVERGED_WITH_CREEP = 0.01, 0.1
 """Converged when no parameter moves by more than this part of its standard error; creep is predicted less well."""
