@@ -9,7 +9,20 @@ from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset
 from estimators import CalibratingFilter
-from estimators.filtering.creep import ARM, CREEP, FREE_X, HOLD, OF_CASTOR, ROWS, SCALE, TWIST, YIELD, crept, forced
+from estimators.filtering.creep import (
+    ARM,
+    CREEP,
+    FREE_X,
+    HOLD,
+    OF_CASTOR,
+    ROWS,
+    SCALE,
+    TWIST,
+    YIELD,
+    crept,
+    forced,
+    yields,
+)
 from estimators.steps.rolling_equations import swivelled
 
 PERIOD = 0.05
@@ -23,11 +36,13 @@ class Contacts:
         estimator = CalibratingFilter()
         estimator.reset(self.robot, np.zeros(3))
         parts = estimator._stack.parts
-        self.castors, self.carried, _, self.rows = (part.reshape(1, -1).view(np.recarray) for part in parts[:4])
+        self.castors, self.carried, self.wheels, self.rows = (
+            part.reshape(1, -1).view(np.recarray) for part in parts[:4]
+        )
         self.chassis = parts[11].reshape(1, -1).view(np.recarray)
         n, m = self.carried.shape[1], self.rows.shape[1]
         self.found, self.held, self.small = np.zeros((ROWS, m)), np.zeros((OF_CASTOR, n)), np.zeros((4, 3))
-        self.before, self.found[SCALE] = np.zeros(3 + 2 * n), 1.0
+        self.before, self.found[SCALE] = np.zeros(3 + 2 * n + 2 * n), 1.0
 
     def turn(self, before, after):
         """Let castors swivel from angles (n,) to angles, rad; their contacts are in the order of the filter's."""
@@ -50,8 +65,54 @@ def _contacts():
     contacts = Contacts()
     contacts.turn([0.3, -1.2, 2.0], [0.35, -1.15, 1.9])
     contacts.found[YIELD] = np.exp(drawn.standard_normal(9))
-    contacts.before[:] = 0.01 * drawn.standard_normal(9)
+    contacts.before[:9] = 0.01 * drawn.standard_normal(9)
     return contacts
+
+
+@pytest.fixture(name="straight")
+def _straight():
+    """Contacts of a robot that drives straight ahead, its castors trailing."""
+    contacts = Contacts()
+    contacts.turn([0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    return contacts
+
+
+def test_at_even_speed_samples_of_any_length_make_no_contact_creep(straight):
+    straight.found[YIELD] = 0.01
+    straight.creep(0.01, 0.0, 0.0)
+    last = 1.0
+    for lasts in (1.4, 0.6, 2.0, 1.0):
+        straight.chassis["longer"] = lasts / last
+        np.testing.assert_allclose(straight.creep(0.01 * lasts, 0.0, 0.0), 0.0, atol=1e-15)
+        last = lasts
+
+
+def test_a_force_is_a_mass_times_a_change_of_speed_whatever_the_samples_are(straight):
+    """From 0.2 to 0.21 m/s, in two samples of 0.05 s, or the second of 0.1 s: within the time between their middles."""
+    straight.found[YIELD], forces = 0.01, []
+    for lasts in (1.0, 2.0):
+        straight.chassis["longer"], straight.chassis["quicker"] = 1.0, 1.0
+        straight.before[:] = 0.0
+        straight.creep(0.01, 0.0, 0.0)
+        straight.chassis["longer"], straight.chassis["quicker"] = lasts, 2 / (lasts * (lasts + 1))
+        forces.append(straight.creep(0.0105 * lasts, 0.0, 0.0)[0])
+    assert forces[0] == pytest.approx(1.5 * forces[1], rel=1e-9)
+
+
+def test_noise_of_samples_moves_no_contact_in_the_end(straight):
+    """Each sample's noise accelerates and slows down again. With the way of the later sample alone contacts would creep
+    forward by a tenth of what they creep to and fro."""
+    ways = 0.01 * (1 + 0.1 * np.random.default_rng(2).standard_normal(400))
+    ways[0] = ways[-1] = 0.01
+    per_count = straight.wheels["radius"][0, 0] * straight.wheels["count"][0, 0]
+    found = []
+    for way in ways:
+        counts = np.full((1, 6), way / per_count)
+        of_robot = straight.carried, straight.wheels, straight.rows, 0
+        yields(*of_robot, counts, straight.chassis, straight.before, straight.found)
+        found.append(straight.creep(way, 0.0, 0.0)[:6])
+    crept = np.array(found[1:])  # the first sample starts from rest
+    assert np.all(np.abs(crept.sum(axis=0)) < 1e-4 * np.abs(crept).sum(axis=0))
 
 
 def held_by(contacts, castor):
