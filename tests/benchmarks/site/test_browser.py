@@ -16,18 +16,41 @@ DRIVER = shutil.which("chromedriver")
 PHONE, DESKTOP = 390, 1280
 """Widths, px."""
 LONG = "wheel_radius_" * 12
+ANSWER = {
+    "verdict": "named",
+    "reason": LONG,
+    "what": LONG,
+    "probability": 0.9,
+    "probabilities": {LONG: 0.9},
+    "credible_set": [LONG],
+    "same_as": [LONG],
+    "effect": {"name": LONG},
+    "size": 0.01,
+    "unit": "m",
+    "interval": [0.009, 0.011],
+    "cost": [0.1, 0.1],
+    "curve": None,
+    "check": "Measure the wheel.",
+    "separating_drive": None,
+}
 DIAGNOSIS = {
     "robot": "<script>alert(1)</script>",
     "verdict": "named",
     "preflight": [f"{LONG} counts backwards", "not whole numbers"],
-    "mistakes": [{"what": LONG}],
-    "answers": [
-        {"verdict": "named", "what": LONG, "probability": 0.9, "check": "Measure the wheel.", "cost": [0.1, 0.1]}
-    ],
+    "mistakes": [{"what": LONG, "alternatives": [LONG]}],
+    "answers": [ANSWER],
+    "dimensions": [],
+    "probabilities": {LONG: 0.9},
+    "names": {LONG: LONG},
     "gap": [[0.01, 0.01], [0.001, 0.001]],
     "held_out_gap": [[0.01, 0.01], [0.001, 0.001]],
+    "noise": {"position_m": 1e-4, "heading_rad": 1e-4},
     "logs": [f"{LONG}/log.csv"],
+    "held_out_logs": [],
+    "clean_logs": [],
     "effects": [{"name": LONG}],
+    "replay": None,
+    "where": None,
 }
 """Of a report with all that may be wide."""
 
