@@ -96,6 +96,20 @@ def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
     return chassis, geometry.castor_mass * scale[..., None], geometry.castor_inertia * scale[..., None]
 
 
+def timed(chassis, clock, robot):
+    """Write how long a robot's sample is into `chassis`.
+
+    clock (B, 4), s: the time now, that of the sample before, how long this was, and the nominal period, which counts
+    where time stamps do not tell; what is of the sample before becomes that of this one.
+    """
+    lasts, last, period = clock[robot, 0] - clock[robot, 1], clock[robot, 2], clock[robot, 3]
+    if not 0.0 < lasts < math.inf:
+        lasts = period
+    chassis[robot, 0].longer = lasts / last
+    chassis[robot, 0].quicker = 2.0 * period * period / (lasts * (lasts + last))
+    clock[robot, 1], clock[robot, 2] = clock[robot, 0], lasts
+
+
 def yields(carried, wheels, rows, robot, wheel, chassis, before, found):
     """Write how much contacts yield, D, into `found`: of a castor's side, all its wheels together.
 

@@ -26,6 +26,7 @@ from estimators.filtering.creep import (
     balanced,
     crept,
     forced,
+    timed,
     yields,
 )
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
@@ -238,8 +239,9 @@ def _advance(
     log_likelihood,
     gyro,
     freed,
-    chassis,
     before,
+    chassis,
+    clock,
     wheel,
     pivot,
     filters,
@@ -262,9 +264,9 @@ def _advance(
     castors, carried (B, n), wheels (B, d), rows (B, m): of types `CASTOR`, `CARRIED`, `WHEEL` and `ROW`. start, pose
     (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 4): a turn,
     rad, the variance of what it is off but for readings' noise, the sample's duration, s, 0 where there is none, and
-    that noise, rad/s. freed (B, F, q): the variances of slip of those measurements that are released. chassis (B, 1):
-    of type `CHASSIS`. before (B, F, 3 + 2 n + d): the motion of the sample before (`forced`, `yields`). wheel and
-    pivot: the counts. Others: room.
+    that noise, rad/s. freed (B, F, q): the variances of slip of those measurements that are released. before (B, F,
+    3 + 2 n + d): the motion of the sample before (`forced`, `yields`). chassis (B, 1): of type `CHASSIS`. clock (B, 4):
+    see `timed`. wheel and pivot: the counts. Others: room.
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
     q = measured.shape[1]
@@ -273,6 +275,7 @@ def _advance(
     compliance = at + numbers
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
+        timed(chassis, clock, robot)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
         moves_on = duration > 0.0
         for j in range(n):
@@ -431,9 +434,9 @@ ADVANCE = Kernel(
     "_advance",
     (
         *(array(of, 2) for of in (CASTOR, CARRIED, WHEEL, ROW, float, float)),
-        *(array(float, axes) for axes in (3, 4, 2, 2, 3)),
+        *(array(float, axes) for axes in (3, 4, 2, 2, 3, 3)),
         array(CHASSIS, 2),
-        *(array(float, axes) for axes in (3, 2, 2)),
+        *(array(float, axes) for axes in (2, 2, 2)),
         array(FILTER, 1),
         *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2, 2, 2)),
         REAL,

@@ -83,7 +83,8 @@ BIAS = 0.02
 """rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones
 say."""
 
-START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, BODY = range(4, 12)
+START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED = range(4, 11)
+CLOCK = 13
 """Of the stack's parts."""
 
 
@@ -169,28 +170,24 @@ class CalibratingFilter:
             known = np.broadcast_to(known, (*lead, *known.shape[-3:])).copy()
             known[..., :3, :3] = of_start[..., None, :, :]
 
-        q = n + m + gyro
+        q, d = n + m + gyro, wheels.shape[-1]
+        clock = np.multiply.outer(geometry.sample_period, np.array([-np.inf, -np.inf, 1.0, 1.0]))
         parts = [
             *map(Part, (castors, carried, wheels, equations, start, start)),
             *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(4))),
-            *(
-                Part(np.zeros((len(bank), q)), 2),
-                Part(chassis[..., None]),
-                Part(np.zeros((len(bank), 3 + 2 * n + wheels.shape[-1])), 2),
-            ),
+            *(Part(np.zeros((len(bank), of)), 2) for of in (q, 3 + 2 * n + d)),
+            *(Part(chassis[..., None]), Part(clock)),
         ]
         room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
         room += [(OF_CASTOR, n), (4, 3)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
-        self._period = self._lasted = np.asarray(geometry.sample_period)
-        self._time: Array | None = None
         self._gyro, self._turns = geometry.gyro, GyroTurns()
         self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, start)
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3); raises InputError where it has another number of counts."""
-        if "time" in observation:
-            self._read_time(np.asarray(observation["time"])[..., 0])
+        if "time" in observation and np.ndim(observation["time"]) <= 1 + len(self._stack.shape):  # else it grows first
+            self._stack.parts[CLOCK][..., 0] = observation["time"][..., 0]
         if self._gyro is not None:
             self._read_gyro(self._gyro, observation)
         self._stack.advance(observation)
@@ -203,14 +200,6 @@ class CalibratingFilter:
                 mean = np.sum(self._probabilities[..., None] * before.state[..., :3], axis=-2)
                 self._stack.parts[POSE][...] = se2.compose(self._stack.parts[START], mean)
         return self.pose
-
-    def _read_time(self, time: Array) -> None:
-        """Take how long the sample is, as its time stamp (...), s, says."""
-        lasts = self._period if self._time is None else np.where(time > self._time, time - self._time, self._period)
-        chassis = self._stack.parts[BODY]
-        chassis["longer"][..., 0] = lasts / self._lasted
-        chassis["quicker"][..., 0] = 2 * self._period**2 / (lasts * (lasts + self._lasted))
-        self._time, self._lasted = np.array(time), lasts
 
     def _read_gyro(self, gyro: Gyro, observation: Observation) -> None:
         """Take by how much the body turns as a gyro says, rad, the variance of that, and how long the sample is, s."""

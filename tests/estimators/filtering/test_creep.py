@@ -21,6 +21,7 @@ from estimators.filtering.creep import (
     YIELD,
     crept,
     forced,
+    timed,
     yields,
 )
 from estimators.steps.rolling_equations import swivelled
@@ -39,7 +40,7 @@ class Contacts:
         self.castors, self.carried, self.wheels, self.rows = (
             part.reshape(1, -1).view(np.recarray) for part in parts[:4]
         )
-        self.chassis = parts[11].reshape(1, -1).view(np.recarray)
+        self.chassis = parts[12].reshape(1, -1).view(np.recarray)
         n, m = self.carried.shape[1], self.rows.shape[1]
         self.found, self.held, self.small = np.zeros((ROWS, m)), np.zeros((OF_CASTOR, n)), np.zeros((4, 3))
         self.before, self.found[SCALE] = np.zeros(3 + 2 * n + 2 * n), 1.0
@@ -85,6 +86,17 @@ def test_at_even_speed_samples_of_any_length_make_no_contact_creep(straight):
         straight.chassis["longer"] = lasts / last
         np.testing.assert_allclose(straight.creep(0.01 * lasts, 0.0, 0.0), 0.0, atol=1e-15)
         last = lasts
+
+
+def test_time_stamps_say_how_long_samples_are(straight):
+    """Of samples that last 1, 1.4 and 0.6 nominal periods; the first has none before it, the last no later stamp."""
+    clock, found = np.array([[-np.inf, -np.inf, PERIOD, PERIOD]]), []
+    for time in (1.0, 1.0 + 1.4 * PERIOD, 1.0 + 2.0 * PERIOD, 1.0 + 2.0 * PERIOD):
+        clock[0, 0] = time
+        timed(straight.chassis, clock, 0)
+        found.append((straight.chassis["longer"][0, 0], straight.chassis["quicker"][0, 0]))
+    expected = [(1.0, 1.0), (1.4, 2 / 1.4 / 2.4), (0.6 / 1.4, 2 / 0.6 / 2.0), (1 / 0.6, 2 / 1.6)]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_a_force_is_a_mass_times_a_change_of_speed_whatever_the_samples_are(straight):
