@@ -83,8 +83,7 @@ BIAS = 0.02
 """rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones
 say."""
 
-START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED = range(4, 11)
-CLOCK = 13
+START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, _, _, CLOCK = range(4, 14)
 """Of the stack's parts."""
 
 
@@ -170,7 +169,7 @@ class CalibratingFilter:
             known = np.broadcast_to(known, (*lead, *known.shape[-3:])).copy()
             known[..., :3, :3] = of_start[..., None, :, :]
 
-        q, d = n + m + gyro, wheels.shape[-1]
+        q = n + m + gyro
         clock = np.multiply.outer(geometry.sample_period, np.array([-np.inf, -np.inf, 1.0, 1.0]))
         parts = [
             *map(Part, (castors, carried, wheels, equations, start, start)),

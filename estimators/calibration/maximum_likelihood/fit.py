@@ -19,6 +19,8 @@ from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, No
 from estimators.likelihood.reduction import Leftover, Reduced
 
 ROUNDS, PROBES = 60, 8
+"""Most steps; draws of residuals by which noise is fitted. With four, slip of 0.026 mm after 1 m (by sixteen draws)
+seems to be 0.031 mm; with eight 0.027."""
 
 CONVERGED, CONVERGED_WITH_CREEP = 0.01, 0.1
 """Converged when no parameter moves by more than this part of its standard error; creep is predicted less well."""
