@@ -162,15 +162,38 @@ class Answer:
     candidate: Cause
     amplitudes: Array
     covariance: Array
-    hidden: float
-    explained: float
     cost: Array
+    hidden: float = 0.0
+    explained: float = 0.0
     absent: float = 0.0
     alike: tuple[str, ...] = ()
     confirmed: float | None = None
     curve: Learned | None = None
     verdict: Verdict = "named"
     reason: str = ""
+
+    @classmethod
+    def judged_apart(
+        cls,
+        candidate: Cause,
+        probability: float,
+        size: float,
+        error: float,
+        cost: Array,
+        confirmed: float | None = None,
+    ) -> Self:
+        """Return the answer on a fault that is no column of the linear problem. size, error: its amplitude and the
+        standard deviation; cost (2,): of all of it."""
+        return cls(
+            probabilities={candidate.family: probability, "nothing": 1 - probability},
+            credible=(candidate.family,),
+            unnamed=not candidate.kinds,
+            candidate=candidate,
+            amplitudes=np.array([size]),
+            covariance=np.array([[error**2]]),
+            cost=cost / size,
+            confirmed=confirmed,
+        )
 
     @property
     def effect(self) -> Effect | None:

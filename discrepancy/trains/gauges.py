@@ -93,7 +93,8 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
         candidate = Candidate.of(Placed(kind), seen.train)
         cost = cost_of_noise(seen, f)
-        answers.append(_answer(candidate, size * tolerance, error * tolerance, cost, probability, confirmed))
+        sized = size * tolerance, error * tolerance
+        answers.append(Answer.judged_apart(candidate, probability, *sized, size * tolerance * cost, confirmed))
     return answers
 
 
@@ -120,25 +121,9 @@ def stop_answers(
             shown = any(_lasts(train, log, time) for log in held_out)
             confirmed = 0.0 if not shown else np.inf if _agree(train, held_out, f, time) else -np.inf
         off = [_kept(seen, k, f, time) for k in range(len(logs))]
-        answers.append(_answer(candidate, time, error, np.sqrt(np.mean(np.square(off), axis=0)) / time, 1.0, confirmed))
+        cost = np.sqrt(np.mean(np.square(off), axis=0))
+        answers.append(Answer.judged_apart(candidate, 1.0, time, error, cost, confirmed))
     return answers
-
-
-def _answer(
-    candidate: Cause, size: float, error: float, cost: Array, probability: float, confirmed: float | None
-) -> Answer:
-    return Answer(
-        probabilities={candidate.family: probability, "nothing": 1 - probability},
-        credible=(candidate.family,),
-        unnamed=not candidate.kinds,
-        candidate=candidate,
-        amplitudes=np.array([size]),
-        covariance=np.array([[error**2]]),
-        hidden=0.0,
-        explained=0.0,
-        cost=cost,
-        confirmed=confirmed,
-    )
 
 
 def _log_likelihood(seen: Linearised, f: int, usual: float) -> Array:

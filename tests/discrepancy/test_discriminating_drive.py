@@ -45,7 +45,7 @@ def answer(candidate, size, *others):
     amplitudes, covariance = np.zeros(candidate.columns), np.zeros((candidate.columns, candidate.columns))
     amplitudes[0] = size
     told = dict.fromkeys(names, 1 / len(names))
-    return Answer(told, names, False, candidate, amplitudes, covariance, 0.0, 9.0, np.zeros(2), verdict="ambiguous")
+    return Answer(told, names, False, candidate, amplitudes, covariance, np.zeros(2), verdict="ambiguous")
 
 
 def proposed(candidate, size, *others, driven, among=None):

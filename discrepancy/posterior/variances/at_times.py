@@ -115,18 +115,7 @@ def answer_of(
         for disagreement, slips in zip(seen.disagreements, fault.slips, strict=True)
     ]
     cost = seen.cost_of_slips(slipped)
-    answer = Answer(
-        probabilities={description: probability, "nothing": 1 - probability},
-        credible=(description,),
-        unnamed=True,
-        candidate=Candidate(description),
-        amplitudes=np.array([largest[k]]),
-        covariance=np.zeros((1, 1)),
-        hidden=0.0,
-        explained=2 * fault.log_odds,
-        cost=cost / largest[k],
-        confirmed=confirmed,
-    )
+    answer = Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
     return _losing(answer, bursts_of(robot, logs, seen, fault.row, fault.active), cost)
 
 

@@ -12,7 +12,7 @@ from castor_envs.effects.clocks import SampleJitter
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, described, family_of
+from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, NOTHING
 from discrepancy.posterior.variances.delays import ORDER, SPREAD, delays_of, jitter_of
@@ -39,27 +39,14 @@ def jitter_answer(
         return None
     (kind,) = SampleJitter.variants(robot)
     effect = dataclasses.replace(kind, value=size * tolerance)
-    name = family_of(kind)
     candidate = Candidate(described(kind), (kind,))
     if seen.seldom:
-        name = f"all encoders are read early or late together at some times, most {seen.seldom}"
-        candidate = Candidate(name)
+        candidate = Candidate(f"all encoders are read early or late together at some times, most {seen.seldom}")
     confirmed = None
     if held_out:
         confirmed = held_out_log_odds(_log_likelihood(robot, held_out, usual), size)
-    cost = (cost_of(robot, effect, logs) or 0.0) / effect.value
-    return Answer(
-        probabilities={name: probability, "nothing": 1 - probability},
-        credible=(name,),
-        unnamed=bool(seen.seldom),
-        candidate=candidate,
-        amplitudes=np.array([effect.value]),
-        covariance=np.array([[(error * tolerance) ** 2]]),
-        hidden=0.0,
-        explained=seen.gain,
-        cost=np.array([cost, 0.0]),
-        confirmed=confirmed,
-    )
+    cost = np.array([cost_of(robot, effect, logs) or 0.0, 0.0])
+    return Answer.judged_apart(candidate, probability, effect.value, error * tolerance, cost, confirmed)
 
 
 def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) -> Array:

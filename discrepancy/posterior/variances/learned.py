@@ -63,20 +63,10 @@ def answer_of(robot: RobotDescription, curve: Learned, logs: Sequence[Log]) -> A
     if curve.nearest is not None:
         what, cosine = curve.nearest
         reason += f"; nearest in the catalogue, by what it does to these logs, is: {what} (cosine {cosine:.2f})"
-    probability = float(expit(curve.log_odds))
-    return Answer(
-        probabilities={candidate.what: probability, "nothing": 1 - probability},
-        credible=(candidate.what,),
-        unnamed=True,
-        candidate=candidate,
-        amplitudes=np.ones(1),
-        covariance=np.array([[1 / (2 * curve.log_odds)]]),
-        hidden=0.0,
-        explained=2 * curve.log_odds,
-        curve=curve,
-        cost=np.array([cost_of(robot, curve.effect, logs) or 0.0, 0.0]),
-        reason=reason,
-    )
+    probability, error = float(expit(curve.log_odds)), (2 * curve.log_odds) ** -0.5
+    cost = np.array([cost_of(robot, curve.effect, logs) or 0.0, 0.0])
+    answer = Answer.judged_apart(Candidate(candidate.what), probability, 1.0, error, cost)
+    return replace(answer, candidate=candidate, curve=curve, reason=reason)
 
 
 def learned(

@@ -73,10 +73,9 @@ def noisy_answers(
     answers = []
     for kind in KINDS:
         found, good = [log[kind] for log in logs], [log[kind] for log in clean]
-        log_factor = log_bayes_factor(found, good)
-        probability = float(expit(log_factor - logit(NOTHING)))
+        probability = float(expit(log_bayes_factor(found, good) - logit(NOTHING)))
         if probability >= CREDIBLE:
-            answers.append(_answer(seen, kind, _pooled(found), _pooled(good), log_factor, probability))
+            answers.append(_answer(seen, kind, _pooled(found), _pooled(good), probability))
     return answers
 
 
@@ -131,21 +130,10 @@ def _pooled(logs: Sequence[Found]) -> float:
     return sum(log.freedom * log.variance for log in logs) / max(freedom, 1e-9)
 
 
-def _answer(seen: Linearised, kind: str, found: float, usual: float, log_factor: float, probability: float) -> Answer:
+def _answer(seen: Linearised, kind: str, found: float, usual: float, probability: float) -> Answer:
     noise = float(np.sqrt(found))
-    times = noise / max(np.sqrt(usual), RESOLVED)
-    name = KINDS[kind].format(f"{times:.2g}")
-    return Answer(
-        probabilities={name: probability, "nothing": 1 - probability},
-        credible=(name,),
-        unnamed=True,
-        candidate=Candidate(name),
-        amplitudes=np.array([noise]),
-        covariance=np.zeros((1, 1)),
-        hidden=0.0,
-        explained=2 * log_factor,
-        cost=_cost(seen, kind, max(found - usual, 0.0)) / noise,
-    )
+    candidate = Candidate(KINDS[kind].format(f"{noise / max(np.sqrt(usual), RESOLVED):.2g}"))
+    return Answer.judged_apart(candidate, probability, noise, 0.0, _cost(seen, kind, max(found - usual, 0.0)))
 
 
 def _cost(seen: Linearised, kind: str, variance: float) -> Array:

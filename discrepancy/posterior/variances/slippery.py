@@ -163,19 +163,9 @@ def inside(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch
 
 def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
     """Return the answer for a patch. cost (2,): of the whole patch; confirmed: see `Answer`."""
-    probability, candidate = float(expit(patch.log_odds)), Candidate(described(patch.effect), (patch.effect,))
-    return Answer(
-        probabilities={candidate.family: probability, "nothing": 1 - probability},
-        credible=(candidate.family,),
-        unnamed=False,
-        candidate=candidate,
-        amplitudes=np.array([patch.effect.value]),
-        covariance=np.array([[patch.error**2]]),
-        hidden=0.0,
-        explained=2 * patch.log_odds,
-        cost=cost / patch.effect.value,
-        confirmed=confirmed,
-    )
+    candidate = Candidate(described(patch.effect), (patch.effect,))
+    size = patch.effect.value, patch.error
+    return Answer.judged_apart(candidate, float(expit(patch.log_odds)), *size, cost, confirmed)
 
 
 def _replay_errors(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:

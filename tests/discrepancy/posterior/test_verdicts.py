@@ -28,8 +28,6 @@ ANSWER = Answer(
     candidate=CAUSE,
     amplitudes=np.array([0.01]),
     covariance=np.array([[1e-8]]),
-    hidden=0.0,
-    explained=100.0,
     cost=np.array([1.0, 1.0]),
 )
 ORDER: Any = SimpleNamespace(beyond=lambda logs: logs[0])

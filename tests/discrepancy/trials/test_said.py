@@ -27,9 +27,7 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
     candidate = Candidate("something") if kind is None else Candidate("an effect", (kind,), len(amplitudes))
     sizes = np.array(amplitudes), np.array(covariance)
     cost = np.zeros(2)
-    return Answer(
-        probabilities, credible, kind is None, candidate, *sizes, 0.0, 9.0, cost, verdict=verdict, reason="so"
-    )
+    return Answer(probabilities, credible, kind is None, candidate, *sizes, cost, verdict=verdict, reason="so")
 
 
 def posterior_says(monkeypatch, *answers, mistakes=()):
