@@ -26,6 +26,9 @@ exp(-1 / (2 s^2)) / s^2; this discrete mixture approximates its density within 1
 ROUNDS, CONVERGED = 200, 1e-4
 """Most rounds over all components, and the change of probabilities below which the rounds end."""
 
+COMPETE = 5
+"""Rounds after which only the start with the largest evidence lower bound goes on."""
+
 PARALLEL = 1e-4
 """Squared sine of the angle between two signatures up to which they are taken for parallel, and not paired."""
 
@@ -84,14 +87,14 @@ class Posterior:
         found: dict[str, float] = {}
         for hypothesis, probability in zip(self.hypotheses, component.probability.tolist(), strict=True):
             found[hypothesis.name] = found.get(hypothesis.name, 0.0) + probability
-        return dict(sorted(found.items(), key=lambda entry: -entry[1]))
+        return {name: min(part, 1.0) for name, part in sorted(found.items(), key=lambda entry: -entry[1])}
 
     def inclusion(self) -> dict[str, float]:
         """Return for every name the probability that it is among the effects, the largest first."""
         absent: dict[str, float] = {}
         for component in self.components:
             for name, probability in self.probabilities(component).items():
-                absent[name] = absent.get(name, 1.0) * (1 - min(probability, 1.0))
+                absent[name] = absent.get(name, 1.0) * (1 - probability)
         return dict(sorted(((name, 1 - part) for name, part in absent.items()), key=lambda entry: -entry[1]))
 
     def credible_set(self, component: Component, least: float = CREDIBLE) -> tuple[str, ...]:
@@ -127,6 +130,9 @@ class SingleEffects:
         self._log_prior = np.log(numbers[:, 1] / numbers[:, 1].sum()) + np.log1p(-NOTHING)
         self._least, self._most = (np.where(self._double, end, numbers[:, k]) for k, end in ((2, -np.inf), (3, np.inf)))
         self._precision = (numbers[:, :1] * SCALES)[:, :, None] ** -2.0  # (h, scales, 1)
+        self._bounded = np.isfinite(self._least) | np.isfinite(self._most)
+        ends = (end[self._bounded, None] / (numbers[self._bounded, :1] * SCALES) for end in (self._least, self._most))
+        self._log_allowed = np.logaddexp.reduce(LOG_WEIGHTS + _cut(*ends)[0], axis=1)  # mass of the prior within bounds
 
     def posterior(self, score: Array, count: int = MOST) -> Posterior:
         """Return the posterior of a sum of `count` single effects, given the score (m,) at b = 0."""
@@ -134,7 +140,8 @@ class SingleEffects:
         starts = [(empty,) * count]
         if count > 1:
             starts += [(*pair, *(empty,) * (count - 2)) for pair in self._pairs(score)]
-        return max((self._converged(score, start) for start in starts), key=lambda found: found.bound)
+        best = max((self._converged(score, start, COMPETE) for start in starts), key=lambda found: found.bound)
+        return self._converged(score, best.components, ROUNDS)
 
     def sizes(self, posterior: Posterior, score: Array, component: int, k: int) -> tuple[Array, Array]:
         """Return the sizes (c,) of hypothesis k, given that the component is this hypothesis, and their covariance (c,
@@ -147,9 +154,9 @@ class SingleEffects:
         c = self.hypotheses[k].direction.shape[1]
         return (turned[k] @ average)[:c], ((turned[k] * spread) @ turned[k].T)[:c, :c]
 
-    def _converged(self, score: Array, start: Sequence[Component]) -> Posterior:
+    def _converged(self, score: Array, start: Sequence[Component], rounds: int) -> Posterior:
         found = list(start)
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             change = 0.0
             for j in range(len(found)):
                 remaining = sum((component.mean for k, component in enumerate(found) if k != j), np.zeros(len(score)))
@@ -226,14 +233,12 @@ class SingleEffects:
         slope = np.einsum("hij,hi->hj", turned, slope)[:, None, :]
         mean = slope * variance
         log_factor = np.sum(slope * mean / 2 + np.log(variance * self._precision) / 2, axis=-1)
-        bounded = np.isfinite(self._least) | np.isfinite(self._most)
+        bounded = self._bounded
         if bounded.any():
             lower, upper = self._least[bounded, None], self._most[bounded, None]
             middle, width = mean[bounded, :, 0], np.sqrt(variance[bounded, :, 0])
-            slab = np.sqrt(1 / self._precision[bounded, :, 0])
             log_mass, moved, narrowed = _cut((lower - middle) / width, (upper - middle) / width)
-            before = np.logaddexp.reduce(LOG_WEIGHTS + _cut(lower / slab, upper / slab)[0], axis=1)
-            log_factor[bounded] += log_mass - before[:, None]
+            log_factor[bounded] += log_mass - self._log_allowed[:, None]
             mean[bounded, :, 0], variance[bounded, :, 0] = middle + width * moved, width**2 * narrowed
         joint: Array = LOG_WEIGHTS + log_factor
         total: Array = np.logaddexp.reduce(joint, axis=1)
