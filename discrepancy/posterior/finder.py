@@ -321,7 +321,7 @@ def asked(
     if reestimated is not seen:
         seen = reestimated
         single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
-    expected = np.sum([component.mean for component in posterior.components], axis=0)
+    expected = sum((component.mean for component in posterior.components if component.nothing < 0.5), 0 * in_model)
     single, posterior, score = _posterior(hypotheses, order, seen, in_model, expected - fitted, fitted)
     return posterior, answers_of(seen, single, posterior, score, places, in_model)
 

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs.effects.clocks import EncoderLatency
 from castor_envs.effects.dimensions import PivotBias, PivotPositionY, WheelRadius
-from castor_envs.effects.encoders import PivotEccentricity, TickLoss
+from castor_envs.effects.encoders import PivotBacklash, PivotEccentricity, TickLoss
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
@@ -96,6 +96,14 @@ def test_stated_errors_are_the_errors_made():
         assert isinstance(answer.effect, WheelRadius)
         squares += ((answer.size - RADIUS.value) / answer.error) ** 2
     assert chi2.ppf(0.005, 8) < squares < chi2.ppf(0.995, 8)
+
+
+def test_a_backlash_that_throws_the_pivot_about_is_named():
+    """Without reading it, its pivot jumps by half a radian, which makes forces, and what they would creep by, huge."""
+    effect = PivotBacklash(castor=1, value=0.64)
+    log, held_out = (driven("1-castor", seed, effect, duration=30.0) for seed in (3, 4))
+    (answer,) = diagnose(preset("1-castor"), [log], [held_out]).answers
+    assert (answer.verdict, answer.credible) == ("named", ("pivot_backlash 1",))
 
 
 def test_an_eccentric_encoder_is_found_at_any_phase():
