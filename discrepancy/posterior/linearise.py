@@ -246,9 +246,7 @@ def _statistics_of(
     for design, disagreement, pull in zip(designs, disagreements, pulls, strict=True):
         parts = [place[candidate] for candidate in design.candidates]
         indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        statistics, log_likelihood = _of_sizes(
-            design, disagreement.statistics(disagreement.sizes()), pull, shared, noise
-        )
+        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(noise.turning), pull, shared, noise)
         by_log.append(_spread(statistics, indices, count))
         log_evidence += log_likelihood
     return tuple(by_log), log_evidence

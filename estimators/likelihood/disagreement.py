@@ -48,14 +48,16 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause. by_size (W, rows, C): its change per unit of each candidate's size, in single precision. counted (W,):
-    windows that count. along (rows,): true for rolling constraints, false for side slip. t (W,): when windows begin, s.
-    way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps in each window. quick:
-    information (C, C), score (C,) and log-likelihood by how short windows differ within these.
+    cause. turned (W, rows): standard deviation of what motors that turn contacts on the floor cause, per unit of
+    `Noise.turning`. by_size (W, rows, C): change of disagreement per unit of each candidate's size, in single
+    precision. counted (W,): windows that count. along (rows,): true for rolling constraints, false for side slip.
+    t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps
+    in each window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ within these.
     """
 
     seen: Array
     doubt: Array
+    turned: Array
     by_size: NDArray[np.float32]
     counted: NDArray[np.bool_]
     along: NDArray[np.bool_]
@@ -95,22 +97,34 @@ class Disagreement:
             sums = np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short))
             by_size.append((sums / rolled[first : first + len(sums), None, None]).astype(np.float32))
             quick.add(by_step, steps)
-        of_way, doubt = (
-            np.add.reduceat(part, starts, axis=0) / rolled[:, None] for part in (seen - caused, UNEVEN * np.abs(caused))
+        of_way, doubt, squared = (
+            np.add.reduceat(part, starts, axis=0) / rolled[:, None]
+            for part in (seen - caused, UNEVEN * np.abs(caused), model.turned(geometry, state))
         )
+        turned = np.sqrt(squared / rolled[:, None])
         steps = np.diff(np.append(starts, len(way)))
         way = np.repeat(rolled / steps, steps)
-        return cls(of_way, doubt, np.concatenate(by_size), counted, along, t[starts], way, steps, quick.statistics())
+        return cls(
+            of_way, doubt, turned, np.concatenate(by_size), counted, along, t[starts], way, steps, quick.statistics()
+        )
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
         seen = self.seen[self.counted]
         return _size(seen[:, self.along]), _size(seen[:, ~self.along])
 
-    def beside(self, columns: Sequence[int]) -> Array:
-        """Return the disagreement (W, rows) in units of its usual size, after least squares of these columns; 0 in
-        windows that do not count. Where the robot's effects cause much of it, it is usually larger."""
-        scale = np.hypot(np.where(self.along, *self.sizes()), self.doubt)
+    def usual(self, turning: float) -> Array:
+        """Return the usual size (W, rows) of disagreement in every window; turning: see `Noise`."""
+        return np.hypot(np.where(self.along, *self.sizes()), turning * self.turned)
+
+    def scale(self, turning: float) -> Array:
+        """Return the usual size (W, rows) beside the effects in the model: where these cause much, it is larger."""
+        return np.hypot(self.usual(turning), self.doubt)
+
+    def beside(self, columns: Sequence[int], turning: float) -> Array:
+        """Return the disagreement (W, rows) in units of its `scale`, after least squares of these columns; 0 in windows
+        that do not count."""
+        scale = self.scale(turning)
         left = (self.counted[:, None] * self.seen / scale).reshape(-1)
         if len(columns):
             by_size = (self.by_size[..., list(columns)] / scale[..., None]).reshape(len(left), len(columns))
@@ -125,10 +139,10 @@ class Disagreement:
         slips[:, row, 0] = np.repeat(size, self.steps) * self.way
         return slips
 
-    def statistics(self, sizes: Sizes) -> tuple[Array, Array, float]:
+    def statistics(self, turning: float) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
-        where all of these are 0."""
-        weight, likely = _weighed(self.seen, np.where(self.along, *sizes), self.counted)
+        where all of these are 0. turning: see `Noise`."""
+        weight, likely = _weighed(self.seen, self.usual(turning), self.counted)
         columns = (self.by_size * weight[..., None]).reshape(self.seen.size, -1)
         information, score = columns.T @ columns, columns.T @ (self.seen * weight).reshape(-1)
         information, score, likely = information + self.quick[0], score + self.quick[1], likely + self.quick[2]
@@ -165,7 +179,8 @@ class _Quick:
         quick._seen = quick._differences(disagreement, slice(0, len(way)))
         counts = np.repeat(counted, parts)[: len(starts)]
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
-        quick._weight, quick._likely = _weighed(quick._seen, np.where(along, *sizes), counts)
+        size = np.broadcast_to(np.where(along, *sizes), quick._seen.shape)
+        quick._weight, quick._likely = _weighed(quick._seen, size, counts)
         return quick
 
     def add(self, by_size: Array, steps: slice) -> None:
@@ -201,12 +216,12 @@ def _rolled(way: Array, starts: NDArray[np.intp]) -> Array:
 
 
 def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_]) -> tuple[Array, float]:
-    """Return the weights (W, rows) of disagreements of these usual sizes (rows,), and their log-likelihood; beyond
+    """Return the weights (W, rows) of disagreements of these usual sizes (W, rows), and their log-likelihood; beyond
     `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic."""
     off = np.abs(seen) / size
     weight = counted[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
     far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-    return weight, -float(counted.sum() * np.sum(np.log(size))) - float(np.sum(far[counted]))
+    return weight, -float(np.sum(np.log(size[counted]) + far[counted]))
 
 
 def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> tuple[Array, Array]:

@@ -243,7 +243,7 @@ class RollingConstraints:
         idle = np.zeros((*rolled.shape[:-1], len(self._used) - len(self._rolling)))
         return np.concatenate([rolled, idle], axis=-1)
 
-    def _turned(self, geometry: Geometry, state: Array) -> Array:
+    def turned(self, geometry: Geometry, state: Array) -> Array:
         """Return the angle by which every row's contact turned on the floor in every step (K - 1, rows), rad, if its
         castor is steered by a motor; 0 of others, which turn as they roll."""
         heading = self._angles(geometry, state[:, 3:]) + state[:, 2:3]

@@ -60,9 +60,8 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
     disagreements = _beside(seen, among)
     usual = np.zeros(disagreements[0].shape[1])
     if clean is not None:
-        usual = np.max(
-            [usual, *(_log_factors(disagreement.beside([])) for disagreement in clean.disagreements)], axis=0
-        )
+        good = [disagreement.beside([], clean.noise.turning) for disagreement in clean.disagreements]
+        usual = np.max([usual, *map(_log_factors, good)], axis=0)
     found: list[Faulty] = []
     while len(found) < len(usual):
         log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual - logit(NOTHING) - np.log(names)
@@ -71,8 +70,10 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
             break
         active = tuple(_active(off[:, row]) for off in disagreements)
         fault = Faulty(row, active, (), float(log_odds[row]))
-        told_by = zip(seen.designs, seen.disagreements, disagreements, fault.hits, strict=True)
-        slips = tuple(_slips(design, disagreement, off, row, hit) for design, disagreement, off, hit in told_by)
+        sized = zip(seen.disagreements, disagreements, strict=True)
+        off = [usually.scale(seen.noise.turning)[:, row] * of_log[:, row] for usually, of_log in sized]
+        told_by = zip(seen.designs, seen.disagreements, off, fault.hits, strict=True)
+        slips = tuple(_slips(design, disagreement, row, size, hit) for design, disagreement, size, hit in told_by)
         found.append(fault._replace(slips=slips))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, fault.hits, strict=True)]
     return found
@@ -146,18 +147,19 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     for design, disagreement in zip(seen.designs, seen.disagreements, strict=True):
         of_column = [candidate for candidate in design.candidates for _ in range(candidate.columns)]
         columns = [column for column, candidate in enumerate(of_column) if candidate in among]
-        by_log.append(disagreement.beside(columns))
+        by_log.append(disagreement.beside(columns, seen.noise.turning))
     return by_log
 
 
-def _slips(design: Columns, disagreement: Disagreement, off: Array, row: int, hit: NDArray[np.bool_]) -> Array:
-    """Return the slip (W,) of a row, as a part of the way, if no other row slips in the windows that are hit."""
+def _slips(design: Columns, disagreement: Disagreement, row: int, size: Array, hit: NDArray[np.bool_]) -> Array:
+    """Return the slip (W,) of a row, as a part of the way, if no other row slips in the windows that are hit. size
+    (W,): disagreement of the row, as a part of the way."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
     starts = np.cumsum(disagreement.steps) - disagreement.steps
     _, by_slip = of_row(design.model, design.geometry, design.state, row)
     kept = np.add.reduceat(by_slip * rolled, starts) / np.add.reduceat(disagreement.way, starts)
     kept = np.maximum(kept, LEAST_KEPT)
-    return np.where(hit, off[:, row] * disagreement.sizes()[not disagreement.along[row]] / kept, 0.0)
+    return np.where(hit, size / kept, 0.0)
 
 
 def _in_some_logs(log_factors: Sequence[Array]) -> Array:

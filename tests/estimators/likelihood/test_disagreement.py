@@ -31,7 +31,7 @@ def seen():
 def test_in_good_order_wheels_agree_but_for_what_rounding_leaves():
     (disagreement,) = seen().disagreements
     assert max(disagreement.sizes()) < 1.5 * LEAST
-    assert np.abs(disagreement.beside([])).max() < 6
+    assert np.abs(disagreement.beside([], 0.0)).max() < 6
 
 
 @pytest.mark.parametrize("effect", [WheelRadius(castor=1, wheel=1, value=1e-3), Track(castor=2, value=1e-3)])
@@ -53,14 +53,32 @@ def test_what_an_effect_adds_is_by_how_much_wheels_of_a_robot_with_it_disagree_l
 
 def test_windows_beyond_what_is_usual_count_with_their_distance():
     (disagreement,) = seen().disagreements
-    size = LEAST, LEAST
     off = np.zeros_like(disagreement.seen)
     likely = []
     for far in (0.0, 1.0, 10.0, 20.0, 30.0):
         off[3, 0] = far * LEAST
-        likely.append(dataclasses.replace(disagreement, seen=off.copy()).statistics(size)[2])
+        likely.append(dataclasses.replace(disagreement, seen=off.copy()).statistics(0.0)[2])
     assert likely[0] - likely[1] == pytest.approx(0.5)
     assert likely[2] - likely[3] == pytest.approx(likely[3] - likely[4])
+
+
+def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
+    """By the angle that they turn, which the log's encoders and reference give without any model."""
+    robot = preset("powered-caster")
+    turning = drive(robot, wander(np.random.default_rng([3, 1]), duration=10.0), 3, duration=10.0)
+    (disagreement,) = linearise(robot, [turning], among=()).disagreements
+    known = np.isfinite(turning.reference[:, 2])
+    body = np.interp(turning.t, turning.t[known], np.unwrap(turning.reference[known, 2]))
+    per_turn = robot.castors[0].pivot_counts_per_rev
+    heading = body[:, None] + np.unwrap(turning.pivot, period=per_turn, axis=0) * 2 * np.pi / per_turn
+    angle = np.abs(np.diff(heading[::10], axis=0)).sum(axis=0)  # of half a second, in which noise hardly counts
+    way = np.add.reduceat(disagreement.way, np.cumsum(disagreement.steps) - disagreement.steps)
+    shown = np.sum((disagreement.turned * way[:, None]) ** 2, axis=0)
+    np.testing.assert_allclose(shown[disagreement.along], angle, rtol=0.1)
+    noisy = dataclasses.replace(
+        disagreement, seen=np.random.default_rng(0).normal(size=disagreement.seen.shape) * disagreement.usual(0.01)
+    )
+    assert np.abs(noisy.beside([], 0.01)).max() < 4.5 < np.abs(noisy.beside([], 0.0)).max()
 
 
 def test_a_robot_whose_wheels_cannot_contradict_each_other_has_none():
