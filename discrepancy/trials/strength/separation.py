@@ -35,8 +35,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.hidden import class_of
-from discrepancy.trials.outside import Outside
+from discrepancy.trials.hidden import Hidden, catalogued, class_of, outside_in
 from discrepancy.trials.reading import angles_of, counts_of
 from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
 from discrepancy.trials.strength.whitening import NoiseModel, Whitening
@@ -91,12 +90,12 @@ class StrengthMetric:
             mount -= np.linalg.lstsq(self._by_nuisance, away, rcond=1e-9)[0][1:]
         return self._cleared(np.nan_to_num(self._of(_mounted(log, mount)) - self._base))
 
-    def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
+    def read(self, *hidden: Hidden) -> Log:
         """Return the metric's run as sensors with these effects report it, the physics unchanged."""
-        robot, exact = self.robot.with_effects(*effects), self.exact
+        robot, exact = self.robot.with_effects(*catalogued(hidden)), self.exact
         assert exact.reference is not None
         angle, pose, w = angles_of(self.robot, exact), exact.reference, len(robot.wheels)
-        if outside is not None:
+        if (outside := outside_in(hidden)) is not None:
             angle, pose = outside.changed(robot, exact.t, angle, pose), outside.tracked(exact.t, pose)
         angle = np.column_stack(readings(robot, exact.t, angle[:, :w], angle[:, w:]))
         wheel, pivot = counts_of(robot, angle)
