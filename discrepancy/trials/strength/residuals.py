@@ -6,93 +6,27 @@
 Nothing of the finder is used: a diagnosis is not judged by its own equations.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry, constraint_matrix
-from castor_envs.motion.mobility import rows_in_use
-from castor_envs.sensors.encoders import castor_angles
-from discrepancy.validation.parity import constraints_by_angle
-
-Index = NDArray[np.intp]
+from discrepancy.validation.windows import Windows
 
 WINDOW, STEP = 0.1, 1.0
 """s: lengths of parity windows and of reference steps."""
 
 
 class Layout:
-    """The channels and rows of a robot, and the windows of its log.
+    """The windows of a log, and the steps between its reference poses.
 
-    sensed (s,), driven (d,): castors with pivot encoder and wheels with encoder; channels are these, in this order.
-    rows: the constraints in use. q: samples a window. per_step: windows a step. reference: whether there is one; there
-    are no steps without.
+    q: samples a window. per_step: windows a step. reference: whether there is one; there are no steps without.
     """
 
-    def __init__(self, geometry: Geometry, samples: int, period: float, *, reference: bool = True) -> None:
-        self.sensed: Index = geometry.sensed
-        self.driven: Index = np.flatnonzero(~np.isnan(geometry.counts_per_rev))
-        self.rows = rows_in_use(geometry)
+    def __init__(self, samples: int, period: float, *, reference: bool = True) -> None:
         self.q = max(round(WINDOW / period), 1)
         self.per_step = max(round(STEP / period) // self.q, 1)
         self.windows = (samples - 1) // self.q
         self.steps = self.windows // self.per_step if reference else 0
-
-    @property
-    def ends(self) -> Index:
-        """The samples at which windows begin and end (windows + 1,)."""
-        return self.q * np.arange(self.windows + 1)
-
-    @property
-    def mean(self) -> Array:
-        """The weights (q + 1,) of a window's samples in its mean castor angles."""
-        weights = np.ones(self.q + 1)
-        weights[[0, -1]] = 0.5
-        return weights / self.q
-
-
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """Body motion and residuals of W windows by counts, by least squares with equal weights.
-
-    rows (W, R, 3) times a body motion, plus arms (R,) times their castors' turns, are the R measured distances.
-    sideways (W, R, 3): the derivative of rows by their castor's angle. inverse (W, 3, R): the pseudo-inverse of rows.
-    moved (W, 3): the body's motion, m and rad. left (W, R): residual of it, m. rolled (W, w): by each wheel, m.
-    """
-
-    rows: Array
-    arms: Array
-    sideways: Array
-    inverse: Array
-    moved: Array
-    left: Array
-    rolled: Array
-
-
-def windows_of(geometry: Geometry, layout: Layout, log: Log, slip: Slip | None = None) -> Windows:
-    """Return motion and residuals of a log's windows by its counts, with a known slip of contacts (None: no slip)."""
-    ends, used = layout.ends, layout.rows
-    phi = np.zeros((len(log), len(geometry.radius)))
-    phi[:, layout.driven] = log.wheel * (2 * np.pi / geometry.counts_per_rev[layout.driven])
-    theta = np.unwrap(castor_angles(geometry, log.pivot), axis=0)
-    parts = [weight * theta[k : k + ends[-1] : layout.q] for k, weight in enumerate(layout.mean)]
-    middle = np.sum([part[: layout.windows] for part in parts], axis=0)
-    rolled, turned = np.diff(phi[ends], axis=0) * geometry.radius, np.diff(theta[ends], axis=0)
-
-    rows, arms = (part[:, used.place] for part in constraint_matrix(geometry, middle))
-    measured = np.pad(rolled[:, used.wheels], ((0, 0), (0, len(used.castors)))) - turned[:, used.castor] * arms
-    if slip is not None:
-        slipped = np.concatenate([slip.rolling[:, used.wheels], slip.side[:, used.castors]], axis=1)
-        measured += slipped[: ends[-1]].reshape(layout.windows, layout.q, -1).sum(axis=1)
-    sideways = constraints_by_angle(geometry, middle)[:, used.place]
-    inverse = np.asarray(np.linalg.pinv(rows, rcond=1e-10), dtype=np.float64)
-    moved = np.einsum("wij,wj->wi", inverse, measured)
-    left = measured - np.einsum("wij,wj->wi", rows, moved)
-    return Windows(rows, arms[0], sideways, inverse, moved, left, rolled)
 
 
 def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
@@ -135,7 +69,7 @@ def between(pose: Array) -> tuple[Array, Array, Array]:
 def poses_of(layout: Layout, log: Log) -> Array:
     """Return the reference poses (S + 1, 3) between which steps go."""
     assert log.reference is not None
-    return log.reference[layout.ends[:: layout.per_step]][: layout.steps + 1]
+    return log.reference[:: layout.q * layout.per_step][: layout.steps + 1]
 
 
 def steps_left(layout: Layout, windows: Windows, log: Log) -> Array:
