@@ -1,10 +1,9 @@
 """What was found about a robot, with all that its report holds: as data and as a page."""
 
 import dataclasses
-import math
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
@@ -140,10 +139,6 @@ def _replay_data(these: Fit, held_out: Fit | None = None) -> Data | None:
     return data
 
 
-def _finite(data: Any) -> Any:
+def _finite(data: Data) -> Data:
     """Return plain data with null for numbers that JSON does not have."""
-    if isinstance(data, Mapping):
-        return {key: _finite(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_finite(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
+    return json.loads(json.dumps(data), parse_constant=lambda number: None)

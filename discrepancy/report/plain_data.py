@@ -1,13 +1,12 @@
 """A diagnosis by posterior as plain data."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
-from castor_envs.vehicles.effect import Effect
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
@@ -59,7 +58,7 @@ def answer_data(answer: Answer) -> Data:
         "probabilities": {name: min(part, 1.0) for name, part in answer.probabilities.items()},
         "credible_set": list(answer.credible),
         "same_as": list(answer.alike),
-        "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),
+        "effect": None if effect is None else asdict(effect) | _axle(answer),
         "size": answer.size,
         "unit": effect.unit if effect is not None and sized else None,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
@@ -102,10 +101,6 @@ def _curve(learned: Learned) -> Data:
     }
 
 
-def _fields(effect: Effect) -> Data:
-    return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
-
-
 def _axle(answer: Answer) -> Data:
     axle = getattr(answer.candidate, "axle", None)
     return {} if axle is None else {"axle": axle}
@@ -115,7 +110,7 @@ def _mistake(mistake: Mistake) -> Data:
     return {
         "verdict": "ambiguous" if mistake.alternatives else "named",
         "what": mistake.what,
-        "effects": [{"name": effect.name} | _fields(effect) for effect in mistake.effects],
+        "effects": [asdict(effect) for effect in mistake.effects],
         "alternatives": list(mistake.alternatives),
     }
 
