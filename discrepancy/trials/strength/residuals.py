@@ -9,6 +9,7 @@ Nothing of the finder is used: a diagnosis is not judged by its own equations.
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import relative_pose, rotate, rotation, wrap
 from castor_envs.logs.log import Log
 from discrepancy.validation.windows import Windows
 
@@ -37,17 +38,11 @@ def followed(layout: Layout, moved: Array) -> tuple[Array, Array]:
     steps = moved[: layout.steps * layout.per_step].reshape(layout.steps, layout.per_step, 3)
     heading = np.cumsum(steps[:, :, 2], axis=1) - steps[:, :, 2] / 2
     chord = np.sinc(steps[:, :, 2] / (2 * np.pi))
-    c, s = np.cos(heading), np.sin(heading)
-    part = (
-        np.stack([c * steps[..., 0] - s * steps[..., 1], s * steps[..., 0] + c * steps[..., 1]], axis=-1)
-        * chord[..., None]
-    )
+    part = rotate(steps[..., :2], heading) * chord[..., None]
     total = part.sum(axis=1)
     ahead = total[:, None] - np.cumsum(part, axis=1) + part / 2
-    by = np.zeros((*heading.shape, 3, 3))
-    by[..., 0, 0], by[..., 0, 1], by[..., 0, 2] = c, -s, -ahead[..., 1]
-    by[..., 1, 0], by[..., 1, 1], by[..., 1, 2] = s, c, ahead[..., 0]
-    by[..., 2, 2] = 1.0
+    by = rotation(heading)
+    by[..., 0, 2], by[..., 1, 2] = -ahead[..., 1], ahead[..., 0]
     return np.column_stack([total, steps[:, :, 2].sum(axis=1)]), by.reshape(-1, 3, 3)
 
 
@@ -56,14 +51,10 @@ def between(pose: Array) -> tuple[Array, Array, Array]:
 
     And the derivatives (S, 3, 3) by the pose before and by the pose after.
     """
-    way, psi = np.diff(pose, axis=0), pose[:-1, 2]
-    c, s = np.cos(psi), np.sin(psi)
-    x, y = c * way[:, 0] + s * way[:, 1], c * way[:, 1] - s * way[:, 0]
-    after = np.zeros((len(way), 3, 3))
-    after[:, 0, 0], after[:, 0, 1], after[:, 1, 0], after[:, 1, 1], after[:, 2, 2] = c, s, -s, c, 1.0
+    way, after = relative_pose(pose[:-1], pose[1:]), rotation(-pose[:-1, 2])
     before = -after
-    before[:, 0, 2], before[:, 1, 2] = y, -x
-    return np.column_stack([x, y, way[:, 2]]), before, after
+    before[:, 0, 2], before[:, 1, 2] = way[:, 1], -way[:, 0]
+    return way, before, after
 
 
 def poses_of(layout: Layout, log: Log) -> Array:
@@ -75,5 +66,5 @@ def poses_of(layout: Layout, log: Log) -> Array:
 def steps_left(layout: Layout, windows: Windows, log: Log) -> Array:
     """Return the residuals of all steps (S, 3), m and rad; NaN where a pose is missing."""
     apart = between(poses_of(layout, log))[0] - followed(layout, windows.moved)[0]
-    apart[:, 2] -= 2 * np.pi * np.round(apart[:, 2] / (2 * np.pi))
+    apart[:, 2] = wrap(apart[:, 2])
     return apart

@@ -117,7 +117,7 @@ def test_the_command_makes_judges_and_scores_trains(capsys):
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_a_fault_outside_the_catalogue_changes_only_the_log(folder, name):
     log = read_log(folder / "cases" / "case-0003" / "log.csv", TRAIN)
-    size = KINDS[name][2]
+    size = KINDS[name][1]
     changed = Outside(name, wheel=1, frame=0, value=size, begins=0.3).changed(TRAIN, log)
     assert np.array_equal(changed.t, log.t)
     assert changed.reference is log.reference
