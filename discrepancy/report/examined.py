@@ -100,15 +100,12 @@ class Examined:
         checked, described = undone.checked, undone.described
         found = undone.found(diagnosis.found.effects[len(diagnosis.robot.effects) :])
         these, *held_out = ((fit.before, fit.after) for fit in seen.values())
-        data = plain_data.as_data(diagnosis, these, next(iter(held_out), None), checked.mistakes) | {
+        logs = undone.logs, undone.held_out, undone.clean
+        data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
-            "logs": list(undone.logs),
-            "held_out_logs": list(undone.held_out),
-            "clean_logs": list(undone.clean),
             "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
             "effects": [] if found is None else found.to_dict()["effects"][len(described.effects) :],
             "replay": _replay_data(*seen.values()),
-            "where": None,
         }
         for answer, drive in zip(data["answers"], drives, strict=True):
             answer["separating_drive"] = None if drive is None else plain_data.drive_data(drive)

@@ -18,7 +18,6 @@ def log_at_random(
     seed: int,
     length: float = 6.0,
     drive: Literal["servo", "voltage"] = "voltage",
-    reference: bool = True,
 ) -> Log:
     """Return the log of a train, with its effects, that drives a random path of `length` (m) in physics.
 
@@ -44,7 +43,7 @@ def log_at_random(
         wheel=np.cumsum([row["wheel"] for row in rows], axis=0),
         pivot=np.zeros((len(rows), 0)),
         command=np.array([*commands, np.zeros_like(fastest)]),
-        reference=truth if reference else None,
+        reference=truth,
         rps=np.array([row["rps"] for row in rows]),
         rps_age=np.array([row["rps_age"] for row in rows]),
     )
