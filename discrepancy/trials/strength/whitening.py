@@ -111,11 +111,7 @@ def _sparse(blocks: list[tuple[Index, Index, Array]], shape: tuple[int, int]) ->
 
 def _band(matrix: sparse.csr_array, order: Index) -> Array:
     """Return the lower band of a symmetric matrix, with rows and columns in another order."""
-    place = np.argsort(order)
-    entries = sparse.coo_array(matrix)
-    row, column = place[entries.coords[0]], place[entries.coords[1]]
-    below = row >= column
-    row, column = row[below], column[below]
-    band = np.zeros((int((row - column).max()) + 1, len(order)))
-    band[row - column, column] = entries.data[below]
+    diagonals = sparse.dia_array(sparse.tril(matrix[order][:, order]))
+    band = np.zeros((1 - int(diagonals.offsets.min()), len(order)))
+    band[-diagonals.offsets, : diagonals.data.shape[1]] = diagonals.data
     return band
