@@ -96,11 +96,10 @@ class Candidate:
 
     def amplitudes(self, effect: Effect) -> Array:
         """Return the amplitudes (columns,) of an effect of this kind and place."""
-        size = float(effect.value)
         if self.columns == 1:
-            return np.array([size])
-        phase = float(place_of(effect)["phase"])  # type: ignore[arg-type]
-        return size * np.array([math.cos(phase), math.sin(phase)])
+            return np.array([float(effect.value)])
+        phase = getattr(effect, "phase", 0.0)
+        return effect.value * np.array([math.cos(phase), math.sin(phase)])
 
     def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:
         """Return the robot with the effect of these amplitudes added; raises ValueError for amplitudes that it cannot
@@ -109,21 +108,19 @@ class Candidate:
 
     def is_of(self, effect: Effect) -> bool:
         """Whether an effect is of this kind and place, whatever its size and phase."""
-        return any(
-            type(kind) is type(effect) and _place_but_phase(kind) == _place_but_phase(effect) for kind in self.kinds
-        )
+        return any(type(kind) is type(effect) and place_of(kind) == place_of(effect) for kind in self.kinds)
 
 
 def place_of(effect: Effect) -> dict[str, object]:
-    """Return the fields of an effect that define its place: all but its name and amplitude."""
-    return {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in ("name", "value")}
+    """Return the fields of an effect that define its place: all but its name, amplitude and phase."""
+    return {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in ("name", "value", "phase")}
 
 
 def family_of(effect: Effect) -> str:
     """Return the name to report for all effects that no log can distinguish from this effect, and the place on the
     robot."""
     name = effect.indistinguishable_from[0] if effect.indistinguishable_from else effect.name
-    place = (value for key, value in _place_but_phase(effect).items() if key != "above")
+    place = (value for key, value in place_of(effect).items() if key != "above")
     places = (round(value, 2) if isinstance(value, float) else value for value in place)
     return " ".join([name, *(str(value) for value in places)])
 
@@ -287,7 +284,7 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
     for effect in catalogue(robot.as_described()):
         reported, *_ = effect.indistinguishable_from or (effect.name,)
         if effect.name == reported and not effect.wiring and (not effect.timing or rate_of([effect])):
-            found.setdefault(f"{effect.name} {_place_but_phase(effect)}", []).append(effect)
+            found.setdefault(f"{effect.name} {place_of(effect)}", []).append(effect)
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 
 
@@ -308,10 +305,6 @@ def stacked(layout: Geometry, geometries: Sequence[Geometry]) -> Geometry:
         for name in NUMBERS
     }
     return dataclasses.replace(layout, **numbers)
-
-
-def _place_but_phase(effect: Effect) -> dict[str, object]:
-    return {key: value for key, value in place_of(effect).items() if key != "phase"}
 
 
 def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candidate, SparseColumns]]:

@@ -89,7 +89,7 @@ def _boxes(steps: Steps) -> list[Box]:
     found: list[tuple[float, Box]] = []
     for angle in np.arange(TILTS) * np.pi / 2 / TILTS:
         c, s = math.cos(angle), math.sin(angle)
-        place = np.column_stack(along_and_across(steps.middle, angle))
+        place = along_and_across(steps.middle, angle).T
         low = place.min(axis=0) - CELL
         cell = ((place - low) / CELL).astype(np.intp)
         shape = cell.max(axis=0) + 2

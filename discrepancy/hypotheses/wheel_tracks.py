@@ -5,7 +5,6 @@ slip.
 """
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.se2 import rotate
 from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
@@ -62,10 +62,9 @@ class Steps:
         return Steps(*(getattr(self, name)[chosen] for name in Steps.__dataclass_fields__))
 
 
-def along_and_across(place: Array, direction: float) -> tuple[Array, Array]:
-    """Return coordinates (n,) of places (n, 2), m, along a direction (rad, in N) and to its left."""
-    c, s = math.cos(direction), math.sin(direction)
-    return c * place[:, 0] + s * place[:, 1], c * place[:, 1] - s * place[:, 0]
+def along_and_across(place: Array, direction: float) -> Array:
+    """Return coordinates (2, n) of places (n, 2), m, along a direction (rad, in N) and to its left."""
+    return rotate(place, -direction).T
 
 
 def steps_of(robot: RobotDescription, motions: Sequence[Motion], slips: Sequence[Array]) -> Steps:

@@ -1,10 +1,9 @@
 """What was found about a robot, with all that its report holds: as data and as a page."""
 
 import dataclasses
-import math
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
@@ -101,15 +100,12 @@ class Examined:
         checked, described = undone.checked, undone.described
         found = undone.found(diagnosis.found.effects[len(diagnosis.robot.effects) :])
         these, *held_out = ((fit.before, fit.after) for fit in seen.values())
-        data = plain_data.as_data(diagnosis, these, next(iter(held_out), None), checked.mistakes) | {
+        logs = undone.logs, undone.held_out, undone.clean
+        data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
-            "logs": list(undone.logs),
-            "held_out_logs": list(undone.held_out),
-            "clean_logs": list(undone.clean),
             "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
             "effects": [] if found is None else found.to_dict()["effects"][len(described.effects) :],
             "replay": _replay_data(*seen.values()),
-            "where": None,
         }
         for answer, drive in zip(data["answers"], drives, strict=True):
             answer["separating_drive"] = None if drive is None else plain_data.drive_data(drive)
@@ -140,10 +136,6 @@ def _replay_data(these: Fit, held_out: Fit | None = None) -> Data | None:
     return data
 
 
-def _finite(data: Any) -> Any:
+def _finite(data: Data) -> Data:
     """Return plain data with null for numbers that JSON does not have."""
-    if isinstance(data, Mapping):
-        return {key: _finite(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_finite(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
+    return json.loads(json.dumps(data), parse_constant=lambda number: None)

@@ -109,12 +109,11 @@ def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Pi
         grid[0, 0].set_ylabel("position off by, mm")
         grid[1, 0].set_ylabel("heading, mrad")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, handlelength=1.4)
-        svg = _svg(figure, "drift")
     found = any(mended for _, mended in seen.values())
     said = "; ".join(f"{title}, {' and '.join(values)} rms" for title, values in rms.items())
-    return Picture(
+    return _picture(
+        figure,
         "drift",
-        svg,
         f"How far odometry is off the reference along the way, as described{' and with robot.json' * found}: {said}.",
         "How far odometry with predicted creep is off the reference, against the distance driven: a line for each log; "
         "their rms is in the table. Vertical strokes are turns on the spot. Odometry begins at the likeliest pose, "
@@ -137,11 +136,10 @@ def slip(before: Traces, after: Traces | None = None) -> Picture:
             axes.set_title(label)
         maps[-1].set_xlabel("time, s")
         _color_bar(figure, scale, list(maps), "mm of slip in a second")
-        svg = _svg(figure, "slip")
     worst = before.worst()
-    return Picture(
+    return _picture(
+        figure,
         "slip",
-        svg,
         f"A map of slip by channel and time{_also(after)}; most of it in {worst['channel']}, and at its largest, "
         f"{MILLI * worst['most_slip_m']:.2g} mm, at {worst['at_s']:.0f} s.",
         "By how much each wheel's rolling and each castor's side motion miss perfect rolling. One row that stands "
@@ -161,11 +159,10 @@ def floor(before: Traces) -> Picture:
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
         _color_bar(figure, points, [axes], "mm of slip in a second (rms)")
-        svg = _svg(figure, "floor")
     worst = before.worst()
-    return Picture(
+    return _picture(
+        figure,
         "floor",
-        svg,
         f"Slip on a map of the floor; most near x {worst['x_m']:.2f}, y {worst['y_m']:.2f} m.",
         "Slip where it happened. Dark points close together are a place on the floor; evenly spread ones, the robot.",
     )
@@ -190,10 +187,9 @@ def probabilities(names: Sequence[tuple[str, float, str]], named: Sequence[str] 
         axes.set_xlabel("probability, %")
         axes.set_xlim(0, 115)
         axes.set_xticks(np.arange(0, 101, 20))
-        svg = _svg(figure, "probabilities")
-    return Picture(
+    return _picture(
+        figure,
         "probabilities",
-        svg,
         f"Bars of the probability of every name: {', '.join(f'{name} {said}' for name, _, said in best)}.",
         "How likely it is that each of these is among what is missing."
         + (" Blue: what is named." if any(name in named for name, _, _ in best) else ""),
@@ -223,11 +219,10 @@ def learned_curve(what: str, curve: Mapping[str, Any]) -> Picture:
         axes.set_xlabel(f"{quantity}, {unit}")
         axes.set_ylabel("reads too much by, %")
         _legend_above(axes)
-        svg = _svg(figure, "curve")
     top, bottom = int(np.argmax(value)), int(np.argmin(value))
-    return Picture(
+    return _picture(
+        figure,
         "curve",
-        svg,
         f"A curve against {quantity}, {unit}: {what} reads too much by {value[bottom]:+.2f} % at {at[bottom]:.3g} "
         f"{unit} up to {value[top]:+.2f} % at {at[top]:.3g} {unit}.",
         f"By how much the encoder reads too much, against the {quantity}, as learned from the logs: "
@@ -269,10 +264,9 @@ def replays(before: Replay, after: Replay | None = None) -> Picture | None:
             axes.grid(visible=False, axis="x")
             axes.set_ylabel(label)
         _legend_above(top)
-        svg = _svg(figure, "replay")
-    return Picture(
+    return _picture(
+        figure,
         "replay",
-        svg,
         f"The gap between simulation and measurement in {len(before.start)} windows{_also(after)}"
         + (", and by encoder." if kinds else "."),
         "How far the simulated robot ends up from the measured one after each window"
@@ -321,9 +315,9 @@ def _drawing(height: float, grid: bool = True) -> Iterator[Figure]:
         yield Figure(figsize=(WIDTH, height), layout="constrained")
 
 
-def _svg(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG file: the same bytes for the same figure."""
+def _picture(figure: Figure, name: str, alt: str, caption: str) -> Picture:
+    """Return a figure as a picture: the same bytes for the same figure."""
     out = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": name}):
+    with mpl.rc_context({**STYLE, "svg.hashsalt": name}):
         figure.savefig(out, format="svg", metadata={"Date": None}, transparent=True)
-    return out.getvalue()
+    return Picture(name, out.getvalue(), alt, caption)

@@ -1,13 +1,13 @@
 """A diagnosis by posterior as plain data."""
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
-from castor_envs.vehicles.effect import Effect
+from castor_envs.logs.log import Log
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
@@ -21,13 +21,16 @@ FORMAT = "castor-diagnosis/2"
 
 Data = dict[str, Any]
 Pair = tuple[Any, Any]
+Logs = Mapping[str, Log]
 
 
-def as_data(diagnosis: Diagnosis, seen: Pair, held_out: Pair | None, mistakes: Sequence[Mistake] = ()) -> Data:
+def as_data(
+    diagnosis: Diagnosis, logs: Sequence[Logs], seen: Pair, held_out: Pair | None, mistakes: Sequence[Mistake] = ()
+) -> Data:
     """Return a diagnosis of a robot or a train as plain data; lengths in m, angles in rad.
 
-    seen, held_out: logs, and held-out ones if there are any, linearised without and, if anything is named, with it.
-    mistakes: gross ones, undone in the logs.
+    logs: these, held-out and clean ones, by their names. seen, held_out: these, and held-out ones if there are any,
+    linearised without and, if anything is named, with it. mistakes: gross ones, undone in the logs.
     """
     noise, gross = (seen[1] or seen[0]).noise, [_mistake(mistake) for mistake in mistakes]
     missing = [diagnosis.verdict] if diagnosis.verdict != "no discrepancy" or not gross else []
@@ -44,6 +47,9 @@ def as_data(diagnosis: Diagnosis, seen: Pair, held_out: Pair | None, mistakes: S
         "gap": _gaps(*seen),
         "held_out_gap": None if held_out is None else _gaps(*held_out),
         "noise": None if seen[0].gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
+        **dict(zip(("logs", "held_out_logs", "clean_logs"), map(list, logs), strict=True)),
+        "replay": None,
+        "where": None,
     }
 
 
@@ -59,7 +65,7 @@ def answer_data(answer: Answer) -> Data:
         "probabilities": {name: min(part, 1.0) for name, part in answer.probabilities.items()},
         "credible_set": list(answer.credible),
         "same_as": list(answer.alike),
-        "effect": None if effect is None else {"name": effect.name} | _axle(answer) | _fields(effect),
+        "effect": None if effect is None else asdict(effect) | _axle(answer),
         "size": answer.size,
         "unit": effect.unit if effect is not None and sized else None,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
@@ -102,10 +108,6 @@ def _curve(learned: Learned) -> Data:
     }
 
 
-def _fields(effect: Effect) -> Data:
-    return {field.name: getattr(effect, field.name) for field in fields(effect) if field.name != "name"}
-
-
 def _axle(answer: Answer) -> Data:
     axle = getattr(answer.candidate, "axle", None)
     return {} if axle is None else {"axle": axle}
@@ -115,7 +117,7 @@ def _mistake(mistake: Mistake) -> Data:
     return {
         "verdict": "ambiguous" if mistake.alternatives else "named",
         "what": mistake.what,
-        "effects": [{"name": effect.name} | _fields(effect) for effect in mistake.effects],
+        "effects": [asdict(effect) for effect in mistake.effects],
         "alternatives": list(mistake.alternatives),
     }
 

@@ -1,7 +1,7 @@
 """A diagnosis by posterior in words, from its data (castor-diagnosis/2): what is missing, how sure, what it costs."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from discrepancy.report.parts import MILLI, PERCENT, READ_AS, Data, digits_by, number
@@ -107,16 +107,11 @@ def stays(data: Data) -> str:
 
 def left_out(data: Data) -> str:
     """Return the likeliest names that are not reported, if half or more of the gap stays unexplained; else nothing."""
-    staying, names = _staying(data), data["names"]
+    staying = _staying(data)
     if staying is None or staying[3]:
         return ""
     reported = {name for answer in data["answers"] for name in answer["credible_set"]}
-    rivals = [
-        (names.get(name, name), part)
-        for name, part in data["probabilities"].items()
-        if name not in reported and part >= LEAST_REPORTED
-    ]
-    best = sorted(rivals, key=lambda rival: -rival[1])[:MOST]
+    best = _likeliest(data, data["probabilities"], reported)
     return f"The likeliest of what is left out: {listed(best)}." if best else ""
 
 
@@ -170,12 +165,7 @@ def cost_of(answer: Data) -> str:
 
 def others_of(data: Data, answer: Data) -> list[tuple[str, float]]:
     """Return the other names of an answer in words, and their probabilities, the likeliest first."""
-    names, called = data["names"], answer["credible_set"][:1]
-    probabilities = answer["probabilities"].items()
-    rivals = [
-        (names.get(name, name), part) for name, part in probabilities if name not in called and part >= LEAST_REPORTED
-    ]
-    return sorted(rivals, key=lambda rival: -rival[1])[:MOST]
+    return _likeliest(data, answer["probabilities"], answer["credible_set"][:1])
 
 
 def same_of(data: Data, answer: Data) -> str:
@@ -221,6 +211,13 @@ def percent(part: float) -> str:
 def off(gap: Sequence[float]) -> str:
     """Return a gap (m, rad)."""
     return " and ".join(f"{_figures(MILLI * part)} {unit}" for part, (unit, _) in zip(gap, COSTS, strict=True))
+
+
+def _likeliest(data: Data, probabilities: Mapping[str, float], but: Collection[str]) -> list[tuple[str, float]]:
+    """Return names in words, but for some, and their probabilities, the likeliest first."""
+    likely = [(name, part) for name, part in probabilities.items() if name not in but and part >= LEAST_REPORTED]
+    best = sorted(likely, key=lambda entry: -entry[1])[:MOST]
+    return [(data["names"].get(name, name), part) for name, part in best]
 
 
 def _errors_of(summary: Mapping[str, Any]) -> str:

@@ -29,21 +29,56 @@ PARTS = ("x", "y", "heading")
 
 
 @dataclass(frozen=True)
-class Placed:
-    """An effect, and the axle (from 1) whose module has it; None for effects of the train."""
+class Candidate:
+    """A candidate: an effect (`kind`), or an unnamed alternative (`term`). what: in words.
 
-    effect: Effect
+    family: name of the answer, for unnamed alternatives the same at any time of the log. alike: what the cause does,
+    whichever wheel, axle or frame it is of, as such causes scatter alike among trains in good order. axle: that (from
+    1) whose module has the effect; None for effects of the train. usual: size of an unnamed alternative in a train in
+    good order.
+    """
+
+    what: str
+    family: str
+    alike: str
+    kind: Effect | None = None
     axle: int | None = None
+    term: Term | None = field(default=None, compare=False)
+    usual: float = field(default=math.nan, compare=False)
+    columns = 1
 
-    def sized(self, value: float) -> "Placed":
-        """Return the effect with this amplitude; raises ValueError if it cannot have it."""
-        if self.effect.binary:
-            return self
-        return dataclasses.replace(self, effect=dataclasses.replace(self.effect, value=value))
+    @classmethod
+    def of(cls, effect: Effect, train: TrainDescription, axle: int | None = None) -> "Candidate":
+        """Return the candidate of an effect."""
+        place, frame, gauge = "", getattr(effect, "frame", None), getattr(effect, "gauge", None)
+        if frame is not None:
+            place = f"frame {train.frame_names[frame - 1]}"
+        if gauge is not None:
+            place = f"gauge {gauge} of {place}"
+        if axle is not None or isinstance(effect, AxleSlip):
+            place, wheel = f"axle {axle or getattr(effect, 'axle', 0)}", getattr(effect, "wheel", None)
+            place = place if wheel is None else f"{'left' if wheel == 1 else 'right'} wheel of {place}"
+        what = f"{effect.title}, {place}"
+        return cls(what, what, effect.name, effect, axle)
 
-    def added(self, train: TrainDescription) -> TrainDescription:
-        """Return the train with this effect added."""
-        return self._with(train, (*self._effects(train), self.effect))
+    @property
+    def kinds(self) -> tuple[Effect, ...]:
+        """The effect; empty for an unnamed alternative."""
+        return () if self.kind is None else (self.kind,)
+
+    def restored(self, change: float) -> tuple[int, int] | None:
+        """Return the frame and the gauge, from 1, that work again if this effect (a dead gauge) is removed; None for
+        other effects."""
+        return (self.kind.frame, self.kind.gauge) if isinstance(self.kind, DeadGauge) and change < 0 else None
+
+    def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
+        """Return the effect of this amplitude (1,), wherever it is; raises ValueError if it cannot have it."""
+        (kind,) = self.kinds
+        return kind if kind.binary else dataclasses.replace(kind, value=float(amplitudes[0]))
+
+    def added(self, train: TrainDescription, amplitudes: Sequence[float] | Array) -> TrainDescription:
+        """Return the train with the effect of this amplitude (1,) added."""
+        return self._with(train, (*self._effects(train), self.effect(amplitudes)))
 
     def enlarged(self, train: TrainDescription) -> tuple[TrainDescription, float]:
         """Return the train with a little more of this effect, and the change of its amplitude.
@@ -51,16 +86,16 @@ class Placed:
         In a train that has the effect its amplitude grows by a step, or shrinks where it cannot grow; a binary effect
         is removed. Other trains get the effect in the size of its step.
         """
-        step, effects = self.effect.step, self._effects(train)
+        (kind,), effects = self.kinds, self._effects(train)
         for k, effect in enumerate(effects):
-            if self._place(effect) == self._place(self.effect):
+            if _place(effect) == _place(kind):
                 if effect.binary:
-                    return self._with(train, (*effects[:k], *effects[k + 1 :])), -step
-                for change in (step, -step):
+                    return self._with(train, (*effects[:k], *effects[k + 1 :])), -kind.step
+                for change in (kind.step, -kind.step):
                     with suppress(ValueError):
                         larger = dataclasses.replace(effect, value=effect.value + change)
                         return self._with(train, (*effects[:k], larger, *effects[k + 1 :])), change
-        return self.sized(step).added(train), step
+        return self.added(train, [kind.step]), kind.step
 
     def _effects(self, train: TrainDescription) -> tuple[Effect, ...]:
         return train.effects if self.axle is None else train.modules[self.axle - 1].effects
@@ -73,95 +108,26 @@ class Placed:
         modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=effects)
         return dataclasses.replace(train, modules=tuple(modules))
 
-    def _place(self, effect: Effect) -> dict[str, Any]:
-        """Return all fields of an effect but its amplitude."""
-        return {name: value for name, value in dataclasses.asdict(effect).items() if name != "value"}
 
-    def what(self, train: TrainDescription) -> str:
-        """Return the effect and its place in words."""
-        effect, place = self.effect, ""
-        frame, gauge = getattr(effect, "frame", None), getattr(effect, "gauge", None)
-        if frame is not None:
-            place = f"frame {train.frame_names[frame - 1]}"
-        if gauge is not None:
-            place = f"gauge {gauge} of {place}"
-        if self.axle is not None or isinstance(effect, AxleSlip):
-            axle = self.axle or getattr(effect, "axle", 0)
-            wheel = getattr(effect, "wheel", None)
-            place = f"axle {axle}" if wheel is None else f"{'left' if wheel == 1 else 'right'} wheel of axle {axle}"
-        return f"{effect.title}, {place}"
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A candidate: an effect (`placed`), or an unnamed alternative (`term`). what: in words.
-
-    family: name of the answer, for unnamed alternatives the same at any time of the log. alike: what the cause does,
-    whichever wheel, axle or frame it is of, as such causes scatter alike among trains in good order. usual: size of an
-    unnamed alternative in a train in good order.
-    """
-
-    what: str
-    family: str
-    alike: str
-    placed: Placed | None = None
-    term: Term | None = field(default=None, compare=False)
-    usual: float = field(default=math.nan, compare=False)
-    columns = 1
-
-    @classmethod
-    def of(cls, placed: Placed, train: TrainDescription) -> "Candidate":
-        """Return the candidate of an effect."""
-        what = placed.what(train)
-        return cls(what, what, placed.effect.name, placed)
-
-    @property
-    def kinds(self) -> tuple[Effect, ...]:
-        """The effect; empty for an unnamed alternative."""
-        return () if self.placed is None else (self.placed.effect,)
-
-    @property
-    def axle(self) -> int | None:
-        """The axle (from 1) whose module has the effect."""
-        return None if self.placed is None else self.placed.axle
-
-    def restored(self, change: float) -> tuple[int, int] | None:
-        """Return the frame and the gauge, from 1, that work again if this effect (a dead gauge) is removed; None for
-        other effects."""
-        effect = None if self.placed is None else self.placed.effect
-        return (effect.frame, effect.gauge) if isinstance(effect, DeadGauge) and change < 0 else None
-
-    def sized(self, amplitudes: Sequence[float] | Array) -> Placed:
-        """Return the effect of this amplitude (1,); raises ValueError if it cannot have it."""
-        assert self.placed is not None
-        return self.placed.sized(float(amplitudes[0]))
-
-    def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
-        """Return the effect of this amplitude (1,), wherever it is; raises ValueError if it cannot have it."""
-        return self.sized(amplitudes).effect
-
-    def added(self, train: TrainDescription, amplitudes: Sequence[float] | Array) -> TrainDescription:
-        """Return the train with the effect of this amplitude (1,) added."""
-        return self.sized(amplitudes).added(train)
+def _place(effect: Effect) -> dict[str, Any]:
+    """Return all fields of an effect but its amplitude."""
+    return {name: value for name, value in dataclasses.asdict(effect).items() if name != "value"}
 
 
 def named_candidates(train: TrainDescription) -> list[Candidate]:
     """Return every effect that the train may have and that changes the mean of readings, each in the size of its
     step."""
-    placed = [Placed(effect) for kind in OF_TRAINS for effect in kind.variants(train)]
+    found = [Candidate.of(effect, train) for kind in OF_TRAINS for effect in kind.variants(train)]
     for i, module in enumerate(train.modules, start=1):
-        placed += [Placed(effect, i) for kind in OF_AXLES for effect in kind.variants(module)]
+        found += [Candidate.of(effect, train, i) for kind in OF_AXLES for effect in kind.variants(module)]
     gone = {(f, gauge) for f, frame in enumerate(train.as_built().frames, start=1) for gauge in frame.dead_gauges}
-    return [
-        Candidate.of(located, train)
-        for located in placed
-        if (getattr(located.effect, "frame", 0), getattr(located.effect, "gauge", None)) not in gone
-    ]
+    place = [(getattr(candidate.kind, "frame", 0), getattr(candidate.kind, "gauge", None)) for candidate in found]
+    return [candidate for candidate, at in zip(found, place, strict=True) if at not in gone]
 
 
 def dead_gauges(train: TrainDescription) -> list[Candidate]:
     """Return every gauge that may be dead."""
-    return [Candidate.of(Placed(effect), train) for effect in DeadGauge.variants(train)]
+    return [Candidate.of(effect, train) for effect in DeadGauge.variants(train)]
 
 
 def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidate]:

@@ -35,17 +35,12 @@ def examine_train(
     if found is not None:
         seen = _without_and_with(train, found, logs)
         held = _without_and_with(train, found, held_out) if held_out else None
-    data = as_data(diagnosis, seen, held)
+    data = as_data(diagnosis, (logs, held_out, clean), seen, held)
     named = [answer["effect"] for answer in data["answers"] if answer["verdict"] == "named"]
     data |= {
         "preflight": _remarks(diagnosis.after),
         "effects": named,
-        "replay": None,
-        "where": None,
         "robot_hash": train.hash(),
-        "logs": list(logs),
-        "held_out_logs": list(held_out),
-        "clean_logs": list(clean),
         "file": file_name(train),
     }
     return Examined(data, found)

@@ -14,7 +14,7 @@ from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
-from discrepancy.trains.candidates import Candidate, Placed
+from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.linearise import Linearised, cost_of_noise
 
 DIFFERENCES = 2 / 3
@@ -91,7 +91,7 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
         if probability < CREDIBLE:
             continue
         confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
-        candidate = Candidate.of(Placed(kind), seen.train)
+        candidate = Candidate.of(kind, seen.train)
         cost = cost_of_noise(seen, f)
         sized = size * tolerance, error * tolerance
         answers.append(Answer.judged_apart(candidate, probability, *sized, size * tolerance * cost, confirmed))
@@ -111,7 +111,7 @@ def stop_answers(
         if not known or (expected is not None and abs(expected - known[0]) < 2 * period):
             continue
         time = float(np.median(known))
-        candidate, error = Candidate.of(Placed(SensorStops(frame=f + 1, value=time)), train), period / 12**0.5
+        candidate, error = Candidate.of(SensorStops(frame=f + 1, value=time), train), period / 12**0.5
         if not _agree(train, logs, f, time):
             times = ", ".join("not" if stop is None else f"at {stop:.2f} s" for stop in stops)
             what = f"{candidate.what}, but not always at one time: {times}"

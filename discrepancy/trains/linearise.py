@@ -126,7 +126,7 @@ def linearise(
     cannot have made.
     """
     found, built = fit_states(train, logs, start, sizes), train.as_built()
-    enlarged = [None if candidate.placed is None else candidate.placed.enlarged(train) for candidate in among]
+    enlarged = [None if candidate.kind is None else candidate.enlarged(train) for candidate in among]
     statistics, costs = [], []
     for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):
         equations = Equations.of(log, built, motion, found.sizes)

@@ -37,7 +37,7 @@ from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.hidden import Hidden, Outsiders
+from discrepancy.trials.hidden import Hidden, Outside, class_of, outsider
 from discrepancy.trials.strength.separation import FITTED_ANYWAY
 from discrepancy.validation.sufficient import redundancy
 
@@ -82,16 +82,6 @@ class Case:
     hidden: tuple[Hidden, ...] = ()
     targets: tuple[float, ...] = ()
 
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """The effects of the catalogue."""
-        return tuple(effect for hidden in self.hidden for effect in hidden.effects)
-
-    @property
-    def outside(self) -> Any | None:
-        """The hidden effect outside the catalogue; None if there is none."""
-        return next((hidden.what for hidden in self.hidden if hidden.effect is None), None)
-
     def motion(self, log_number: int, duration: float) -> Trajectory:
         """Return the motion of the log (0) or of the held-out log (1)."""
         return motion(preset(self.robot), self.course, self.seeds[log_number], duration)
@@ -120,7 +110,7 @@ def setting(number: int, seed: int, robots: Sequence[str], *, foreign: bool) -> 
     )
 
 
-def hide(case: Case, attempt: int, seed: int, outsiders: Outsiders) -> Case:
+def hide(case: Case, attempt: int, seed: int, outsiders: Sequence[type[Outside]]) -> Case:
     """Return a case with hidden effects, in the size of their steps, and the strengths to aim for.
 
     attempt: from 0; a further attempt draws other effects, where those drawn before could not have the strength.
@@ -129,8 +119,7 @@ def hide(case: Case, attempt: int, seed: int, outsiders: Outsiders) -> Case:
     if case.stratum == "clean":
         return case
     if case.stratum == "outside":
-        choices = list(outsiders(robot, random))
-        hidden = [choices[random.integers(len(choices))]]
+        hidden: list[Hidden] = [outsider(outsiders, robot, random)]
     else:
         hidden = _drawn(robot, random, SEVERAL.get(case.stratum, 1), wiring=case.stratum == "wiring")
     low, high = np.log(BOUNDS[case.measure])
@@ -179,6 +168,5 @@ def _drawn(robot: RobotDescription, random: np.random.Generator, count: int, wir
         if random.random() < 0.5 and effect.name not in ONE_WAY:
             with contextlib.suppress(ValueError):  # where there is no such thing
                 effect = dataclasses.replace(effect, value=-effect.value)
-        hidden = Hidden(effect)
-        found.setdefault(hidden.label, hidden)
+        found.setdefault(class_of(effect), effect)
     return list(found.values())

@@ -133,7 +133,7 @@ def _judge_case(plan: Settings, number: int, folder: Path) -> None:
     except Exception:  # a finder that breaks fails its own case, no other
         said = Said("broken", reason=traceback.format_exc())
     head = {"format": FORMAT, "finder": FINDER, "case": number, "seconds": time.process_time() - started}
-    write_json(folder / "outcomes" / FINDER / f"{name}.json", head | said.as_data())
+    write_json(folder / "outcomes" / FINDER / f"{name}.json", head | asdict(said))
 
 
 def do_all(tasks: Sequence[Task], jobs: int | None) -> None:

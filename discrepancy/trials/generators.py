@@ -6,17 +6,17 @@ from typing import NamedTuple
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from discrepancy.trials import outside, pymunk_generator
-from discrepancy.trials.hidden import Outsiders
+from discrepancy.trials.hidden import Outside
 
 
 class Generator(NamedTuple):
-    """drive: makes a log, as `pymunk_generator.drive`. outsiders: draws effects that are not in the catalogue.
+    """drive: makes a log, as `pymunk_generator.drive`. outsiders: kinds of effects that are not in the catalogue.
 
     foreign: whether its physics differ from the finder's model, so that more cases have clean logs.
     """
 
     drive: Callable[..., Log]
-    outsiders: Outsiders
+    outsiders: tuple[type[Outside], ...]
     foreign: bool
 
 
@@ -24,17 +24,17 @@ def generator(name: str) -> Generator:
     """Return a generator; raises InputError for an unknown name, or where its simulator is not installed."""
     # MuJoCo and PyBullet are optional, so modules that need them are imported where they are chosen.
     if name == "pymunk":
-        return Generator(pymunk_generator.drive, outside.outsiders, foreign=False)
+        return Generator(pymunk_generator.drive, outside.KINDS, foreign=False)
     if name == "mujoco":
         from discrepancy.trials.mujoco import outside as mujoco_outside
         from discrepancy.trials.mujoco import world as mujoco_world
 
         mujoco_world.mujoco_module()
-        return Generator(mujoco_world.drive, mujoco_outside.outsiders, foreign=True)
+        return Generator(mujoco_world.drive, mujoco_outside.KINDS, foreign=True)
     if name == "bullet":
         from discrepancy.trials.bullet import outside as bullet_outside
         from discrepancy.trials.bullet import world as bullet_world
 
         bullet_world.bullet_module()
-        return Generator(bullet_world.drive, bullet_outside.outsiders, foreign=True)
+        return Generator(bullet_world.drive, bullet_outside.KINDS, foreign=True)
     raise InputError(f"unknown generator {name!r}; there are pymunk, mujoco and bullet")

@@ -13,7 +13,7 @@ from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.outside import Outside
+from discrepancy.trials.hidden import Outside
 from discrepancy.trials.reading import USUAL, Noise, as_recorded, counts_of
 
 

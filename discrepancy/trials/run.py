@@ -22,7 +22,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.cases import BOUNDS, Case, hide, motion, setting
 from discrepancy.trials.folder import LOGS, Settings, Task, label_file, name_of
 from discrepancy.trials.generators import Generator, generator
-from discrepancy.trials.hidden import Hidden
+from discrepancy.trials.hidden import Hidden, Outside, catalogued, class_of, outside_in
 from discrepancy.trials.reading import as_recorded
 from discrepancy.trials.said import Said, say
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
@@ -136,7 +136,7 @@ def _made(plan: Plan, begun: Case, folder: Path) -> dict[str, Any] | None:
             strengths = _strengths(case, trial_runs)
             if strengths is None:
                 continue
-            logs = [trial_run.drive(*case.effects, outside=case.outside) for trial_run in trial_runs]
+            logs = [trial_run.drive(*case.hidden) for trial_run in trial_runs]
             _write_files(case, logs, folder)
         except (InputError, ValueError, ArithmeticError):
             continue
@@ -154,14 +154,14 @@ def _strengths(case: Case, trial_runs: list[TrialRun]) -> list[Strength] | None:
         low = 1e-9  # much of an effect may be projected out with the others
     measured = first.cost if case.measure == "cost" else first.z
     sized = all(item.wiring or low / SLACK <= m <= high * SLACK for item, m in zip(case.hidden, measured, strict=True))
-    if not sized or (case.outside is not None and (first.cosine is None or first.cosine >= OUTSIDE_BELOW)):
+    if not sized or (outside_in(case.hidden) is not None and (first.cosine is None or first.cosine >= OUTSIDE_BELOW)):
         return None
     return [first, trial_runs[1].strength(case.hidden)]
 
 
 def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
     robot, name = preset(case.robot), name_of(case.number)
-    real, case_folder = robot.with_effects(*case.effects), folder / "cases" / name
+    real, case_folder = robot.with_effects(*catalogued(case.hidden)), folder / "cases" / name
     for file, exact, seed in zip(LOGS, logs, case.seeds, strict=True):
         log = as_recorded(real, exact, np.random.default_rng([seed, 4]))
         write_log(case_folder / file, log if case.reference else dataclasses.replace(log, reference=None), robot)
@@ -183,8 +183,8 @@ def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
 
 
 def _hidden(hidden: Hidden) -> dict[str, Any]:
-    kind = "outside" if hidden.effect is None else "wiring" if hidden.wiring else "catalogue"
-    return {"class": hidden.label, "from": kind, "what": dataclasses.asdict(hidden.what)}
+    kind = "outside" if isinstance(hidden, Outside) else "wiring" if hidden.wiring else "catalogue"
+    return {"class": class_of(hidden), "from": kind, "what": dataclasses.asdict(hidden)}
 
 
 def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dict[str, float] | None:

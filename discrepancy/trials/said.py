@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,26 +27,9 @@ QUIET = ("negligible", "no discrepancy")
 """Verdicts that are no alarm."""
 
 
-@dataclass(frozen=True)
-class Size:
-    """The effect of a class, the ends of the 95 % interval of its value (None: it has no size), and its cost in use, m
-    per 10 m."""
-
-    name: str
-    effect: Effect
-    low: float | None
-    high: float | None
-    cost: float | None
-
-    def as_data(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return {
-            "class": self.name,
-            "effect": asdict(self.effect),
-            "low": self.low,
-            "high": self.high,
-            "cost": self.cost,
-        }
+Size = dict[str, Any]
+"""An effect, its `class`, the ends `low` and `high` of the 95 % interval of its value (None: it has no size), and its
+`cost` in use, m per 10 m."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +55,10 @@ class Single:
 
 def size_of(name: str, effect: Effect, answer: Answer, cost: float | None) -> Size:
     """Return the size of an answer's effect; the error is that along the phase found."""
-    if effect.binary:
-        return Size(name, effect, None, None, cost)
     way = answer.amplitudes / (np.linalg.norm(answer.amplitudes) or 1.0)
     error = COVERAGE * math.sqrt(max(float(way @ answer.covariance @ way), 0.0))
-    return Size(name, effect, effect.value - error, effect.value + error, cost)
+    low, high = (None, None) if effect.binary else (effect.value - error, effect.value + error)
+    return {"class": name, "effect": effect, "low": low, "high": high, "cost": cost}
 
 
 @dataclass(frozen=True)
@@ -116,15 +98,9 @@ class Said:
             any(None in single.credible for single in singles),
             {name: 1.0 - part for name, part in absent.items()},
             sizes,
-            tuple(size.effect for size in sizes),
+            tuple(size["effect"] for size in sizes),
             reason,
         )
-
-    def as_data(self) -> dict[str, Any]:
-        """Return the answer as plain data."""
-        kept = ("verdict", "named", "credible", "unnamed", "probabilities", "reason", "gap")
-        sizes, effects = [size.as_data() for size in self.sizes], [asdict(effect) for effect in self.effects]
-        return {key: getattr(self, key) for key in kept} | {"sizes": sizes, "effects": effects}
 
 
 def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:

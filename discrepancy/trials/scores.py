@@ -6,11 +6,10 @@ calibrated if of names with probability p a part p is right: the reliability dia
 calibration error is the mean deviation from it.
 """
 
-import dataclasses
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,9 +44,9 @@ class Trial:
     outcome: dict[str, Any]
 
     @property
-    def broken(self) -> bool:
-        """Whether the finder broke down."""
-        return self.outcome["verdict"] == "broken"
+    def verdict(self) -> str:
+        """The verdict of the whole."""
+        return self.outcome["verdict"]
 
     @property
     def truth(self) -> frozenset[str]:
@@ -73,32 +72,18 @@ class Trial:
         sets: Iterable[Iterable[str]] = self.outcome["credible"]
         return frozenset(self.alike.get(name, name) for names in sets for name in names)
 
-    @property
     def exact(self) -> bool:
         """Whether it names exactly the hidden effects, and the verdict of the whole is "named"."""
-        return self.outcome["verdict"] == "named" and self.named == self.truth
+        return self.verdict == "named" and self.named == self.truth
 
-    @property
     def among(self) -> bool:
         """Whether all hidden effects are in its credible sets."""
         return self.truth <= self.credible
 
-    @property
     def wrong(self) -> bool:
         """Whether it names an effect that was not hidden (a false positive)."""
         return bool(self.named - self.truth)
 
-    @property
-    def alarm(self) -> bool:
-        """Whether it reports any discrepancy."""
-        return self.outcome["verdict"] not in (*QUIET, "broken")
-
-    @property
-    def flagged(self) -> bool:
-        """Whether its verdict is "unexplained", or a credible set contains an unnamed alternative."""
-        return self.outcome["verdict"] == "unexplained" or self.outcome["unnamed"]
-
-    @property
     def costly_name(self) -> bool:
         """Whether it names an effect that costs over `MATTERS`; wiring, which has no size, counts as costly."""
         sized = {size["class"]: size["cost"] for size in self.outcome["sizes"]}
@@ -108,43 +93,15 @@ class Trial:
         """Return the least cost, z or z_sep of the hidden effects; infinite if there are none, or it is not known."""
         return min(self.label[log][key], default=math.inf) if self.label[log] else math.inf
 
-    @property
     def plain(self) -> bool:
         """Whether the hidden effects are costly and separate enough to be named, and the held-out log can confirm
         them."""
         confirmed = self.least("z", "holdout") >= SEPARATE
         return self.least("cost") >= COSTLY and self.least("z_sep") >= SEPARATE and confirmed
 
-    @property
     def strong(self) -> bool:
         """Whether the hidden effects, whatever they cost, are strong in both logs, and separate."""
         return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
-
-    @property
-    def loud(self) -> bool:
-        """Whether a hidden effect outside the catalogue is so costly and strong that it should be flagged."""
-        return self.least("cost") >= MATTERS and self.least("z") >= LOUD
-
-    @property
-    def without_clean_logs(self) -> bool:
-        """Whether the finder was given no clean logs."""
-        return not self.label["clean"]
-
-    @property
-    def found_or_refused(self) -> bool:
-        """Whether it names exactly what was hidden, or refuses the logs."""
-        return self.exact or self.outcome["verdict"] == "refused"
-
-    @property
-    def has_gap(self) -> bool:
-        """Whether something was named whose gap is known."""
-        return self.outcome["gap"] is not None
-
-    @property
-    def gap_grew(self) -> bool:
-        """Whether the named effects made odometry on the held-out log worse."""
-        gap = self.outcome["gap"]
-        return gap is not None and gap["after"] > gap["before"]
 
     def reported(self) -> list[tuple[float, bool]]:
         """Return the probability of every reported class, and whether it was hidden.
@@ -168,56 +125,66 @@ class Trial:
         ]
 
 
-@dataclass(frozen=True)
-class Rate:
-    """A rate: `what` holds for `count` of `total` cases. low, high: the 95 % Wilson interval. share: None of no
-    cases."""
-
-    what: str
-    count: int
-    total: int
-    low: float
-    high: float
-    share: float | None
-
-    @classmethod
-    def of(cls, statement: str, hits: Iterable[bool]) -> "Rate":
-        """Return the rate of true hits."""
-        results = list(hits)
-        count, total = sum(results), len(results)
-        return cls(statement, count, total, *wilson(count, total), count / total if total else None)
+def rate(statement: str, hits: Iterable[bool]) -> dict[str, Any]:
+    """Return a statement (`what`) with the `count` of hits of a `total`, the 95 % Wilson interval `low` to `high`, and
+    the `share`; None of nothing."""
+    results = list(hits)
+    count, total = sum(results), len(results)
+    low, high = wilson(count, total)
+    share = count / total if total else None
+    return {"what": statement, "count": count, "total": total, "low": low, "high": high, "share": share}
 
 
 PLAIN = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
 MATTERING = f"{1e3 * MATTERS:g} mm per 10 m"
 
-RATES: Sequence[tuple[str, str | None, str | None, str]] = (
-    ("clean: any alarm", "clean", None, "alarm"),
-    ("clean: a sure name", "clean", None, "wrong"),
+RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial], bool]]] = (
+    ("clean: any alarm", "clean", None, lambda case: case.verdict not in (*QUIET, "broken")),
+    ("clean: a sure name", "clean", None, Trial.wrong),
     (
         f"clean, no clean logs given: a sure name that costs over {MATTERING}",
         "clean",
-        "without_clean_logs",
-        "costly_name",
+        lambda case: not case.label["clean"],
+        Trial.costly_name,
     ),
-    (f"one effect, {PLAIN}: named exactly", "one", "plain", "exact"),
-    ("  the truth in the credible set", "one", "plain", "among"),
-    ("  a sure name that is wrong", "one", "plain", "wrong"),
-    (f"one effect of any cost, z {STRONG:g} and z_sep {SEPARATE:g} or more: named exactly", "one", "strong", "exact"),
-    (f"two effects, each {PLAIN}: named exactly", "two", "plain", "exact"),
-    ("  the truth in the credible sets", "two", "plain", "among"),
-    (f"three effects, each {PLAIN}: named exactly", "three", "plain", "exact"),
-    ("  the truth in the credible sets", "three", "plain", "among"),
-    (f"outside the catalogue, {MATTERING} and z {LOUD:g} or more: flagged", "outside", "loud", "flagged"),
-    ("outside the catalogue: a sure name", "outside", None, "wrong"),
-    (f"poor motion, {PLAIN}: named exactly", "poor", "plain", "exact"),
-    ("poor motion: a sure name that is wrong", "poor", None, "wrong"),
-    ("wiring: named, or refused with a reason", "wiring", None, "found_or_refused"),
-    ("something named: the held-out gap is larger after than before", None, "has_gap", "gap_grew"),
-    ("the finder broke down", None, None, "broken"),
+    (f"one effect, {PLAIN}: named exactly", "one", Trial.plain, Trial.exact),
+    ("  the truth in the credible set", "one", Trial.plain, Trial.among),
+    ("  a sure name that is wrong", "one", Trial.plain, Trial.wrong),
+    (
+        f"one effect of any cost, z {STRONG:g} and z_sep {SEPARATE:g} or more: named exactly",
+        "one",
+        Trial.strong,
+        Trial.exact,
+    ),
+    (f"two effects, each {PLAIN}: named exactly", "two", Trial.plain, Trial.exact),
+    ("  the truth in the credible sets", "two", Trial.plain, Trial.among),
+    (f"three effects, each {PLAIN}: named exactly", "three", Trial.plain, Trial.exact),
+    ("  the truth in the credible sets", "three", Trial.plain, Trial.among),
+    (
+        f"outside the catalogue, {MATTERING} and z {LOUD:g} or more: flagged",
+        "outside",
+        lambda case: case.least("cost") >= MATTERS and case.least("z") >= LOUD,
+        lambda case: case.verdict == "unexplained" or case.outcome["unnamed"],
+    ),
+    ("outside the catalogue: a sure name", "outside", None, Trial.wrong),
+    (f"poor motion, {PLAIN}: named exactly", "poor", Trial.plain, Trial.exact),
+    ("poor motion: a sure name that is wrong", "poor", None, Trial.wrong),
+    (
+        "wiring: named, or refused with a reason",
+        "wiring",
+        None,
+        lambda case: case.exact() or case.verdict == "refused",
+    ),
+    (
+        "something named: the held-out gap is larger after than before",
+        "",
+        lambda case: case.outcome["gap"] is not None,
+        lambda case: case.outcome["gap"]["after"] > case.outcome["gap"]["before"],
+    ),
+    ("the finder broke down", "", None, lambda case: case.verdict == "broken"),
 )
-"""Rates to report: a statement; stratum and a property of the cases that are counted (None: of all); and the property
-that is a hit."""
+"""Rates to report: a statement; stratum ("": all) and condition (None: none) of the cases that are counted; and what is
+a hit."""
 
 COVERED = "95 % intervals of sizes named rightly: the true size within"
 
@@ -232,14 +199,14 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def rates(trials: Sequence[Trial]) -> list[Rate]:
+def rates(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """Return all rates over these cases."""
     found = []
     for statement, stratum, condition, hit in RATES:
-        counted = [trial for trial in trials if stratum in (None, trial.label["stratum"])]
-        counted = [trial for trial in counted if condition is None or getattr(trial, condition)]
-        found.append(Rate.of(statement, (getattr(trial, hit) for trial in counted)))
-    return [*found, Rate.of(COVERED, (inside for trial in trials for inside in trial.covered()))]
+        counted = [trial for trial in trials if stratum in ("", trial.label["stratum"])]
+        counted = [trial for trial in counted if condition is None or condition(trial)]
+        found.append(rate(statement, map(hit, counted)))
+    return [*found, rate(COVERED, (inside for trial in trials for inside in trial.covered()))]
 
 
 def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
@@ -249,8 +216,8 @@ def reliability(reported: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
     place = np.clip(np.searchsorted(EDGES, [part for part, _ in reported], side="right") - 1, 0, len(EDGES) - 2)
     for k in np.unique(place).tolist():
         inside = [entry for entry, where in zip(reported, place, strict=True) if where == k]
-        rate = Rate.of(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (right for _, right in inside))
-        bins.append(dataclasses.asdict(rate) | {"probability": float(np.mean([part for part, _ in inside]))})
+        found = rate(f"{EDGES[k]:g} to {EDGES[k + 1]:g}", (right for _, right in inside))
+        bins.append(found | {"probability": float(np.mean([part for part, _ in inside]))})
     return bins
 
 
@@ -330,7 +297,7 @@ def lines(scores: dict[str, Any]) -> list[str]:
         seconds = group["seconds"]
         each = f"{seconds['make']:.1f} s to make and {seconds['judge']:.1f} s to judge each"
         text += ["", f"{name}: {group['cases']} cases, {each}"]
-        text += [_counted(rate) for rate in group["rates"] if rate["total"] or name == "all"]
+        text += [_counted(row) for row in group["rates"] if row["total"] or name == "all"]
         if group["reliability"]:
             text.append("reported probability against the part that is right, of names:")
         text += [f"{_counted(entry)}, mean {entry['probability']:.3f}" for entry in group["reliability"]]
@@ -346,7 +313,7 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     bins = reliability([entry for trial in trials for entry in trial.reported()])
     return {
         "cases": len(trials),
-        "rates": [dataclasses.asdict(rate) for rate in rates(trials)],
+        "rates": rates(trials),
         "reliability": bins,
         "calibration_error": calibration_error(bins),
         "seconds": {
@@ -356,8 +323,8 @@ def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
     }
 
 
-def _counted(rate: dict[str, Any]) -> str:
+def _counted(row: dict[str, Any]) -> str:
     """Return a rate as text."""
-    share = "   -  " if rate["share"] is None else f"{100 * rate['share']:5.1f} %"
-    ends = f"{100 * rate['low']:.1f} to {100 * rate['high']:.1f}"
-    return f"{share} ({rate['count']:3d}/{rate['total']:3d}, {ends})  {rate['what']}"
+    share = "   -  " if row["share"] is None else f"{100 * row['share']:5.1f} %"
+    ends = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
+    return f"{share} ({row['count']:3d}/{row['total']:3d}, {ends})  {row['what']}"

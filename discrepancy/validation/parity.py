@@ -16,17 +16,16 @@ samples, is nine times the rounding in sums over a second (`Parity.rolling_drift
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry, constraint_matrix
-from castor_envs.motion.mobility import Rows, rows_in_use
-from castor_envs.sensors.encoders import castor_angles
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import Rows
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.validation.windows import Windows
 
 WINDOW, WINDOWS = 1.0, 5
 """Length, s, of the sums in which a wrong description adds up and rounding does not; the fewest sums for an rms."""
@@ -67,79 +66,25 @@ class Parity:
 def parity_residual(robot: RobotDescription, log: Log) -> Parity:
     """Return the misfit of a log to the motion of a rigid body on the wheels of `robot`."""
     geometry = Geometry.of(robot)
-    rows = rows_in_use(geometry)
-    steps = _steps(geometry, rows, robot.driven_wheels, log.wheel, log.pivot)
-    rounding = _rms(np.sqrt(np.sum(steps.start**2 + steps.end**2, axis=-1) / 12)[steps.moving])
-    window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(steps.residual) // WINDOWS)
+    steps = Windows.of(geometry, log.wheel, log.pivot)
+    rows, moving = steps.used, np.any(np.diff(np.column_stack([log.wheel, log.pivot]), axis=0), axis=1)
+    left = np.eye(len(rows.place)) - steps.rows @ steps.inverse
+    start, end = np.moveaxis(left[:, None] @ np.swapaxes(steps.by_counts(), 1, 2), 1, 0)
+    rounding = _rms(np.sqrt(np.sum(start**2 + end**2, axis=-1) / 12)[moving])
+    window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(steps.left) // WINDOWS)
     drift, explained = np.zeros(len(rows.place)), np.zeros(geometry.n_castors)
     if window:
-        second = _steps(geometry, rows, robot.driven_wheels, log.wheel[::2], log.pivot[::2])
-        drift = _drift(steps, second, window)
-        explained = _explained(steps, rows, window, geometry.n_castors)
-    return Parity(rows, steps.redundancy, steps.residual, steps.moving, rounding, window, drift, explained)
+        second = Windows.of(geometry, log.wheel[::2], log.pivot[::2]).left
+        drift = _drift(steps.left, second, moving, start, end, window)
+        explained = _explained(steps.left, left, rows, window, geometry.n_castors)
+    return Parity(rows, steps.redundancy, steps.left, moving, rounding, window, drift, explained)
 
 
-def constraints_by_angle(geometry: Geometry, castor_angle: Array) -> Array:
-    """Return the derivative of A (..., 2w, 3) of `constraint_matrix` by the angle of each row's castor."""
-    # A is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
-    here, opposite, quarter = (constraint_matrix(geometry, castor_angle + by)[0] for by in (0.0, np.pi, np.pi / 2))
-    return quarter - (here + opposite) / 2
+def _drift(residual: Array, second: Array, moving: NDArray[np.bool_], start: Array, end: Array, window: int) -> Array:
+    """Return each row's (rows,) rms sum of residuals (s, rows) over `window` steps, in units of its expected rms.
 
-
-class _Steps(NamedTuple):
-    """The equations of all steps: residual (s, rows), moving (s,), and the sensitivity of the residual to rounded
-    counts.
-
-    start and end (s, rows, sources): change of the residual for a count read one too high, of each wheel and then of
-    each castor, at the start and at the end of the step. pointing (s, rows, castors): the part of both that comes from
-    the half-way angle and so does not cancel between steps. left (s, rows, rows): the projection on residuals that no
-    motion explains.
-    """
-
-    residual: Array
-    moving: NDArray[np.bool_]
-    redundancy: int
-    start: Array
-    end: Array
-    pointing: Array
-    left: Array
-
-
-def _steps(geometry: Geometry, rows: Rows, driven: tuple[int, ...], wheel: Array, pivot: Array) -> _Steps:
-    """Return the steps between counts wheel (N, driven wheels) and pivot (N, pivot encoders)."""
-    w, angle = len(rows.wheels), castor_angles(geometry, pivot)
-    turned = np.diff(angle, axis=0)
-    turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
-    half_way = angle[:-1] + turned / 2
-    counted = np.diff(wheel, axis=0)
-    rolled = np.zeros((len(counted), len(geometry.radius)))
-    rolled[:, driven] = counted
-    length = (2 * np.pi * geometry.radius / geometry.counts_per_rev)[rows.wheels]  # of a count, m
-
-    a, b = (part[:, rows.place] for part in constraint_matrix(geometry, half_way))
-    inverse = np.linalg.pinv(a, rcond=1e-10)
-    left = np.eye(len(rows.place)) - a @ inverse
-    measured = np.pad(rolled[:, rows.wheels] * length, ((0, 0), (0, len(rows.castors)))) - b * turned[:, rows.castor]
-
-    count = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev)
-    of_castor = (rows.castor[:, None] == np.arange(geometry.n_castors)) * count
-    rolling, turning = left[:, :, :w] * length, left @ (b[..., None] * of_castor)
-    derivative = constraints_by_angle(geometry, half_way)[:, rows.place]
-    motion = np.einsum("kij,kj->ki", inverse, measured)
-    pointing = left @ (np.einsum("kij,kj->ki", derivative, motion)[..., None] * of_castor)
-    return _Steps(
-        residual=np.einsum("kij,kj->ki", left, measured),
-        moving=(counted != 0).any(axis=1) | (turned[:, rows.castor] != 0).any(axis=1),
-        redundancy=len(rows.place) - int(np.linalg.matrix_rank(a, tol=1e-9).max(initial=0)),
-        start=np.concatenate([-rolling, turning - pointing / 2], axis=-1),
-        end=np.concatenate([rolling, -turning - pointing / 2], axis=-1),
-        pointing=pointing,
-        left=left,
-    )
-
-
-def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
-    """Return each row's (rows,) rms sum of residuals over `window` steps, in units of its expected rms.
+    start, end (s, rows, channels): change of the residual for a count read one too high at the start and at the end of
+    a step; in their sum only the part remains that comes from the half-way angle.
 
     The rounding error of a count is uniform over one count, variance 1/12. Taken as independent from sample to sample,
     it contributes to a sum only where the end of a step and the start of the next differ. The rounding error of a
@@ -149,12 +94,12 @@ def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
     whole difference is allowed for, as a castor that swings round within a few samples does not follow the factor of
     four.
     """
-    n, rows = len(steps.residual) // window, steps.residual.shape[1]
+    n, rows = len(residual) // window, residual.shape[1]
     size = n * window
     sums, coherent = (
-        part[:size].reshape(n, window, *part.shape[1:]).sum(axis=1) for part in (steps.residual, abs(steps.pointing))
+        part[:size].reshape(n, window, *part.shape[1:]).sum(axis=1) for part in (residual, abs(start + end))
     )
-    blocks = [part[:size].reshape(n, window, *part.shape[1:]) for part in (steps.start, steps.end)]
+    blocks = [part[:size].reshape(n, window, *part.shape[1:]) for part in (start, end)]
     met = np.concatenate([blocks[0][:, :1], blocks[1][:, :-1] + blocks[0][:, 1:], blocks[1][:, -1:]], axis=1)
     variance = (np.sum(met**2, axis=(1, 3)) + np.sum(coherent**2, axis=-1)) / 12
     curved = np.zeros((n, rows))
@@ -162,24 +107,24 @@ def _drift(steps: _Steps, second: _Steps, window: int) -> Array:
         pairs = window // 2
         at = window * np.arange(n)[:, None] + np.arange(2 * pairs)
         # A pair of steps begins at an even sample; a window that does not is compared from the next sample on.
-        at = np.minimum(at + at[:, :1] % 2, len(second.residual) * 2 - 1)
-        once = steps.residual[np.minimum(at, len(steps.residual) - 1)].sum(axis=1)
-        curved = second.residual[at[:, ::2] // 2].sum(axis=1) - once
-    moving = steps.moving[:size].reshape(n, window).any(axis=1)
-    expected = np.sqrt(_rms(np.sqrt(variance)[moving]) ** 2 + _rms(curved[moving]) ** 2)
-    return np.divide(_rms(sums[moving]), expected, out=np.zeros(rows), where=expected > 0)
+        at = np.minimum(at + at[:, :1] % 2, len(second) * 2 - 1)
+        once = residual[np.minimum(at, len(residual) - 1)].sum(axis=1)
+        curved = second[at[:, ::2] // 2].sum(axis=1) - once
+    in_motion = moving[:size].reshape(n, window).any(axis=1)
+    expected = np.sqrt(_rms(np.sqrt(variance)[in_motion]) ** 2 + _rms(curved[in_motion]) ** 2)
+    return np.divide(_rms(sums[in_motion]), expected, out=np.zeros(rows), where=expected > 0)
 
 
-def _explained(steps: _Steps, rows: Rows, window: int, castors: int) -> Array:
+def _explained(residual: Array, left: Array, rows: Rows, window: int, castors: int) -> Array:
     """Return for each castor the part of the sums over `window` steps that errors in its rows alone can explain, 0 to
     1.
 
-    An error of rows appears as its projection by `left`, taken half way through the sum. On a robot with two castors
-    either castor can explain the whole residual.
+    An error of rows appears as its projection by `left` (s, rows, rows) on residuals that no motion explains, taken
+    half way through the sum. On a robot with two castors either castor can explain the whole residual.
     """
-    n = len(steps.residual) // window
-    sums = steps.residual[: n * window].reshape(n, window, -1).sum(axis=1)
-    left = steps.left[window // 2 : n * window : window]
+    n = len(residual) // window
+    sums = residual[: n * window].reshape(n, window, -1).sum(axis=1)
+    left = left[window // 2 : n * window : window]
     found = np.zeros(castors)
     for i in np.unique(rows.castor):
         castor_left = left[:, :, rows.castor == i]

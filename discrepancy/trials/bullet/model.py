@@ -70,6 +70,13 @@ class Link:
     limits: tuple[float, float] | None = None
     spring: tuple[float, float] = (0.0, 0.0)
 
+    def split(self, part: float) -> tuple[float, tuple[float, float, float]]:
+        """Keep a part of mass and inertia, and return the rest of them."""
+        (x, y, z), mass = self.inertia, self.mass
+        self.mass, self.inertia = part * mass, (part * x, part * y, part * z)
+        rest = 1 - part
+        return rest * mass, (rest * x, rest * y, rest * z)
+
 
 @dataclass(eq=False)
 class Parts:

@@ -21,8 +21,9 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.bullet.model import SKID_SINKING, Parts, bullet_module, parts_of
-from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Outside, Simulator, friction_at
+from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Simulator, friction_at
 from discrepancy.trials.foreign.standing import DROOP, STEERING_DROOP, TILTING, damping_of
+from discrepancy.trials.hidden import Outside
 
 STEP = 2e-3
 """Physics step, s, at most."""
@@ -93,7 +94,7 @@ class World:
         bullet.setGravity(*self._gravity, **at)
 
         self.radius, self._turned = geometry.radius.copy(), np.zeros(len(geometry.radius))
-        self._outside = outside if outside is not None and outside.acts else None
+        self._outside = outside
         self._patches, self._friction = floor.patches, np.full(len(geometry.radius), self._usual)
         self._mean_load, self._soft_load = parts.load[driven].mean(), parts.load.copy()
         self._motors = [*self.roll[driven].tolist(), *self.pivot[steered].tolist()]

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -24,6 +24,7 @@ from castor_envs.motion.trajectories import Trajectory
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.foreign.sensors import Sensors, reading_times
+from discrepancy.trials.hidden import Outside
 from discrepancy.trials.reading import USUAL, Noise, as_recorded, counts_of
 
 SETTLING = 0.5
@@ -51,25 +52,6 @@ class Run:
     phase: Array
     every: int
     seed: int
-
-
-class Outside:
-    """An effect outside the catalogue, in a foreign simulator: the right verdict on it is "unexplained".
-
-    Castors and wheels are numbered from 1. acts: whether `act` is to be called before each physics step.
-    """
-
-    acts: ClassVar[bool] = False
-
-    def build(self, parts: Any) -> None:
-        """Change the parts of the model that is to be built."""
-
-    def act(self, world: Any, t: float) -> None:
-        """Change the model while it runs, t s since the start."""
-
-    def count(self, robot: RobotDescription, t: Array, wheel: Array, random: np.random.Generator) -> Array:
-        """Return wheel counts (K, driven wheels), not rounded yet, at times t (K,), as the log receives them."""
-        return wheel
 
 
 class World(Protocol):
@@ -206,10 +188,11 @@ def read(
     seen = np.vstack([sensors.push(run.t[samples], run.angle[samples]) for samples in rows])
     t = run.t[::every]
     sampled = make_interp_spline(run.t, seen, k=1)(reading_times(robot, t))  # straight on after the last time
-    wheel, pivot = counts_of(robot, sampled, run.phase)
+    pose = run.pose
     if outside is not None:
-        wheel = outside.count(robot, t, wheel, np.random.default_rng([run.seed, 4]))
+        sampled, pose = outside.changed(robot, t, sampled, pose[::every]), outside.tracked(run.t, pose)
+    wheel, pivot = counts_of(robot, sampled, run.phase)
     steering = run.steering if run.steering.shape[1] else None
-    pose = reference(robot, run.t, run.pose)[::every]
+    pose = reference(robot, run.t, pose)[::every]
     exact = Log(t, wheel, pivot, run.command, steering, reference=pose)
     return as_recorded(robot, exact, np.random.default_rng([run.seed, 3]), noise, rounded)

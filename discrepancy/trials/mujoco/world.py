@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Outside, Simulator, friction_at
+from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Simulator, friction_at
+from discrepancy.trials.hidden import Outside
 from discrepancy.trials.mujoco.model import CONTACT_TIME, IMPEDANCE, mujoco_module, parts_of
 
 STEP = 1e-3
@@ -44,7 +45,7 @@ class World:
         self.data: Any = mujoco.MjData(self.model)
         self.robot, self.geometry, self.tyres = robot, parts.geometry, parts.tyres
         self.radius, self._step, self._patches = parts.geometry.radius.copy(), step, floor.patches
-        self._outside = outside if outside is not None and outside.acts else None
+        self._outside = outside
 
         model, wheels = self.model, range(len(robot.wheels))
         joints = {model.joint(k).name: model.joint(k) for k in range(model.njnt)}

@@ -29,17 +29,17 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose
-from castor_envs.geometry.steps import Motion
+from castor_envs.geometry.steps import Motion, Slip
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.hidden import class_of
-from discrepancy.trials.outside import Outside
+from discrepancy.trials.hidden import Hidden, catalogued, class_of, outside_in
 from discrepancy.trials.reading import angles_of, counts_of
-from discrepancy.trials.strength.residuals import Layout, Windows, steps_left, windows_of
+from discrepancy.trials.strength.residuals import Layout, steps_left
 from discrepancy.trials.strength.whitening import NoiseModel, Whitening
+from discrepancy.validation.windows import Windows
 
 SMALL = 1e-4
 """s, m and rad: changes of nuisances for numerical derivatives."""
@@ -71,9 +71,9 @@ class StrengthMetric:
         self.robot, self.exact = robot.as_described(), exact
         self._geometry = Geometry.of(self.robot)
         period = float(np.median(np.diff(exact.t)))
-        self._layout = Layout(self._geometry, len(exact), period, reference=reference)
-        windows = windows_of(self._geometry, self._layout, exact)
-        self._whitening = Whitening(self._geometry, self._layout, windows, exact, noise_model or NoiseModel())
+        self._layout = Layout(len(exact), period, reference=reference)
+        windows = self._windows(self._geometry, exact)
+        self._whitening = Whitening(self._layout, windows, exact, noise_model or NoiseModel())
         self._base = self._residuals(windows, exact)
         self._by_nuisance = np.stack([self._nuisance(k) for k in range(4)], axis=-1)
         seen = np.linalg.norm(self._by_nuisance, axis=0) > FAINT
@@ -91,12 +91,12 @@ class StrengthMetric:
             mount -= np.linalg.lstsq(self._by_nuisance, away, rcond=1e-9)[0][1:]
         return self._cleared(np.nan_to_num(self._of(_mounted(log, mount)) - self._base))
 
-    def read(self, *effects: Effect, outside: Outside | None = None) -> Log:
+    def read(self, *hidden: Hidden) -> Log:
         """Return the metric's run as sensors with these effects report it, the physics unchanged."""
-        robot, exact = self.robot.with_effects(*effects), self.exact
+        robot, exact = self.robot.with_effects(*catalogued(hidden)), self.exact
         assert exact.reference is not None
         angle, pose, w = angles_of(self.robot, exact), exact.reference, len(robot.wheels)
-        if outside is not None:
+        if (outside := outside_in(hidden)) is not None:
             angle, pose = outside.changed(robot, exact.t, angle, pose), outside.tracked(exact.t, pose)
         angle = np.column_stack(readings(robot, exact.t, angle[:, :w], angle[:, w:]))
         wheel, pivot = counts_of(robot, angle)
@@ -112,7 +112,7 @@ class StrengthMetric:
         if not is_physical(self.robot, effect):
             return self.signal(self.read(effect)) / effect.value
         slip = slip_of(ContactMotion(real, self._motion))
-        windows = windows_of(Geometry.of(real.as_built()), self._layout, self.exact, slip)
+        windows = self._windows(Geometry.of(real.as_built()), self.exact, slip)
         return self._cleared(self._base - self._residuals(windows, self.exact)) / effect.value
 
     @cached_property
@@ -159,7 +159,7 @@ class StrengthMetric:
     @cached_property
     def jitter(self) -> Array:
         """The variances that jitter with a variance of 1 s^2 adds to whitened residuals, along its own axes."""
-        turn = self._geometry.pivot_counts_per_rev[self._layout.sensed]
+        turn = self._geometry.pivot_counts_per_rev[self._geometry.sensed]
         counts = np.column_stack([np.unwrap(self.exact.pivot / turn, axis=0, period=1) * turn, self.exact.wheel])
         before = np.diff(counts, axis=0) / np.diff(self.exact.t)[:, None]  # readings at other times are extrapolated
         rate = np.concatenate([before[:1], before])
@@ -174,7 +174,10 @@ class StrengthMetric:
         return gaussian_strength(sigma**2 * self.jitter)
 
     def _of(self, log: Log) -> Array:
-        return self._residuals(windows_of(self._geometry, self._layout, log), log)
+        return self._residuals(self._windows(self._geometry, log), log)
+
+    def _windows(self, geometry: Geometry, log: Log, slip: Slip | None = None) -> Windows:
+        return Windows.of(geometry, log.wheel, log.pivot, self._layout.q, slip)
 
     def _residuals(self, windows: Windows, log: Log) -> Array:
         """Return parity in the frame of the metric's run, window by window, then steps."""

@@ -4,18 +4,18 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
 from discrepancy.trials.cases import Case
 from discrepancy.trials.generators import Generator
-from discrepancy.trials.hidden import Hidden
-from discrepancy.trials.outside import Outside
+from discrepancy.trials.hidden import Hidden, Outside, catalogued, class_of, outside_in
+from discrepancy.trials.outside import Misreading
 from discrepancy.trials.reading import EXACT
 from discrepancy.trials.strength.separation import StrengthMetric, apart, is_physical
 from discrepancy.validation import cost
@@ -60,22 +60,22 @@ class TrialRun:
         self._like = like
         self.robot, self.seed, self.reference = preset(case.robot), case.seeds[log_number], case.reference
         self._motion, self._drive, self._duration = case.motion(log_number, duration), generator.drive, duration
-        self._driven: dict[Any, Log] = {}
+        self._driven: dict[tuple[tuple[Hidden, ...], float], Log] = {}
 
-    def drive(self, *effects: Any, outside: Any = None, faster: float = 0.0) -> Log:
+    def drive(self, *hidden: Hidden, faster: float = 0.0) -> Log:
         """Return the exact log of the robot with effects, perhaps a little faster; raises ValueError where the robot
         gets lost.
 
         Logs are cached.
         """
-        if (key := (effects, outside, faster)) not in self._driven:
+        if (key := (hidden, faster)) not in self._driven:
             runs = [dataclasses.replace(run, speed=run.speed * (1.0 + faster)) for run in self._motion.runs]
             log = self._drive(
-                self.robot.with_effects(*effects),
+                self.robot.with_effects(*catalogued(hidden)),
                 dataclasses.replace(self._motion, runs=tuple(runs)),
                 self.seed,
                 duration=self._duration,
-                outside=outside,
+                outside=outside_in(hidden),
                 rounded=False,
                 noise=EXACT,
             )
@@ -109,14 +109,12 @@ class TrialRun:
     def made(self, hidden: Hidden) -> Log:
         """Return the exact log with one hidden effect: on a new run if it changes the motion (`_moves`), else on the
         nominal run."""
-        if self._moves(hidden):
-            return self.drive(*hidden.effects, outside=hidden.outside)
-        return self._read(hidden)
+        return self.drive(hidden) if self._moves(hidden) else self.metric.read(hidden)
 
     def z(self, hidden: Hidden) -> float:
         """Return z of one hidden effect; 0 where it is not well above the floor."""
-        if hidden.jitter:
-            return self.metric.jitter_strength(hidden.size)
+        if isinstance(hidden, SampleJitter):
+            return self.metric.jitter_strength(hidden.value)
         return self._above_floor(hidden, float(np.linalg.norm(self.metric.signal(self.made(hidden)))))
 
     def cost(self, hidden: Hidden) -> float:
@@ -125,8 +123,8 @@ class TrialRun:
         For an effect outside the catalogue: the distance between odometry with and without it. Where it changes the
         motion: the distance of odometry from the reference, less that of the nominal robot, in quadrature.
         """
-        if hidden.effect is not None:
-            return cost.cost_of(self.robot, hidden.effect, [self.nominal]) or 0.0
+        if not isinstance(hidden, Outside):
+            return cost.cost_of(self.robot, hidden, [self.nominal]) or 0.0
 
         def off(path: Array | None, log: Log) -> float:
             assert path is not None  # exact logs have a pose in every row
@@ -140,16 +138,16 @@ class TrialRun:
     def strength(self, hidden: tuple[Hidden, ...]) -> Strength:
         """Return the strengths of hidden effects, z and z_sep each with the other effects projected out."""
         metric, nothing = self.metric, np.zeros_like(self.metric.signal(self.nominal))
-        signals = [nothing if item.jitter else metric.signal(self.made(item)) for item in hidden]
+        signals = [nothing if isinstance(item, SampleJitter) else metric.signal(self.made(item)) for item in hidden]
         alone, z, z_sep, nearest = apart(signals), [], [], []
         for k, item in enumerate(hidden):
-            if item.jitter:  # nothing else looks like it
-                z.append(metric.jitter_strength(item.size))
+            if isinstance(item, SampleJitter):  # nothing else looks like it
+                z.append(metric.jitter_strength(item.value))
                 z_sep.append(z[k])
                 nearest.append("")
                 continue
             z.append(self._above_floor(item, alone[k]))
-            far, name = metric.separation(signals[k], item.label, *signals[:k], *signals[k + 1 :])
+            far, name = metric.separation(signals[k], class_of(item), *signals[:k], *signals[k + 1 :])
             z_sep.append(far if z[k] > 0 else 0.0)
             nearest.append(name)
         return Strength(
@@ -167,20 +165,18 @@ class TrialRun:
             return size
         return float(np.sqrt(size**2 - self.floor**2)) if size > OVER_FLOOR * self.floor else 0.0
 
-    def _read(self, hidden: Hidden) -> Log:
-        """Return the nominal run as sensors with an effect report it."""
-        return self.metric.read(*hidden.effects, outside=hidden.outside)
-
     def _moves(self, hidden: Hidden) -> bool:
         """Whether a hidden effect changes the motion: on the robot itself, or on what its castors are steered by.
 
         A castor that is steered by a wrong reading points elsewhere, and its reading is as commanded.
         """
-        effect = hidden.effect
-        physical = not isinstance(hidden.what, Outside) if effect is None else is_physical(self.robot, effect)
-        if physical or not self.robot.driven_castors or hidden.jitter:
+        if isinstance(hidden, Outside):
+            physical = not isinstance(hidden, Misreading)
+        else:
+            physical = is_physical(self.robot, hidden)
+        if physical or not self.robot.driven_castors or isinstance(hidden, SampleJitter):
             return physical
-        return not np.array_equal(self._read(hidden).pivot, self._unchanged.pivot)
+        return not np.array_equal(self.metric.read(hidden).pivot, self._unchanged.pivot)
 
     @cached_property
     def _unchanged(self) -> Log:
@@ -208,29 +204,28 @@ def _sized(hidden: Hidden, target: float, measure: Callable[[Hidden], float], tr
 
     The size is scaled in proportion (to its power), then corrected once.
     """
-    slope, before = hidden.power, None
+    slope, before = hidden.power if isinstance(hidden, Outside) else 1.0, None
     for _ in range(2):
         if not (measured := measure(hidden)) > 0.0:
-            raise ValueError(f"{hidden.label} does not show")
+            raise ValueError(f"{class_of(hidden)} does not show")
         if 1 / CLOSE < measured / target < CLOSE:
             break
-        point = np.log([abs(hidden.size), measured])
+        point = np.log([abs(hidden.value), measured])
         if before is not None and abs(point[0] - before[0]) > 1e-9:
             slope = float((point[1] - before[1]) / (point[0] - before[0])) or slope
         before = point
-        hidden = hidden.scaled(float(hidden.size * np.exp(np.log(target / measured) / slope)))
-        if hidden.effect is not None:
-            trial_run.robot.with_effects(hidden.effect).as_built()  # raises for a size that it cannot have
+        size = float(hidden.value * np.exp(np.log(target / measured) / slope))
+        hidden = dataclasses.replace(hidden, value=size)
+        trial_run.robot.with_effects(*catalogued([hidden])).as_built()  # raises for a size that it cannot have
     return hidden
 
 
 def _begun(hidden: Hidden, target: float, trial_run: TrialRun) -> Hidden:
     """Return a start: a physical effect in the size that its signature requires; other effects in the size of their
     step."""
-    effect = hidden.effect
-    if effect is None or hidden.jitter or not is_physical(trial_run.robot, effect):
+    if isinstance(hidden, Outside | SampleJitter) or not is_physical(trial_run.robot, hidden):
         return hidden
-    alone = float(np.linalg.norm(trial_run.metric.signature(effect)))
-    if alone * abs(effect.value) <= 0.01:
+    alone = float(np.linalg.norm(trial_run.metric.signature(hidden)))
+    if alone * abs(hidden.value) <= 0.01:
         return hidden
-    return hidden.scaled(float(np.copysign(target / alone, effect.value)))
+    return dataclasses.replace(hidden, value=float(np.copysign(target / alone, hidden.value)))

@@ -9,9 +9,9 @@ from scipy.linalg import cholesky_banded, get_lapack_funcs
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
 from discrepancy.trials.reading import USUAL
-from discrepancy.trials.strength.residuals import Layout, Windows, between, followed, poses_of
+from discrepancy.trials.strength.residuals import Layout, between, followed, poses_of
+from discrepancy.validation.windows import Windows
 
 Index = NDArray[np.intp]
 
@@ -39,10 +39,9 @@ class Whitening:
     channels). covariance: sparse. Residuals: parity, window by window, then steps.
     """
 
-    def __init__(self, geometry: Geometry, layout: Layout, windows: Windows, log: Log, noise_model: NoiseModel) -> None:
-        rank = int(np.linalg.matrix_rank(windows.rows, tol=1e-9).max())
-        self.null = np.linalg.svd(windows.rows)[0][:, :, rank:]
-        redundant, per = self.null.shape[2], layout.per_step
+    def __init__(self, layout: Layout, windows: Windows, log: Log, noise_model: NoiseModel) -> None:
+        redundant, per = windows.redundancy, layout.per_step
+        self.null = np.linalg.svd(windows.rows)[0][:, :, len(windows.used.place) - redundant :]
         parity = np.arange(layout.windows * redundant).reshape(layout.windows, redundant)
         steps = parity.size + np.arange(layout.steps * 3).reshape(layout.steps, 3)
         self._size = parity.size + steps.size
@@ -56,12 +55,13 @@ class Whitening:
             blocks = [(parity, column, np.swapaxes(self.null, 1, 2) @ by_row), (of_window, column[:n], shared)]
             return _sparse(blocks, (self._size, columns))
 
-        channels = len(layout.sensed) + len(layout.driven)
+        by_counts = windows.by_counts()
+        channels = by_counts.shape[-1]
         samples = (layout.q * np.arange(layout.windows))[:, None] + np.arange(layout.q + 1)
         column = (samples[:, :, None] * channels + np.arange(channels)).reshape(layout.windows, -1)
-        self.by_counts = spread(_by_counts(geometry, layout, windows), column, len(log) * channels)
+        self.by_counts = spread(by_counts.reshape(*by_counts.shape[:2], -1), column, len(log) * channels)
         slip_columns = np.arange(windows.left.size).reshape(windows.left.shape)
-        slip = np.sqrt(noise_model.slip**2 * _distance(geometry, layout, windows) + noise_model.least**2)
+        slip = np.sqrt(noise_model.slip**2 * _distance(windows) + noise_model.least**2)
         by_slip = spread(slip[:, :, None] * np.eye(slip.shape[1]), slip_columns, slip_columns.size)
 
         sigma = np.array([noise_model.position, noise_model.position, noise_model.heading])
@@ -88,29 +88,13 @@ class Whitening:
         return solved.reshape(residuals.shape)
 
 
-def _by_counts(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
-    """Return derivatives of measured distances (W, R, (q + 1) * channels), m, by the counts at each sample of a
-    window."""
-    rows, s, d = layout.rows, len(layout.sensed), len(layout.driven)
-    of_castor = (rows.castor[:, None] == layout.sensed) * (2 * np.pi / geometry.pivot_counts_per_rev[layout.sensed])
-    pointing = np.einsum("wij,wj->wi", windows.sideways, windows.moved)
-    turning = np.pad(pointing[:, :, None] * of_castor, ((0, 0), (0, 0), (0, d)))
-    still = np.pad(-windows.arms[:, None] * of_castor, ((0, 0), (0, d)))
-    length = geometry.radius * 2 * np.pi / geometry.counts_per_rev
-    still[np.arange(len(rows.wheels)), s + np.searchsorted(layout.driven, rows.wheels)] = length[rows.wheels]
-    ends = np.zeros(layout.q + 1)
-    ends[0], ends[-1] = -1.0, 1.0
-    by_end = [end * still - share * turning for end, share in zip(ends, layout.mean, strict=True)]
-    return np.concatenate(by_end, axis=2)
-
-
-def _distance(geometry: Geometry, layout: Layout, windows: Windows) -> Array:
+def _distance(windows: Windows) -> Array:
     """Return the distances that the wheels of each row roll in each window (W, R), m; for side slip the mean of the
     castor's wheels."""
-    rolled = np.abs(windows.rolled)
-    columns = [rolled[:, wheel] for wheel in layout.rows.wheels]
-    for castor in layout.rows.castors:
-        wheels = layout.driven[geometry.wheel_castor[layout.driven] == castor]
+    rolled, geometry = np.abs(windows.rolled), windows.geometry
+    columns = [rolled[:, wheel] for wheel in windows.used.wheels]
+    for castor in windows.used.castors:
+        wheels = np.flatnonzero((geometry.wheel_castor == castor) & ~np.isnan(geometry.counts_per_rev))
         columns.append(rolled[:, wheels].mean(axis=1) if wheels.size else np.hypot(*windows.moved[:, :2].T))
     return np.stack(columns, axis=-1)
 
@@ -127,11 +111,7 @@ def _sparse(blocks: list[tuple[Index, Index, Array]], shape: tuple[int, int]) ->
 
 def _band(matrix: sparse.csr_array, order: Index) -> Array:
     """Return the lower band of a symmetric matrix, with rows and columns in another order."""
-    place = np.argsort(order)
-    entries = sparse.coo_array(matrix)
-    row, column = place[entries.coords[0]], place[entries.coords[1]]
-    below = row >= column
-    row, column = row[below], column[below]
-    band = np.zeros((int((row - column).max()) + 1, len(order)))
-    band[row - column, column] = entries.data[below]
+    diagonals = sparse.dia_array(sparse.tril(matrix[order][:, order]))
+    band = np.zeros((1 - int(diagonals.offsets.min()), len(order)))
+    band[-diagonals.offsets, : diagonals.data.shape[1]] = diagonals.data
     return band

@@ -4,6 +4,7 @@ A case follows from its number, the trial's seed and the train. Cases come in pa
 (odd numbers) and are held at speed (even ones). Sizes are log-uniform between `BOUNDS`.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from castor_envs.vehicles.train import TrainDescription
-from discrepancy.trains.candidates import Placed, dead_gauges, named_candidates
+from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates
 from discrepancy.trials.trains.outside import Outside, draw_outside
 
 Stratum = Literal["clean", "one", "two", "outside"]
@@ -38,12 +39,12 @@ ONE_WAY = ("foreshortening_left_out", "axle_slip")
 
 @dataclass(frozen=True)
 class Case:
-    """seeds: of the log and the held-out log."""
+    """hidden: effects in their size. seeds: of the log and the held-out log."""
 
     number: int
     stratum: Stratum
     drive: Drive
-    hidden: tuple[Placed, ...]
+    hidden: tuple[Candidate, ...]
     seeds: tuple[int, int]
     outside: Outside | None = None
 
@@ -52,21 +53,20 @@ def draw(number: int, seed: int, train: TrainDescription) -> Case:
     """Return a case (number from 1) of a trial. All kinds of effects are equally likely, then all places."""
     random = np.random.default_rng([seed, number])
     stratum = MIX[(number - 1) // 2 % len(MIX)]
-    placed_effects = [
-        found.placed for found in (*named_candidates(train), *dead_gauges(train)) if found.placed is not None
-    ]
-    kinds = sorted({placed.effect.name for placed in placed_effects})
+    candidates = (*named_candidates(train), *dead_gauges(train))
+    kinds = sorted({candidate.alike for candidate in candidates})
     chosen = random.choice(kinds, size={"one": 1, "two": 2}.get(stratum, 0), replace=False)
     hidden = []
     for kind in chosen.tolist():
-        places = [placed for placed in placed_effects if placed.effect.name == kind]
-        effect = places[int(random.integers(len(places)))]
+        places = [candidate for candidate in candidates if candidate.alike == kind]
+        candidate = places[int(random.integers(len(places)))]
         part, sign = float(random.uniform()), float(random.choice([-1.0, 1.0]))
         if kind in BOUNDS:
             low, high = (math.log(bound) for bound in BOUNDS[kind])
             size = math.exp(low + part * (high - low))
-            effect = effect.sized(size if kind in ONE_WAY else sign * size)
-        hidden.append(effect)
+            effect = candidate.effect([size if kind in ONE_WAY else sign * size])
+            candidate = dataclasses.replace(candidate, kind=effect)
+        hidden.append(candidate)
     first, second = (int(seed_value) for seed_value in random.integers(10**9, size=2))
     drive: Drive = "yielding" if number % 2 else "held"
     outside = draw_outside(train, random) if stratum == "outside" else None

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
@@ -16,7 +18,7 @@ from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.verdicts import Material
-from discrepancy.trains.candidates import Candidate, Placed
+from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.linearise import linearise
 from discrepancy.trains.posterior import diagnose_train
 from discrepancy.trials.folder import LOGS, Settings, name_of
@@ -46,8 +48,8 @@ class TrainPlan(Settings):
         train, case_folder = load_train(name), folder / "cases" / name_of(number)
         case = draw(number, self.seed, train)
         real = train
-        for effect in case.hidden:
-            real = effect.added(real)
+        for candidate in case.hidden:
+            real = candidate.added(real, _amplitude(candidate))
         drive = "servo" if case.drive == "held" else "voltage"
         logs = [log_at_random(real, seed, SPEED * self.duration - STANDING, drive) for seed in case.seeds]
         if case.outside is not None:
@@ -56,8 +58,9 @@ class TrainPlan(Settings):
             write_log(case_folder / file, log, train)
         train.save(case_folder / "train.json")
         hidden = [
-            {"class": placed.what(train), "from": "catalogue", "what": dataclasses.asdict(placed.effect)}
-            for placed in case.hidden
+            {"class": candidate.what, "from": "catalogue", "what": dataclasses.asdict(effect)}
+            for candidate in case.hidden
+            for effect in candidate.kinds
         ]
         if case.outside is not None:
             what = dataclasses.asdict(case.outside)
@@ -89,14 +92,16 @@ class TrainPlan(Settings):
         return Said.of(singles, "; ".join(f"{answer.verdict}: {answer.reason}" for answer in diagnosis.answers))
 
 
-def _costs(train: TrainDescription, log: Log, hidden: Sequence[Placed]) -> list[float]:
+def _costs(train: TrainDescription, log: Log, hidden: Sequence[Candidate]) -> list[float]:
     """Return the cost of ignoring each hidden effect of the catalogue, m per 10 m."""
     if not hidden:
         return []
-    candidates = [Candidate.of(placed, train) for placed in hidden]
-    seen = linearise(train, *equations_of(train, [log]), candidates)
-    sizes = zip(hidden, seen.cost[0].tolist(), strict=True)
-    return [abs(placed.effect.value) * cost for placed, cost in sizes]
+    cost = linearise(train, *equations_of(train, [log]), hidden).cost[0]
+    return np.abs(cost * [_amplitude(candidate)[0] for candidate in hidden]).tolist()
+
+
+def _amplitude(candidate: Candidate) -> list[float]:
+    return [kind.value for kind in candidate.kinds]
 
 
 def _size(answer: Answer) -> Size | None:

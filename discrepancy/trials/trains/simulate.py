@@ -8,17 +8,9 @@ from castor_envs.envs.sensed import SensedTrain
 from castor_envs.floor import Floor
 from castor_envs.logs.log import Log
 from castor_envs.motion.controllers import TrainDriver
-from castor_envs.motion.paths import TrainPath
+from castor_envs.motion.paths import random_path
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trials.reading import USUAL
-
-
-def path_at_random(random: np.random.Generator, length: float = 6.0, sharpest: float = 1.2) -> TrainPath:
-    """Return a path of arcs of 0.4 to 1 m, at least `length` (m) long, with curvatures up to `sharpest` (1/m)."""
-    legs: list[tuple[float, float]] = []
-    while sum(leg[0] for leg in legs) < length:
-        legs.append((float(random.uniform(0.4, 1.0)), float(random.uniform(-sharpest, sharpest))))
-    return TrainPath("random arcs", tuple(legs))
 
 
 def log_at_random(
@@ -26,13 +18,13 @@ def log_at_random(
     seed: int,
     length: float = 6.0,
     drive: Literal["servo", "voltage"] = "voltage",
-    reference: bool = True,
 ) -> Log:
     """Return the log of a train, with its effects, that drives a random path of `length` (m) in physics.
 
     drive: "voltage" lets wheels yield to each other; "servo" holds their speeds.
     """
-    path, sensed = path_at_random(np.random.default_rng([seed, 1]), length), SensedTrain(train, Floor())
+    path = random_path(np.random.default_rng([seed, 1]), longest=length + 1.0)  # it may be up to 1 m shorter
+    sensed = SensedTrain(train, Floor())
     sensed.reset(np.random.default_rng([seed, 2]))
     driver, period = TrainDriver(sensed.described, path), train.sample_period
     fastest = np.repeat([module.max_wheel_speed for module in train.modules], 2)
@@ -51,7 +43,7 @@ def log_at_random(
         wheel=np.cumsum([row["wheel"] for row in rows], axis=0),
         pivot=np.zeros((len(rows), 0)),
         command=np.array([*commands, np.zeros_like(fastest)]),
-        reference=truth if reference else None,
+        reference=truth,
         rps=np.array([row["rps"] for row in rows]),
         rps_age=np.array([row["rps_age"] for row in rows]),
     )

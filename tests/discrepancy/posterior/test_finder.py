@@ -22,7 +22,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
-from discrepancy.trials.outside import WeakStretch
+from discrepancy.trials.outside import Misreading
 from discrepancy.trials.pymunk_generator import drive
 
 pytestmark = pytest.mark.slow
@@ -181,8 +181,15 @@ def test_clean_logs_that_have_the_effect_too_make_it_good_order():
     assert not [answer for answer in diagnosis.answers if answer.verdict == "named"]
 
 
+class LostCounts(Misreading):
+    """A wheel's encoder misses the fraction `value` of its turn from 8 to 13 s."""
+
+    def _excess(self, robot, t, angle, heading):
+        return np.append(0.0, np.cumsum(-np.diff(angle) * ((t[1:] > 8.0) & (t[1:] < 13.0))))
+
+
 def test_counts_lost_for_some_seconds_are_unexplained():
-    outside = WeakStretch(channel=0, value=0.2, start=8.0, end=13.0)
+    outside = LostCounts(1, 1, 0.2)
     motion = wander(np.random.default_rng([3, 1]), duration=15.0)
     robot = preset("omnimate")
     log = drive(robot, motion, 3, duration=15.0, outside=outside)

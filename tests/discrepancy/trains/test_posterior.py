@@ -32,8 +32,8 @@ def only(found):
 
 def named(found):
     """The sizes of effects that are named, by their names and axles."""
-    sure = [(one, one.candidate.sized(one.amplitudes)) for one in found.answers if one.verdict == "named"]
-    return {(placed.effect.name, placed.axle): one.size for one, placed in sure}
+    sure = [(one.candidate, one.size) for one in found.answers if one.verdict == "named"]
+    return {(candidate.kind.name, candidate.axle): size for candidate, size in sure}
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -36,6 +36,7 @@ from discrepancy.trials.bullet.world import SIMULATOR, drive, simulate
 from discrepancy.trials.foreign import run as foreign_run
 from discrepancy.trials.foreign.run import Run, read
 from discrepancy.trials.generators import generator
+from discrepancy.trials.hidden import class_of, outsider
 from discrepancy.trials.reading import EXACT
 
 ASOC = preset("asoc-prototype")
@@ -260,7 +261,7 @@ def test_logs_repeat_and_differ_only_by_what_is_hidden():
 
 
 def test_a_sticking_counter_comes_back(clean: Run):
-    hidden = outside.StickingCounter(2, 1, part=0.5, rate=1.0)
+    hidden = outside.StickingCounter(2, 1, 0.5, seed=2)
     missing = (read(clean, ASOC, outside=hidden).wheel - read(clean, ASOC).wheel) * -1
     assert np.all(np.delete(missing, 2, axis=1) == 0)
     assert np.abs(missing[:, 2]).max() > 5
@@ -269,11 +270,11 @@ def test_a_sticking_counter_comes_back(clean: Run):
 
 
 def test_a_conical_wheel_rolls_as_its_castor_points():
-    hidden = outside.ConicalWheel(1, 2, cone=0.01, along=0.5)
+    hidden = outside.ConicalWheel(1, 2, 0.01, seed=1)
     run = simulate(ASOC, wander(np.random.default_rng(1), duration=3.0), 1, duration=3.0, outside=hidden)
     moved, aside, rolled = contacts(run, ASOC)
     theta = run.angle[:, 6]
-    larger = hidden.cone * np.cos((theta[:: run.every][1:] + theta[:: run.every][:-1]) / 2 - hidden.along)
+    larger = hidden.value * np.cos((theta[:: run.every][1:] + theta[:: run.every][:-1]) / 2 - hidden.phase)
     assert moved[1] - rolled[1] == pytest.approx(larger * rolled[1], abs=2e-6)
     assert np.abs(larger * rolled[1]).max() > 4e-5
     assert np.abs(aside).sum(axis=1).max() < 1e-4
@@ -284,7 +285,7 @@ def test_a_fork_bends_by_its_give_times_the_side_force(clean: Run):
     motion = wander(np.random.default_rng(1), duration=6.0)
     seen = []
     for give in (5e-4, 1e-3):
-        run = simulate(ASOC, motion, 1, duration=3.0, outside=outside.FlexingFork(2, give))
+        run = simulate(ASOC, motion, 1, duration=3.0, outside=outside.FlexingFork(2, None, give))
         seen.append(np.abs(contacts(run, ASOC)[1]).sum(axis=1))
     assert seen[1][2] == pytest.approx(2 * seen[0][2], rel=0.15)
     assert seen[0][2] > 10 * np.abs(contacts(clean, ASOC)[1]).sum(axis=1)[2]
@@ -292,21 +293,22 @@ def test_a_fork_bends_by_its_give_times_the_side_force(clean: Run):
 
 
 def test_a_loose_tyre_is_off_by_its_play_at_most():
-    hidden = outside.LooseTyre(1, 1, play=0.05)
+    hidden = outside.LooseTyre(1, 1, 0.05)
     motion = Trajectory("to and fro", tuple(Drive((Leg((way, 0.0, 0.0), 0.2),), 0.4, 1.0) for way in (1.0, -1.0)))
     run = simulate(DIFFERENTIAL, motion, 0, duration=2.0, outside=hidden)
     moved, _, rolled = contacts(run, DIFFERENTIAL)
     off = np.cumsum(rolled - moved, axis=1)
-    play = hidden.play * DIFFERENTIAL.wheels[0].radius
+    play = hidden.value * DIFFERENTIAL.wheels[0].radius
     assert np.ptp(off[0]) == pytest.approx(play, rel=0.03)
     assert np.ptp(off[1]) < 0.02 * play
 
 
 def test_outsiders_are_drawn_at_places_of_the_robot():
-    source = generator("bullet")
-    names = {hidden.label for hidden in source.outsiders(ASOC, np.random.default_rng(0))}
+    source, random = generator("bullet"), np.random.default_rng(0)
+    drawn = [outsider(source.outsiders, ASOC, random) for _ in range(50)]
     assert source.foreign
-    assert names == {"StickingCounter", "ConicalWheel", "FlexingFork", "LooseTyre"}
+    assert {class_of(hidden) for hidden in drawn} == {"StickingCounter", "ConicalWheel", "FlexingFork", "LooseTyre"}
+    assert len({(hidden.castor, hidden.wheel) for hidden in drawn}) == 9
 
 
 # What it has not
@@ -326,9 +328,9 @@ def test_what_cannot_be_built_is_refused():
     with pytest.raises(InputError, match="cables"):
         simulate(ASOC.with_effects(Bump(x=0.1, y=0.0, direction=1.5, value=0.003)), AHEAD, 0, duration=1.0)
     with pytest.raises(InputError, match="does not turn"):
-        simulate(DIFFERENTIAL, AHEAD, 0, duration=1.0, outside=outside.ConicalWheel(1, 1, cone=0.01))
+        simulate(DIFFERENTIAL, AHEAD, 0, duration=1.0, outside=outside.ConicalWheel(1, 1, 0.01))
     with pytest.raises(InputError, match="too stiff"):
-        simulate(ASOC, AHEAD, 0, duration=1.0, outside=outside.FlexingFork(1, give=1e-6))
-    tricycle, idle = preset("tricycle"), outside.StickingCounter(2, 1, part=0.1)
+        simulate(ASOC, AHEAD, 0, duration=1.0, outside=outside.FlexingFork(1, None, 1e-6))
+    tricycle, idle = preset("tricycle"), outside.StickingCounter(2, 1, 0.1)
     with pytest.raises(InputError, match="no encoder"):
         drive(tricycle, AHEAD, 0, duration=0.1, outside=idle)

@@ -17,7 +17,7 @@ from discrepancy.trials import run, scores
 from discrepancy.trials.cases import BOUNDS, SEVERAL
 from discrepancy.trials.generators import generator
 from discrepancy.trials.hidden import class_of
-from discrepancy.trials.said import Said, Single, Size
+from discrepancy.trials.said import Said, Single
 
 CASES, SEED, ROBOT = 5, 18, "2-castor"
 PLAN = run.Plan(CASES, SEED, "pymunk", [ROBOT], 12.0)
@@ -142,8 +142,11 @@ def test_a_finder_that_knows_the_truth_is_right_throughout(folder, monkeypatch):
 
     def knows(robot, *_):
         effects: list[Effect] = next(truths)
-        sizes = [Size(class_of(one), one, one.value - 1e-9, one.value + 1e-9, None) for one in effects]
-        return Said.of([Single("named", {size.name: 1.0}, (size.name,), size) for size in sizes])
+        named = [(class_of(one), one.value - 1e-9, one.value + 1e-9, one) for one in effects]
+        sizes = [
+            {"class": name, "low": low, "high": high, "effect": one, "cost": None} for name, low, high, one in named
+        ]
+        return Said.of([Single("named", {size["class"]: 1.0}, (size["class"],), size) for size in sizes])
 
     outcomes = judged(folder, monkeypatch, knows)
     for label, outcome in zip(labels(folder), outcomes, strict=True):

@@ -56,7 +56,7 @@ def test_a_single_name_is_sure_and_has_a_size(monkeypatch):
     )
     assert said.probabilities == pytest.approx({"track 1": 0.97, "wheel_radius 1 2": 0.02})
     (size,) = said.sizes
-    assert (size.low, size.high) == pytest.approx((1e-3 - COVERAGE * 1e-5, 1e-3 + COVERAGE * 1e-5))
+    assert (size["low"], size["high"]) == pytest.approx((1e-3 - COVERAGE * 1e-5, 1e-3 + COVERAGE * 1e-5))
     assert said.effects == (TRACK,)
 
 
@@ -83,7 +83,7 @@ def test_a_wave_has_an_error_along_its_phase(monkeypatch):
     covariance = np.outer([4, -3], [4, -3]) * 1e-8 + np.outer([3, 4], [3, 4]) / 25 * 1e-10
     told = answer({family_of(wave): 1.0}, (family_of(wave),), wave, amplitudes=[3e-3, 4e-3], covariance=covariance)
     (size,) = posterior_says(monkeypatch, told).sizes
-    assert size.high == pytest.approx(5e-3 + COVERAGE * 1e-5)
+    assert size["high"] == pytest.approx(5e-3 + COVERAGE * 1e-5)
 
 
 def test_names_at_a_place_on_the_floor_are_of_their_class(monkeypatch):

@@ -34,8 +34,8 @@ def trial(stratum, truth=(), named=(), credible=None, z=30.0, z_sep=20.0, cost=0
 def rate_of(trials, start, after=0):
     """Count and total of the rate that starts so, or of one some places after it."""
     found = rates(trials)
-    (place,) = [k for k, one in enumerate(found) if one.what.startswith(start)]
-    return found[place + after].count, found[place + after].total
+    (place,) = [k for k, one in enumerate(found) if one["what"].startswith(start)]
+    return found[place + after]["count"], found[place + after]["total"]
 
 
 def test_wilson_interval_as_published():
@@ -64,9 +64,9 @@ def test_names_are_reported_from_five_percent_on():
 
 def test_a_name_that_no_log_tells_from_what_was_hidden_is_right():
     alike = trial("one", ["track 1"], ["track 9"], z_sep=0.1)
-    assert (alike.exact, alike.among, alike.wrong, alike.reported()) == (True, True, False, [(1.0, True)])
+    assert (alike.exact(), alike.among(), alike.wrong(), alike.reported()) == (True, True, False, [(1.0, True)])
     other = trial("one", ["track 1"], ["track 9"])
-    assert (other.exact, other.among, other.wrong, other.reported()) == (False, False, True, [(1.0, False)])
+    assert (other.exact(), other.among(), other.wrong(), other.reported()) == (False, False, True, [(1.0, False)])
 
 
 def test_any_word_on_a_clean_log_is_an_alarm_but_what_is_negligible():

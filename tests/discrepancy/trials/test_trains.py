@@ -31,21 +31,22 @@ def test_cases_follow_from_number_and_seed():
     for case in cases:
         assert len(case.hidden) == {"one": 1, "two": 2}.get(case.stratum, 0)
         assert (case.outside is not None) == (case.stratum == "outside")
-        assert len({one.effect.name for one in case.hidden}) == len(case.hidden)
-        for one in case.hidden:
-            if one.effect.name not in BOUNDS:
-                assert one.effect.name == "dead_gauge"
+        effects = [kind for one in case.hidden for kind in one.kinds]
+        assert len({effect.name for effect in effects}) == len(case.hidden)
+        for effect in effects:
+            if effect.name not in BOUNDS:
+                assert effect.name == "dead_gauge"
                 continue
-            low, high = BOUNDS[one.effect.name]
-            assert low <= abs(one.effect.value) <= high
-            assert one.effect.value > 0 or one.effect.name not in ONE_WAY
+            low, high = BOUNDS[effect.name]
+            assert low <= abs(effect.value) <= high
+            assert effect.value > 0 or effect.name not in ONE_WAY
 
 
 def test_bounds_are_sizes_that_effects_can_have():
     for case in (draw(number, 0, TRAIN) for number in range(1, 101)):
         train = TRAIN
         for one in case.hidden:
-            train = one.added(train)
+            train = one.added(train, [kind.value for kind in one.kinds])
         assert train.as_described() == TRAIN
         assert TrainDescription.from_dict(train.to_dict()) == train
 
@@ -67,7 +68,7 @@ def test_the_finder_gets_only_logs_and_the_nominal_train(folder):
         assert log.t[-1] == pytest.approx(6.0, abs=3.0)
         assert log.wheel[-1].tolist() != held_out.wheel[-1].tolist()
     one, clean = (json.loads((folder / "labels" / f"case-000{k}.json").read_text()) for k in (1, 3))
-    assert one["hidden"][0]["class"] == draw(1, 5, TRAIN).hidden[0].what(TRAIN)
+    assert one["hidden"][0]["class"] == draw(1, 5, TRAIN).hidden[0].what
     assert one["log"]["cost"][0] > 0
     assert (clean["stratum"], clean["hidden"], clean["log"]["cost"]) == ("clean", [], [])
 
@@ -117,7 +118,7 @@ def test_the_command_makes_judges_and_scores_trains(capsys):
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_a_fault_outside_the_catalogue_changes_only_the_log(folder, name):
     log = read_log(folder / "cases" / "case-0003" / "log.csv", TRAIN)
-    size = KINDS[name][2]
+    size = KINDS[name][1]
     changed = Outside(name, wheel=1, frame=0, value=size, begins=0.3).changed(TRAIN, log)
     assert np.array_equal(changed.t, log.t)
     assert changed.reference is log.reference
