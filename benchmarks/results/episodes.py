@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PositiveInt, TypeAdapter
+from pydantic import Field, PositiveFloat, PositiveInt, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from benchmarks.results.archives import (
@@ -28,6 +28,7 @@ from castor_envs.files import write_atomically
 from castor_envs.floor import Floor
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import ReferenceNoise
 from castor_envs.vehicles.load import file_name as vehicle_file_name
 from castor_envs.vehicles.load import vehicle_from_dict
 from castor_envs.vehicles.robot import RobotDescription
@@ -53,6 +54,7 @@ class _RunMetadata:
     direction: Literal["cw", "ccw"] | None
     baseline: bool
     sound: tuple[PositiveInt, ...]
+    reference_noise: tuple[PositiveFloat, PositiveFloat] | None = None
     floor: dict[str, Any] | None = None
 
 
@@ -141,6 +143,7 @@ class EpisodeStore:
                     belief_covariance=arrays.get(f"{k}.belief_covariance"),
                     sound=entry.sound,
                     oracle=arrays.get(f"{k}.oracle"),
+                    reference_noise=None if entry.reference_noise is None else ReferenceNoise(*entry.reference_noise),
                     floor=None if entry.floor is None else Floor.from_dict(entry.floor, str(path)),
                 )
                 for k, entry in enumerate(metadata.runs)
@@ -169,6 +172,7 @@ class EpisodeStore:
                     direction=run.direction,
                     baseline=run.baseline,
                     sound=tuple(run.sound),
+                    reference_noise=run.reference_noise,
                     floor=None if run.floor is None else run.floor.to_dict(),
                 )
                 for run in episode.runs

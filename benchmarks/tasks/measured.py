@@ -9,7 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
-from castor_envs.logs.importers.optiodom import find_sessions, published_correction, published_sessions, read_session
+from castor_envs.logs.importers.optiodom import (
+    REFERENCE_NOISE,
+    find_sessions,
+    published_correction,
+    published_sessions,
+    read_session,
+)
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
@@ -54,7 +60,8 @@ class MeasuredUMBmark:
             raise ValueError(self.missing)
         session = read_session(find_sessions(self.data)[str(case)])
         robot = published_correction(session.name).apply(session.robot) if self.corrected else session.robot
-        return Episode(robot, tuple(Run(log, way) for log, way in zip(session.runs, session.directions, strict=True)))
+        driven = zip(session.runs, session.directions, strict=True)
+        return Episode(robot, tuple(Run(log, way, reference_noise=REFERENCE_NOISE) for log, way in driven))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from castor_envs.floor import Floor
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import ReferenceNoise
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording
@@ -40,6 +41,9 @@ class Run:
     oracle: poses at `samples` of an estimator that knows what nobody can know, as a ceiling of what is possible: the
     true vehicle and what disturbs it. None where the task has none.
 
+    reference_noise: how far a tracker's poses are off, each for itself, where the truth is no more than these; None
+    where it is exact.
+
     floor: what was driven on, for pictures and exports; neither estimators nor scores see it. None where nobody knows.
     """
 
@@ -50,6 +54,7 @@ class Run:
     belief_covariance: NDArray[np.float64] | None = None
     sound: tuple[int, ...] = ()
     oracle: NDArray[np.float64] | None = None
+    reference_noise: ReferenceNoise | None = None
     floor: Floor | None = None
 
     def __post_init__(self):
@@ -161,6 +166,8 @@ class Episode:
             for name, array in (further | {"belief": run.belief, "belief covariance": run.belief_covariance}).items():
                 if array is not None:
                     seen.update(name.encode() + _bytes(array))
+            if run.reference_noise is not None:
+                seen.update(f"reference noise {tuple(run.reference_noise)}".encode())
             if run.sound:
                 seen.update(f"sound {run.sound}".encode())
         if self.calibration is not None:

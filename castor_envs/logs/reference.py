@@ -1,4 +1,4 @@
-"""A reference at its own times, and its poses at the times of counts: the one place that interpolates.
+"""A reference: its noise, its poses when they were taken, and at the times of counts: the one place that interpolates.
 
 Between two readings a motion is taken to have a constant velocity. A motion with acceleration a is off from that by at
 most a (t - t_0) (t_1 - t) / 2 at time t between readings at t_0 and t_1, which is exact where a is constant. So what
@@ -14,6 +14,13 @@ from castor_envs.geometry.arrays import Array, Numbers
 
 GAP = 0.1
 """s: the longest gap between readings that is bridged in its middle; up to 10 readings a second are needed."""
+
+
+class ReferenceNoise(NamedTuple):
+    """Standard deviations of a tracker's poses: of x and y each, m, and of psi, rad."""
+
+    position: float
+    heading: float
 
 
 class TimedPoses(NamedTuple):

@@ -44,11 +44,9 @@ RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
 
 STEADY, CHANGING, TURNED = 0.02, 0.41, 3.0
-"""Standard deviation of what a castor swivels beyond what was read, in steps of its encoder: of a castor that a motor
-holds while its reading stays, of others, and of one that the floor turns."""
-
-REPEATED = 5.0
-"""Factor on the variance of rounding for a reading that repeats: its error is that of the last."""
+"""Standard deviation of what a castor swivels beyond what was read, in steps of its encoder: of a castor whose
+reading stays, of others that a motor turns, and that the floor turns. A reading that repeats says nothing new: its
+error is that of the last, as long as the castor stands."""
 
 AGAIN = 2.0
 """The same of a measurement that was released in the sample before: what slips goes on slipping for a while."""
@@ -65,8 +63,10 @@ DRIFT = 1e-4
 WHEEL = np.dtype([("radius", float), ("lateral", float), ("count", float)], align=True)
 """m, m, and rad of a count."""
 
-FILTER = np.dtype([("slip", float), ("creeps", np.int64)], align=True)
-"""A filter of the bank: m after 1 m; whether contacts creep until they balance."""
+FILTER = np.dtype([("slip", float), ("creeps", np.int64), ("settles", np.int64)], align=True)
+"""A filter of the bank: m after 1 m; whether contacts creep until they balance; whether castors that the floor turns go
+on swivelling after their last reading, as wheels say. Where dimensions are known to a thousandth, wheels creep by as
+much, and what they say of the last part of a count is no better."""
 
 SWIVEL = 3
 """Where measured states begin: after the pose; n castors, d wheels, no side slip of c, and a gyro, if there is one."""
@@ -155,6 +155,20 @@ def turn_off_mean(castors, rows, robot, found, first, moves, small):
         small[k, k] += least
     inverted(small)
     return 0.5 * motion(small, 2)
+
+
+def settled(castors, carried, wheels, rows, robot, wheel):
+    """Write into `carried` what is left of castors' last swivels: along a tractrix it falls as exp(-way / offset)."""
+    for j in range(carried.shape[1]):
+        castor, way = carried[robot, j], 0.0
+        for i in range(wheels.shape[1]):
+            of_wheel, row = wheels[robot, i], rows[robot, i]
+            if row.castor == j:
+                way = max(way, abs(of_wheel.radius * of_wheel.count * wheel[robot, row.wheel]))
+        if castors[robot, j].swivel != 0.0:
+            castor.settling = 1.0
+        elif castor.offset > 0.0:
+            castor.settling *= math.exp(-way / castor.offset)
 
 
 def unevenness(found, i, castor, swivel, uneven):
@@ -276,6 +290,7 @@ def _advance(
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
         timed(chassis, clock, robot)
+        settled(castors, carried, wheels, rows, robot, wheel)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
         moves_on = duration > 0.0
         for j in range(n):
@@ -362,12 +377,14 @@ def _advance(
             for j in range(n):
                 of_castor, swivel = carried[robot, j], castors[robot, j].swivel
                 step, changed = of_castor.step, swivel != 0.0
-                unread = TURNED if of_castor.kind == TRAILING else CHANGING if changed else STEADY
+                unread = STEADY
+                if changed:
+                    unread = TURNED if of_castor.kind == TRAILING else CHANGING
+                elif of_castor.kind == TRAILING and filters[f].settles != 0:
+                    unread = max(STEADY, TURNED * of_castor.settling)
                 beyond, at_castor = (unread * step) ** 2, SWIVEL + j
                 p[at_castor, at_castor] += beyond
-                rounding = step * step / 12.0
-                if not changed:
-                    rounding = REPEATED * rounding if of_castor.kind == TRAILING else 1.0
+                rounding = step * step / 12.0 if changed else 1.0
                 measured[RESIDUAL, j] = -x[at_castor]
                 measured[VARIANCE, j] = rounding + (1.0 if of_castor.kind == FIXED else 0.0)
                 measured[SLIPS, j] = 0.0

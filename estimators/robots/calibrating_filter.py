@@ -147,6 +147,7 @@ class CalibratingFilter:
         swerve = bool(np.all(geometry.driven & ~geometry.fixed)) and bool(np.all(geometry.offset == 0))
         filters = np.zeros(len(bank), FILTER)
         filters["slip"] = [SLIP * slip for _, slip in bank]
+        filters["settles"] = [errors is UNCALIBRATED for errors, _ in bank]
         filters["creeps"] = [swerve and errors is not UNCALIBRATED for errors, _ in bank]
         unlikely = np.array([TRUST * tolerances.index(errors) for errors, _ in bank])
         variance = np.zeros((*carried.shape[:-1], len(bank), size))

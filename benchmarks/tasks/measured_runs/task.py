@@ -75,7 +75,8 @@ class MeasuredDrives:
         robot, _, tests = session
         try:
             found = _calibrated(self.importer, by, self.way, self.one_robot)
-            runs = tuple(Run(log) for log in of_body(found, tests, self.one_robot))
+            noise = importer(self.importer).reference_noise
+            runs = tuple(Run(log, reference_noise=noise) for log in of_body(found, tests, self.one_robot))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         return Episode(found.robot if self.calibrated else robot, runs)

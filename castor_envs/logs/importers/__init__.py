@@ -14,7 +14,7 @@ from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
-from castor_envs.logs.reference import TimedPoses
+from castor_envs.logs.reference import ReferenceNoise, TimedPoses
 from castor_envs.vehicles.load import Vehicle, file_name
 
 
@@ -43,13 +43,14 @@ class Importer:
 
     name: of the data set. recognises: whether a folder holds such data. find: the sessions in such a folder, by name;
     it raises InputError where there are none. read: a session found there; it raises InputError for anything missing
-    or garbled.
+    or garbled. reference_noise: of the tracker; None where the reference is to count as exact.
     """
 
     name: str
     recognises: Callable[[Path], bool]
     find: Callable[[Path], Mapping[str, Path]]
     read: Callable[[Path], Session]
+    reference_noise: ReferenceNoise | None = None
 
 
 def importers() -> dict[str, Importer]:

@@ -210,4 +210,5 @@ IMPORTER = Importer(
     recognises=lambda folder: (folder / synchronised.FOLDER).is_dir() and bool(find_sessions(folder)),
     find=find_sessions,
     read=read_session,
+    reference_noise=synchronised.REFERENCE_NOISE,
 )

@@ -13,7 +13,9 @@ from benchmarks.run.plan import Assignment, run
 from benchmarks.scoring.consistency_metrics import WITHIN_95, normalised_error_squared
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.task import Episode, Run
+from castor_envs.geometry import se2
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import ReferenceNoise
 from castor_envs.vehicles.presets import cfmmr, differential
 from estimators.plugins.registry import load_estimator
 
@@ -49,6 +51,27 @@ def test_claiming_half_the_standard_deviation_gives_four():
     episode, estimate, covariance = drawn(300)
     honest = score(episode, [estimate], None, [covariance])["nees"]
     assert score(episode, [estimate], None, [covariance / 4])["nees"] == pytest.approx(4 * honest, rel=1e-6)
+
+
+def test_a_noisy_reference_is_not_laid_to_the_estimator():
+    """Of exact motion from a start that the tracker read, errors are the tracker's alone, twice; and if its noise is
+    not stated, they count as the estimator's."""
+    random, noise = np.random.default_rng(5), ReferenceNoise(2e-3, 5e-3)
+    deviation = [noise.position, noise.position, noise.heading]
+    t = np.arange(20.0)
+    body = np.column_stack([np.cumsum(0.1 * np.cos(0.3 * t)), np.cumsum(0.1 * np.sin(0.3 * t)), 0.3 * t])
+    runs, estimates = [], []
+    for _ in range(300):
+        read = body + random.normal(size=body.shape) * deviation
+        log = Log(t, np.zeros((len(t), 2)), np.empty((len(t), 0)), reference=read)
+        runs.append(Run(log, reference_noise=noise))
+        estimates.append(se2.compose(read[0], se2.relative_pose(body[0], body)))
+    exact = [np.zeros((len(t), 3, 3))] * len(runs)
+    scores = score(Episode(differential(), tuple(runs)), estimates, None, exact)
+    assert scores["nees"] == pytest.approx(1.0, abs=0.1)  # 300 starts, which errors of one run share
+    assert scores["inside_95"] == pytest.approx(0.95, abs=0.02)
+    silent = Episode(differential(), tuple(dataclasses.replace(run, reference_noise=None) for run in runs))
+    assert score(silent, estimates, None, exact)["nees"] > 1e6
 
 
 def test_whole_turns_of_the_heading_do_not_count():

@@ -1,19 +1,24 @@
 """Drives of measured robots: on sessions made here and, where they are, on the measured ones."""
 
+import contextlib
+import dataclasses
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
+from benchmarks.results.episodes import EpisodeStore
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
 from benchmarks.scoring.registry import score
 from benchmarks.tasks import measured_runs, official_tasks
 from benchmarks.tasks.measured_runs.body_reference import on_own_clock
 from benchmarks.tasks.measured_runs.splits import divided, path_length
 from benchmarks.tasks.measured_runs.task import _calibrated
-from castor_envs.errors import InputError
+from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.se2 import compose, relative_pose
+from castor_envs.logs.importers.optiodom import REFERENCE_NOISE, find_sessions, read_session
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import load_estimator
@@ -118,6 +123,31 @@ def test_both_boards_have_the_bodys_own_poses_and_differ_in_the_robot_file(data,
         off = relative_pose(true[0], true) - relative_pose(reference(run.log)[0], reference(run.log))
         assert np.abs(off[:, :2]).max() < 3e-3
         assert np.abs(off[:, 2]).max() < 2e-3
+
+
+def test_the_trackers_noise_is_stated_stored_and_part_of_the_digest(data, tmp_path):
+    task, store = task_named("measured-differential-nominal", data), EpisodeStore(tmp_path)
+    episode = task.record("alone")
+    assert [run.reference_noise for run in episode.runs] == [REFERENCE_NOISE] * len(episode.runs)
+    store.save(task, "alone", episode)
+    stored = store.load(task.name, task.version, "alone")
+    assert [run.reference_noise for run in stored.runs] == [REFERENCE_NOISE] * len(episode.runs)
+    exact = dataclasses.replace(episode, runs=tuple(dataclasses.replace(r, reference_noise=None) for r in episode.runs))
+    assert exact.digest != episode.digest == stored.digest
+
+
+@pytest.mark.skipif("CASTOR_DATA" not in os.environ, reason="CASTOR_DATA names no folder with measured data")
+def test_measured_poses_scatter_as_is_stated():
+    """Third differences of what moves steadily are noise, of 20 times its variance."""
+    scatter = []
+    for folder in find_sessions(os.environ["CASTOR_DATA"]).values():
+        with contextlib.suppress(Declined):
+            for log in read_session(folder).runs:
+                thirds = np.abs(np.diff(reference(log), 3, axis=0))
+                scatter.append(np.median(thirds, axis=0) / norm.ppf(0.75) / np.sqrt(20))
+    middle = np.median(scatter, axis=0)
+    np.testing.assert_allclose(middle[:2], REFERENCE_NOISE.position, rtol=0.25)
+    np.testing.assert_allclose(middle[2], REFERENCE_NOISE.heading, rtol=0.25)
 
 
 def test_an_episode_repeats_bit_for_bit(data):

@@ -50,7 +50,8 @@ def test_a_heading_by_a_gyro_is_off_by_the_noise_of_all_readings(monkeypatch):
 
 
 def test_a_wheel_that_slips_stays_released_while_it_contradicts(exact_motion):
-    """It begins to slip by a lot and goes on by little; by so little alone it would not be released."""
+    """It begins to slip by a lot and goes on by little; by so little alone it would not be released. A count and a half
+    is enough beside a castor whose reading stays: it does not swivel by that."""
     robot = preset("asoc-prototype")
     true, observations = exact_motion(robot, lambda t: (0.3, 0.0, 0.0), 5.0).sampled(100)
     first = 3  # behind three castors
@@ -65,8 +66,9 @@ def test_a_wheel_that_slips_stays_released_while_it_contradicts(exact_motion):
                 return estimator.released[0, first]
         raise AssertionError
 
-    assert not released({61: 1.5})
-    assert released({60: 10.0, 61: 1.5})
+    assert released({61: 1.5})
+    assert not released({61: 1.0})
+    assert released({60: 10.0, 61: 1.0})
 
 
 def test_the_turning_rate_at_the_end_where_steering_turns():
