@@ -7,32 +7,27 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, poses_taken
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight.reading import Channels
-from discrepancy.preflight.stretches import poses_taken
+from estimators.likelihood.channels import Channels
+from estimators.likelihood.rolling import GAP
 
 SHORT, FEWEST_ROWS = 10.0, 10
 """s: a shorter log shows hardly anything; least number of rows with which noise can be distinguished from motion."""
 
-GAP = 3.0
-"""Least gap between two samples, or two reference poses, that is reported, in median periods."""
-
 PERIOD = 0.2
 """Largest relative difference of the sample period from the robot's without a remark."""
 
-UNITS, UNIT_OFF = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}, 5.0
-"""Of times, per second; largest factor by which the period in such a unit may differ from the robot's."""
+UNITS, KILO, UNIT_OFF = ("milliseconds", "microseconds", "nanoseconds"), 1e3, 5.0
+"""Of times, each a thousandth of the last; largest factor by which the period in such a unit may differ from the
+robot's. No robot file is off by as much as from one unit to the next."""
 
 FAST, OFTEN = 3.0, 0.05
 """Multiple of max_wheel_speed that no wheel reaches; the part of steps above it from which on the fault is systematic,
 not in single steps."""
 
-WORDS = range(8, 33)
-"""Widths, in bits, of counters that may wrap."""
-
-FAR_OFF, LONGEST_GAP = 1e3, 86400.0
-"""Largest factor between the period of samples and that of the robot file; most seconds between two samples, a day."""
+LONGEST_GAP = 86400.0
+"""s: most between two samples, a day."""
 
 FARTHEST = 1e3
 """m: patches and cables are searched on a grid of centimetres from the origin to the robot, which must stay small."""
@@ -73,44 +68,42 @@ def check_logs(logs: Mapping[str, Log]) -> None:
             raise InputError(f"{name}: {message}")
 
 
-def dead_channels(logs: Sequence[Log]) -> frozenset[int]:
-    """Return the channels, wheels before pivots, that never change in any log though others do."""
+def dead_columns(logs: Sequence[Log]) -> frozenset[int]:
+    """Return the encoders, pivots before wheels, that never change in any log though others do."""
     still = np.all([np.ptp(_counts(log), axis=0) == 0 for log in logs], axis=0)
     return frozenset(np.flatnonzero(still).tolist()) if not still.all() else frozenset()
 
 
-def not_finite(robot: RobotDescription, log: Log) -> Iterator[str]:
-    """Yield the first number of each column that is not finite."""
-    for name, values in zip(("t", *Channels(robot).names), np.column_stack([log.t, _counts(log)]).T, strict=True):
-        for k in np.flatnonzero(~np.isfinite(values))[:1]:
-            yield f"column {name!r}, row {k + 1}: {values[k]} is not finite; give a number"
-
-
 def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
-    """Yield times in another unit than seconds, or that no single drive of this robot can have; and wheels whose
-    counter wraps at a power of two: steps that exceed the wheel's speed by the range of the counter."""
-    period, declared, longest = float(np.median(np.diff(log.t))), robot.sample_period, int(np.argmax(np.diff(log.t)))
-    units = [unit for unit, size in UNITS.items() if 1 / UNIT_OFF < period / size / declared < UNIT_OFF]
+    """Yield the first number of each column that is not finite. If all are: times in another unit than seconds, or that
+    no single drive of this robot can have; and wheels whose counter wraps at a power of two: steps that exceed the
+    wheel's speed by the range of the counter."""
+    columns = np.column_stack([log.t, _counts(log)])
+    if not np.isfinite(columns).all():
+        for name, values in zip(("t", *Channels(robot).names), columns.T, strict=True):
+            for k in np.flatnonzero(~np.isfinite(values))[:1]:
+                yield f"column {name!r}, row {k + 1}: {values[k]} is not finite; give a number"
+        return
+    steps, declared = np.diff(log.t), robot.sample_period
+    period, longest = float(np.median(steps)), int(np.argmax(steps))
+    apart = f"samples are {period:g} s apart, and the robot file says {declared:g} s"
+    sizes = {unit: KILO**k for k, unit in enumerate(UNITS, 1)}
+    units = [unit for unit, size in sizes.items() if 1 / UNIT_OFF < period / size / declared < UNIT_OFF]
     if units:
-        yield (
-            f"t is in {units[0]}, not in s: samples are {period:g} apart, and the robot file says {declared:g} s; "
-            f"divide t by {UNITS[units[0]]:g}"
-        )
-    elif not 1 / FAR_OFF < period / declared < FAR_OFF:
-        yield f"samples are {period:g} s apart, and the robot file says {declared:g} s; correct t, or sample_period"
-    elif (gap := float(np.diff(log.t)[longest])) > LONGEST_GAP:
+        yield f"t is in {units[0]}, not in s: {apart}; divide t by {sizes[units[0]]:g}"
+    elif not 1 / KILO < period / declared < KILO:
+        yield f"{apart}; correct t, or sample_period"
+    elif steps[longest] > LONGEST_GAP:
         at = f"row {longest + 1} (t {log.t[longest]:.6g} s)"
-        yield f"nothing for {gap:g} s after {at}; correct t, or split the log there"
-    for name, counts, steps, limit in wheel_steps(robot, log):
-        for bits in WORDS:
-            size = 2.0**bits
-            off = np.flatnonzero((np.abs(np.abs(steps) - size) <= limit) & (2 * limit < size))
-            if off.size and np.ptp(counts) < size:
-                yield (
-                    f"{name} wraps at {size:.0f} ({bits} bits), {off.size} times, first in row {off[0] + 2} "
-                    f"(t {log.t[off[0] + 1]:g} s), where it steps by {steps[off[0]]:.0f}: unwrap it, counts must go on"
-                )
-                break
+        yield f"nothing for {steps[longest]:g} s after {at}; correct t, or split the log there"
+    for name, counts, counted, limit in wheel_steps(robot, log):
+        bits = int(np.ptp(counts)).bit_length()  # of the smallest counter that holds all counts
+        off = np.flatnonzero((2**bits - np.abs(counted) <= limit) & (2 * limit < 2**bits))
+        if off.size and bits >= np.iinfo(np.int8).bits:
+            yield (
+                f"{name} wraps at {2**bits} ({bits} bits), {off.size} times, first in row {off[0] + 2} "
+                f"(t {log.t[off[0] + 1]:g} s), where it steps by {counted[off[0]]:.0f}: unwrap it, counts must go on"
+            )
 
 
 def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
@@ -124,7 +117,7 @@ def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
     gaps = np.flatnonzero(steps > GAP * period)
     if gaps.size:
         places = [f"{steps[k]:.3g} s after row {k + 1} (t {log.t[k]:.6g} s)" for k in gaps]
-        yield f"{gaps.size} gap{'s' * (gaps.size > 1)} between samples: {_places(places)}"
+        yield f"{gaps.size} gap{'s' * (gaps.size > 1)} between samples: {listed(places)}"
     still = [name for name, values in zip(names, counts.T, strict=True) if np.ptp(values) == 0]
     if len(still) == len(names):
         yield "nothing moves"
@@ -147,7 +140,7 @@ def _fast(robot: RobotDescription, log: Log) -> Iterator[str]:
             )
         elif over.size:
             places = [f"by {steps[k]:.0f} counts in row {k + 2} (t {log.t[k + 1]:.6g} s)" for k in over]
-            yield f"{column} jumps {_often(over.size)}, faster than the robot can: {_places(places)}"
+            yield f"{column} jumps {_often(over.size)}, faster than the robot can: {listed(places)}"
 
 
 def _reference(log: Log) -> Iterator[str]:
@@ -160,7 +153,7 @@ def _reference(log: Log) -> Iterator[str]:
     missing = np.flatnonzero(between > longest)
     if missing.size:
         places = [f"{between[k]:.3g} s after row {taken[k] + 1} (t {log.t[taken[k]]:.6g} s)" for k in missing]
-        yield f"the reference drops out {_often(missing.size)}: {_places(places)}"
+        yield f"the reference drops out {_often(missing.size)}: {listed(places)}"
     for part, edge in (("first", log.t[taken[0]] - log.t[0]), ("last", log.t[-1] - log.t[taken[-1]])):
         if edge > max(longest, 1.0):
             yield f"no reference poses in the {part} {edge:.3g} s"
@@ -174,11 +167,13 @@ def wheel_steps(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array,
 
 
 def _counts(log: Log) -> Array:
-    return np.column_stack([log.wheel, log.pivot])
+    return np.column_stack([log.pivot, log.wheel])
 
 
-def _places(places: list[str]) -> str:
-    return "; ".join(places[:MOST_PLACES]) + ("; ..." if len(places) > MOST_PLACES else "")
+def listed(found: Sequence[str]) -> str:
+    """Return the first places of all found as text."""
+    remainder = f"; and {len(found) - MOST_PLACES} more" if len(found) > MOST_PLACES else ""
+    return "; ".join(found[:MOST_PLACES]) + remainder
 
 
 def _often(count: int) -> str:
