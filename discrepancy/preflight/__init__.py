@@ -6,21 +6,63 @@ that makes encoders and reference agree with rolling is reported (`search`), wit
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from castor_envs.geometry.mounting import AGREED
 from castor_envs.logs.log import Log
+from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.calibrated import LOG_ODDS
-from discrepancy.preflight.checks import check_logs, dead_columns, listed, mistakes_in, remarks
-from discrepancy.preflight.findings import Mistake, Preflight
+from discrepancy.preflight.checks import dead_columns, listed, mistakes_in, remarks
 from discrepancy.preflight.likelihood import USUAL, Misfit, WiringLikelihood
 from discrepancy.preflight.search import Candidate, search
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
-__all__ = ["Mistake", "Preflight", "check_logs", "preflight"]
+
+@dataclass(frozen=True)
+class Mistake:
+    """A gross mistake. what: where, evidence in numbers, and what to do, in one sentence.
+
+    effects: of wiring and the like that explain it, for the robot file; empty where the log or the robot file must be
+    corrected. alternatives: other mistakes that explain it as well, or nearly. taken: whether logs are accepted in
+    spite of it, as a tracker may be mounted in any direction.
+    """
+
+    what: str
+    effects: tuple[Effect, ...] = ()
+    alternatives: tuple[str, ...] = ()
+    taken: bool = False
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """Gross findings. remarks: those that are no mistakes. slid: whether wheels, driven by wrong readings, slid so much
+    that logs tell nothing else."""
+
+    mistakes: tuple[Mistake, ...] = ()
+    remarks: tuple[str, ...] = ()
+    slid: bool = False
+
+    @property
+    def fatal(self) -> bool:
+        """Whether the log or the robot file must be corrected first, as no effect explains a mistake."""
+        return any(not mistake.effects and not mistake.taken for mistake in self.mistakes)
+
+    @property
+    def serious(self) -> "Preflight":
+        """The same findings, with mistakes that are taken among the remarks."""
+        taken = [mistake for mistake in self.mistakes if mistake.taken]
+        reported = ["; or: ".join((mistake.what, *mistake.alternatives)) for mistake in taken]
+        serious = tuple(mistake for mistake in self.mistakes if not mistake.taken)
+        return Preflight(serious, (*reported, *self.remarks), self.slid)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of all mistakes, in order: with them, the robot's simulation reads like the log."""
+        return tuple(effect for mistake in self.mistakes for effect in mistake.effects)
 
 
 def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str] = ()) -> Preflight:

@@ -1,26 +1,21 @@
 """Checks of single channels, times and reference poses, without any model of motion."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log, poses_taken
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.validation.sufficient import SHORT
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.rolling import GAP
 
-SHORT, FEWEST_ROWS = 10.0, 10
-"""s: a shorter log shows hardly anything; least number of rows with which noise can be distinguished from motion."""
-
-PERIOD = 0.2
-"""Largest relative difference of the sample period from the robot's without a remark."""
-
-UNITS, KILO, UNIT_OFF = ("milliseconds", "microseconds", "nanoseconds"), 1e3, 5.0
-"""Of times, each a thousandth of the last; largest factor by which the period in such a unit may differ from the
-robot's. No robot file is off by as much as from one unit to the next."""
+PERIOD, UNITS, KILO, UNIT_OFF = 0.2, ("milliseconds", "microseconds", "nanoseconds"), 1e3, 5.0
+"""Largest relative difference of the sample period from the robot's without a remark; units of time, each a thousandth
+of the last; largest factor by which the period in one may differ. No robot file is off by as much as from unit to unit.
+"""
 
 FAST, OFTEN = 3.0, 0.05
 """Multiple of max_wheel_speed that no wheel reaches; the part of steps above it from which on the fault is systematic,
@@ -29,43 +24,8 @@ not in single steps."""
 LONGEST_GAP = 86400.0
 """s: most between two samples, a day."""
 
-FARTHEST = 1e3
-"""m: patches and cables are searched on a grid of centimetres from the origin to the robot, which must stay small."""
-
-MOVED = 0.05
-"""m and rad: a reference that ranges further than this has moved, as no tracker is so noisy."""
-
 MOST_PLACES = 3
 """Most places that are named of each kind."""
-
-
-def check_logs(logs: Mapping[str, Log]) -> None:
-    """Raise InputError, with its name, for a log without information.
-
-    That is one of hardly any rows, in which no encoder count changes (and of a train no relative pose: a standing one
-    shows the noise of its gauges), or, of a robot, whose reference is far from its origin.
-    """
-    for name, log in logs.items():
-        if len(log) < FEWEST_ROWS:
-            raise InputError(
-                f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and less shows little "
-                f"than {SHORT:g} s"
-            )
-        reference = np.zeros((1, 3)) if log.reference is None else log.reference
-        far = np.where(np.isfinite(reference), np.abs(reference), 0.0)[:, :2]
-        row, axis = np.unravel_index(int(np.argmax(far)), far.shape)
-        if log.rps is None and far[row, axis] > FARTHEST:
-            raise InputError(
-                f"{name}: ref_{'xy'[axis]} is {reference[row, axis]:g} m in row {row + 1}, and a diagnosis takes "
-                f"positions within {FARTHEST:g} m of the origin; mend it, or subtract the place where the robot started"
-            )
-        channels = [log.wheel, log.pivot, *([] if log.rps is None else [np.nan_to_num(log.rps)])]
-        if not any(np.any(np.ptp(part, axis=0) > 0) for part in channels):
-            message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
-            taken = reference[np.isfinite(reference).all(axis=1)]
-            if len(taken) and np.any(np.ptp(taken, axis=0) > MOVED):
-                message += " (the reference does move: if the robot did, its encoders are not connected)"
-            raise InputError(f"{name}: {message}")
 
 
 def dead_columns(logs: Sequence[Log]) -> frozenset[int]:
@@ -75,9 +35,8 @@ def dead_columns(logs: Sequence[Log]) -> frozenset[int]:
 
 
 def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
-    """Yield the first number of each column that is not finite. If all are: times in another unit than seconds, or that
-    no single drive of this robot can have; and wheels whose counter wraps at a power of two: steps that exceed the
-    wheel's speed by the range of the counter."""
+    """Yield the first number of each column that is not finite; if all are, times that no drive can have, and wheels
+    whose counter wraps at a power of two: that step by its range, less what they can turn."""
     columns = np.column_stack([log.t, _counts(log)])
     if not np.isfinite(columns).all():
         for name, values in zip(("t", *Channels(robot).names), columns.T, strict=True):
@@ -118,13 +77,13 @@ def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
     if gaps.size:
         places = [f"{steps[k]:.3g} s after row {k + 1} (t {log.t[k]:.6g} s)" for k in gaps]
         yield f"{gaps.size} gap{'s' * (gaps.size > 1)} between samples: {listed(places)}"
-    still = [name for name, values in zip(names, counts.T, strict=True) if np.ptp(values) == 0]
+    still = [names[k] for k in np.flatnonzero(np.ptp(counts, axis=0) == 0)]
     if len(still) == len(names):
         yield "nothing moves"
     elif still:
         yield f"{', '.join(still)} never change{'s' * (len(still) == 1)}"
     yield from _fast(robot, log)
-    fractional = [name for name, values in zip(names, counts.T, strict=True) if np.any(values != np.round(values))]
+    fractional = [names[k] for k in np.flatnonzero(np.any(counts != np.round(counts), axis=0))]
     if fractional:
         yield f"{', '.join(fractional)}: not whole numbers, and so no counts as encoders give them"
     yield from _reference(log)
@@ -134,10 +93,8 @@ def _fast(robot: RobotDescription, log: Log) -> Iterator[str]:
     for column, _, steps, limit in wheel_steps(robot, log):
         over = np.flatnonzero(np.abs(steps) > FAST * limit + 2)
         if over.size > OFTEN * len(steps):
-            ratio = float(np.max(np.abs(steps) / limit))
-            yield (
-                f"{column} turns at up to {ratio:.3g} times max_wheel_speed: that, counts_per_rev or the unit is wrong"
-            )
+            fast = f"{column} turns at up to {np.max(np.abs(steps) / limit):.3g} times max_wheel_speed"
+            yield f"{fast}: that, counts_per_rev or the unit is wrong"
         elif over.size:
             places = [f"by {steps[k]:.0f} counts in row {k + 2} (t {log.t[k + 1]:.6g} s)" for k in over]
             yield f"{column} jumps {_often(over.size)}, faster than the robot can: {listed(places)}"

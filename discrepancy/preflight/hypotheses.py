@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from pydantic import ValidationError
@@ -28,29 +28,22 @@ UNITS = {"radians": math.tau, "degrees": math.degrees(math.tau)}
 """Of encoders: what a turn is in them."""
 
 MM, CM, DEGREES, REVERSED = 1000.0, 100.0, math.degrees(1), -1.0
+MIRROR = "the reference is seen in a mirror (y to the right, ref_psi clockwise)"
+BOTH = "divide ref_x and ref_y by 1000, multiply ref_psi by pi/180"
 REFERENCE = (
     ("ref_x and ref_y are in millimetres", "divide them by 1000", {"x": MM, "y": MM}),
     ("ref_x and ref_y are in centimetres", "divide them by 100", {"x": CM, "y": CM}),
     ("ref_psi is in degrees", "multiply it by pi/180", {"psi": DEGREES}),
     ("ref_psi runs clockwise", "change its sign", {"psi": REVERSED}),
-    (
-        "the reference is seen in a mirror (y to the right, ref_psi clockwise)",
-        "change the signs of ref_y and ref_psi",
-        {"y": REVERSED, "psi": REVERSED},
-    ),
-    (
-        "the reference is in millimetres and degrees",
-        "divide ref_x and ref_y by 1000, multiply ref_psi by pi/180",
-        {"x": MM, "y": MM, "psi": DEGREES},
-    ),
+    (MIRROR, "change the signs of ref_y and ref_psi", {"y": REVERSED, "psi": REVERSED}),
+    ("the reference is in millimetres and degrees", BOTH, {"x": MM, "y": MM, "psi": DEGREES}),
 )
 """Of the reference: mistake, remedy, and factors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A mistake. what: its name. reading: the matrix (see above). effects: equivalent effects, if there are any.
-    remedy: what to do."""
+    """A mistake. what: its name. reading: see above. remedy: what to do. effects: equivalent ones, if there are any."""
 
     what: str
     reading: Array
@@ -95,7 +88,13 @@ class Table:
         self.places: dict[tuple[int, ...], str] = {(k,): name for k, name in enumerate(channels.names)}
         for name, of in ({f"all {kind}": of for kind, of in self._kinds.items()} | groups).items():
             self.places.setdefault(tuple(of.tolist()), name)
-        of_effects = [self._of_effects(what, effects) for what, effects in self._effects() if effects]
+        of_effects = [
+            Hypothesis(
+                what, reading_of(robot, effects), effects[0].check[0].lower() + effects[0].check[1:-1], tuple(effects)
+            )
+            for what, effects in self._effects()
+            if effects
+        ]
         self.wiring = [mistake for mistake in of_effects if len(mistake.effects) == 1 and mistake.effects[0].wiring]
         self.all = [*of_effects, *self._exchanged(), *self._units()]
 
@@ -121,13 +120,8 @@ class Table:
         what = f"the counts of {self.places[columns]} are {factor:.3g} times what {key} says"
         return Hypothesis(what, self.multiplied(columns, factor), remedy, effects)
 
-    def _of_effects(self, what: str, effects: Sequence[Effect]) -> Hypothesis:
-        remedy = effects[0].check[0].lower() + effects[0].check[1:].rstrip(".")
-        return Hypothesis(what, reading_of(self._robot, effects), remedy, tuple(effects))
-
     def _effects(self) -> Iterator[tuple[str, Sequence[Effect]]]:
-        """Yield mistakes and the effects that make them: first at one place, then the same at many, which may be none
-        or one."""
+        """Yield mistakes and the effects that make them: at one place, then the same at many, if there are any."""
         robot = self._robot
         swaps, orders = EncodersSwapped.variants(robot), CastorOrder.variants(robot)
         reversals, biases = EncoderReversed.variants(robot), PivotBias.variants(robot)
@@ -138,13 +132,13 @@ class Table:
             yield f"{name} counts backwards", [reversal]
         for order in orders:
             yield f"castors {order.castor} and {order.exchanged_with} are exchanged", [order]
-        alike = [order for order in orders if order.castor == orders[0].castor]
-        castors = list(dict.fromkeys(i for order in alike for i in (order.castor, order.exchanged_with)))
-        for k in range(len(castors)):
-            for order in (castors[k:] + castors[:k], (castors[k:] + castors[:k])[::-1]):
-                connected, described = (", ".join(map(str, each)) for each in (order, castors))
-                what = f"the castors are connected in the order {connected}, not {described}"
-                yield what, list(_exchanges(castors, order))
+        castors = [order.exchanged_with for order in orders if order.castor == orders[0].castor]
+        castors = [order.castor for order in orders[:1]] + castors
+        for k, way in product(range(len(castors)), (1, -1)):
+            order = (castors[k:] + castors[:k])[::way]
+            connected, described = (", ".join(map(str, each)) for each in (order, castors))
+            what = f"the castors are connected in the order {connected}, not {described}"
+            yield what, list(_exchanges(castors, order))
         wheels = [reversal for reversal in reversals if reversal.wheel is not None]
         yield "all wheels count backwards", wheels
         yield "all pivots count backwards", reversals[len(wheels) :]

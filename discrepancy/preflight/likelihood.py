@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.mounting import TURNED, fit_mount
-from castor_envs.geometry.se2 import relative_pose, rotate, wrap
+from castor_envs.geometry.se2 import relative_pose, rotate
 from castor_envs.logs.log import Log, poses_taken
 from castor_envs.motion.kinematics import constraint_matrix
 from castor_envs.motion.mobility import RANK, rows_in_use
@@ -35,7 +35,7 @@ from estimators.calibration.maximum_likelihood.tracker import size_of
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.rolling import GAP
 
-STEP, WINDOW, MOST = 0.05, 1.5, 60
+STEP, WINDOW, MOST = 0.05, 1.5, 40
 """s: samples closer together are left out, as counts are rounded; least length of a window, in which a robot goes much
 further than a tracker's noise. Most windows that are used, spread over all motion."""
 
@@ -83,6 +83,9 @@ class WiringLikelihood:
         self.sees_poses = len(a) > 0 and int(self._posed.sum()) >= WINDOWS
         self.sees = self.sees_poses or (self._redundant and len(counts) >= WINDOWS)
         self._motors = np.setdiff1d(np.flatnonzero(np.nan_to_num(self._told[:, 0]).any(axis=0)), self._dead)
+        self._heard = np.isfinite(self._told[:, :, self._motors]).all(axis=1)
+        self._told = np.nan_to_num(self._told[:, :, self._motors])
+        self._followed = np.linalg.pinv(np.einsum("vkm,vlm->mkl", self._told, self._told))
         self._as_read, self._least = np.full(2, np.inf), np.zeros(0)
         if len(self._motors):
             left = np.minimum(*(self._left(way * self._steps(nominal)) for way in (1, -1)))
@@ -113,7 +116,7 @@ class WiringLikelihood:
         """Return what encoders and reference cost (2,), and the turn of the reference."""
         (a, measured, motion), costs, turn = self._rolled(undo), np.zeros(2), 0.0
         if self._redundant:
-            parts = (measured - np.einsum("krq,kq->kr", a, motion), measured)
+            parts = (measured - (a @ motion[:, :, None])[:, :, 0], measured)
             costs[0] = _cost(*(np.sum(np.add.reduceat(part, self._first) ** 2, axis=1) for part in parts))
         if self.sees_poses:
             squares, sizes, turn = self._against_poses(undo, motion)
@@ -124,7 +127,7 @@ class WiringLikelihood:
         """Return how far each encoder turns in each step (S, c), rad; castors the shorter way round."""
         counts = (self._end - self._start) @ undo[: self._columns, : self._columns].T
         steps = counts * (2 * np.pi / self._channels.per_rev)
-        steps[:, : self._pivots] = wrap(steps[:, : self._pivots])
+        steps[:, : self._pivots] -= 2 * np.pi * np.round(steps[:, : self._pivots] / (2 * np.pi))
         return steps
 
     def _rolled(self, undo: Array) -> tuple[Array, Array, Array]:
@@ -134,11 +137,11 @@ class WiringLikelihood:
         wheels, a, inverse, swung = self._constraints(undo[: self._pivots].tobytes(), tuple(dead))
         columns, measured = self._pivots + np.searchsorted(self._channels.driven, wheels), swung.copy()
         measured[:, : len(wheels)] += self._steps(undo)[:, columns] * self._geometry.radius[wheels]
-        return a, measured, np.einsum("kqr,kr->kq", inverse, measured)
+        return a, measured, ((measured[:, None] @ a) @ inverse)[:, 0]
 
     def _constraints_at(self, pivots: bytes, dead: tuple[int, ...]) -> tuple[NDArray[np.intp], Array, Array, Array]:
         """Return the wheels whose rolling is known (w,), and in every step the constraints on the body's motion (S, R,
-        3), their inverse by least squares (S, 3, R), and what castors' turning adds to them (S, R), m.
+        3), the inverse of their squares (S, 3, 3), and what castors' turning adds to them (S, R), m.
 
         pivots: the rows of the matrix that undoes a reading.
         """
@@ -150,9 +153,9 @@ class WiringLikelihood:
         turned = np.zeros_like(castor)
         turned[:, channels.sensed] = self._steps(undo)[:, : self._pivots]
         a, b = (part[:, rows.place] for part in constraint_matrix(geometry, castor + turned / 2))
-        square = np.einsum("kri,krj->kij", a, a)
+        square = np.swapaxes(a, 1, 2) @ a
         square += RANK * np.trace(square, axis1=1, axis2=2)[:, None, None].clip(RANK) * np.eye(3)
-        return rows.wheels, a, np.linalg.solve(square, np.swapaxes(a, 1, 2)), -b * turned[:, rows.castor]
+        return rows.wheels, a, np.linalg.inv(square), -b * turned[:, rows.castor]
 
     def _against_poses(self, undo: Array, motion: Array) -> tuple[Array, Array, float]:
         """Return the squares of odometry's errors and of the ways (P,), m2, between poses, and the reference's turn."""
@@ -177,14 +180,12 @@ class WiringLikelihood:
 
         A command is followed in any proportion above 0, as counts per turn may be wrong, and with any small delay.
         """
-        turned, left = np.add.reduceat(steps, self._first), np.ones((len(self._motors), self._columns))
-        for k, motor in enumerate(self._motors):
-            seen = np.isfinite(self._told[:, :, motor]).all(axis=1)
-            told, of = self._told[seen, :, motor], turned[seen]
-            followed = np.linalg.lstsq(told, of, rcond=None)[0]
-            squares, size = np.sum((of - told @ followed) ** 2, axis=0), np.sum(of**2, axis=0)
-            np.divide(squares, size, out=left[k], where=(followed[0] > 0) & (size > 0))
-        return left
+        turned = np.add.reduceat(steps, self._first)
+        product = np.einsum("vkm,vc->mkc", self._told, turned)
+        followed = self._followed @ product
+        size = np.einsum("vm,vc->mc", self._heard, turned**2)
+        explained = np.where(followed[:, 0] > 0, np.sum(product * followed, axis=1), 0.0)
+        return 1.0 - explained / size.clip(np.finfo(float).tiny)
 
     def _windows(self, robot: RobotDescription, number: int, log: Log) -> Iterator[tuple[Array, Array, Array, Array]]:
         """Yield the windows of a log in which encoders count: the counts at the ends of steps (k, c); the number of the

@@ -64,8 +64,9 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
         if best().misfit.cost < LOG_ODDS or (depth > 2 and best() not in level):
             break
         level.sort(key=lambda candidate: candidate.cost)
-        masked = [candidate for candidate in level[len(table.wiring) :] if candidate.mistakes[0] in table.wiring]
-        level = extended(level[: len(table.wiring)] + masked * (depth == 2), table.wiring)
+        likeliest, others = np.split(np.array(level), [len(robot.wheels)])
+        masked = [candidate for candidate in others if depth == 2 and candidate.mistakes[0] in table.wiring]
+        level = extended([*likeliest, *masked], table.wiring)
     if best().misfit.cost > LOG_ODDS:
         extended([nominal], [_scaled(table, likelihood, of) for of in pivots])
     chosen = best()

@@ -15,8 +15,9 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight import Preflight, check_logs, preflight
+from discrepancy.preflight import Preflight, preflight
 from discrepancy.preflight.hypotheses import reading_of
+from discrepancy.validation.sufficient import check_logs
 from estimators.calibration.maximum_likelihood.tracker import straightened
 from estimators.likelihood.channels import Channels
 
@@ -41,11 +42,9 @@ class Undone:
 
     def found(self, named: Sequence[Effect]) -> RobotDescription | None:
         """Return the robot as its file is written: with gross mistakes that are certain, and the effects named."""
-        certain = [
-            effect for mistake in self.checked.mistakes if not mistake.alternatives for effect in mistake.effects
-        ]
-        effects = [*(effect for effect in certain if not effect.wiring), *named]
-        effects += [effect for effect in certain if effect.wiring]
+        sure = [effect for mistake in self.checked.mistakes if not mistake.alternatives for effect in mistake.effects]
+        wiring = [effect for effect in sure if effect.wiring]
+        effects = [*(effect for effect in sure if not effect.wiring), *named, *wiring]
         return self.described.with_effects(*effects) if effects else None
 
 
