@@ -1,8 +1,8 @@
 """The pre-flight: gross mistakes, reported before any small effect is looked for.
 
 Mistakes of assembly are the most common: encoders swapped or reversed, castors in the wrong order, counts per turn
-wrong by a factor, degrees for radians. Each is a hypothesis about how the log was read (`hypotheses`). The simplest
-that makes encoders and reference agree with rolling is reported (`search`), with all others that do so equally well.
+wrong by a factor, degrees for radians. Each is a hypothesis about how the log was read (`hypotheses`) that has a
+likelihood (`likelihood`). The likeliest is reported (`search`), with all others at least half as likely.
 """
 
 from collections.abc import Iterator, Sequence

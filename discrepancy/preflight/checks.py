@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
@@ -67,16 +68,13 @@ def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
 
 def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
     """Yield the remarks on one log."""
-    steps, names, counts = np.diff(log.t), Channels(robot).names, _counts(log)
-    period = float(np.median(steps))
+    names, counts, period = Channels(robot).names, _counts(log), float(np.median(np.diff(log.t)))
     if log.t[-1] - log.t[0] < SHORT:
         yield f"only {log.t[-1] - log.t[0]:.3g} s long ({len(log)} rows): little is observable"
     if abs(period / robot.sample_period - 1) > PERIOD:
         yield f"samples are {period:.4g} s apart, the robot file says {robot.sample_period:.4g} s"
-    gaps = np.flatnonzero(steps > GAP * period)
-    if gaps.size:
-        places = [f"{steps[k]:.3g} s after row {k + 1} (t {log.t[k]:.6g} s)" for k in gaps]
-        yield f"{gaps.size} gap{'s' * (gaps.size > 1)} between samples: {listed(places)}"
+    if gaps := _gaps(log.t, np.arange(len(log))):
+        yield f"{len(gaps)} gap{'s' * (len(gaps) > 1)} between samples: {listed(gaps)}"
     still = [names[k] for k in np.flatnonzero(np.ptp(counts, axis=0) == 0)]
     if len(still) == len(names):
         yield "nothing moves"
@@ -105,15 +103,19 @@ def _reference(log: Log) -> Iterator[str]:
     if taken.size < 2:
         yield "no reference poses: encoders can only contradict each other, and scale is not observable"
         return
-    between = np.diff(log.t[taken])
-    longest = GAP * float(np.median(between))
-    missing = np.flatnonzero(between > longest)
-    if missing.size:
-        places = [f"{between[k]:.3g} s after row {taken[k] + 1} (t {log.t[taken[k]]:.6g} s)" for k in missing]
-        yield f"the reference drops out {_often(missing.size)}: {listed(places)}"
+    if gaps := _gaps(log.t, taken):
+        yield f"the reference drops out {_often(len(gaps))}: {listed(gaps)}"
+    longest = GAP * float(np.median(np.diff(log.t[taken])))
     for part, edge in (("first", log.t[taken[0]] - log.t[0]), ("last", log.t[-1] - log.t[taken[-1]])):
         if edge > max(longest, 1.0):
             yield f"no reference poses in the {part} {edge:.3g} s"
+
+
+def _gaps(t: Array, rows: NDArray[np.intp]) -> list[str]:
+    """Return where the times between these rows are unusually long."""
+    between = np.diff(t[rows])
+    far = np.flatnonzero(between > GAP * np.median(between))
+    return [f"{between[k]:.3g} s after row {rows[k] + 1} (t {t[rows[k]]:.6g} s)" for k in far]
 
 
 def wheel_steps(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Array, Array]]:

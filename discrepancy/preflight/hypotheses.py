@@ -27,7 +27,7 @@ TURNS = {"half a turn": math.pi, "a quarter turn": math.pi / 2, "minus a quarter
 UNITS = {"radians": math.tau, "degrees": math.degrees(math.tau)}
 """Of encoders: what a turn is in them."""
 
-MM, CM, DEGREES, REVERSED = 1000.0, 100.0, math.degrees(1), -1.0
+MM, CM, DEGREES, REVERSED = 1000.0, 100.0, UNITS["degrees"] / UNITS["radians"], -1.0
 MIRROR = "the reference is seen in a mirror (y to the right, ref_psi clockwise)"
 BOTH = "divide ref_x and ref_y by 1000, multiply ref_psi by pi/180"
 REFERENCE = (

@@ -3,7 +3,7 @@
 A log is cut into windows. What contradicts in a window is a share of the squares that are measured in it. In a robot in
 good order it is `USUAL` squared, with the tails of a Cauchy distribution, as wheels may slide and poses jump: a share q
 costs ln(1 + q / USUAL²). What contradicts in one window does so in the next, too. So all windows together are one
-observation, with the mean of their costs. There are three:
+observation, with the mean of their costs. Observations are:
 
 - encoders against each other: what no rigid motion of the body on its wheels gives (`castor_envs.motion.kinematics`:
   rolling, and no side slip);
@@ -79,9 +79,9 @@ class WiringLikelihood:
         self._constraints = lru_cache(maxsize=4)(self._constraints_at)  # most readings differ in wheels alone
         nominal = np.eye(self._columns + 4)
         a = self._rolled(nominal)[0][0]
-        self._redundant = bool(len(a) > np.linalg.matrix_rank(a, tol=RANK))
+        redundant = bool(len(a) > np.linalg.matrix_rank(a, tol=RANK))
         self.sees_poses = len(a) > 0 and int(self._posed.sum()) >= WINDOWS
-        self.sees = self.sees_poses or (self._redundant and len(counts) >= WINDOWS)
+        self.sees = self.sees_poses or (redundant and len(counts) >= WINDOWS)
         self._motors = np.setdiff1d(np.flatnonzero(np.nan_to_num(self._told[:, 0]).any(axis=0)), self._dead)
         self._heard = np.isfinite(self._told[:, :, self._motors]).all(axis=1)
         self._told = np.nan_to_num(self._told[:, :, self._motors])
@@ -115,9 +115,8 @@ class WiringLikelihood:
     def _agreement(self, undo: Array) -> tuple[Array, float]:
         """Return what encoders and reference cost (2,), and the turn of the reference."""
         (a, measured, motion), costs, turn = self._rolled(undo), np.zeros(2), 0.0
-        if self._redundant:
-            parts = (measured - (a @ motion[:, :, None])[:, :, 0], measured)
-            costs[0] = _cost(*(np.sum(np.add.reduceat(part, self._first) ** 2, axis=1) for part in parts))
+        parts = (measured - (a @ motion[:, :, None])[:, :, 0], measured)
+        costs[0] = _cost(*(np.sum(np.add.reduceat(part, self._first) ** 2, axis=1) for part in parts))
         if self.sees_poses:
             squares, sizes, turn = self._against_poses(undo, motion)
             costs[1] = _cost(squares, sizes)

@@ -15,6 +15,9 @@ from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.preflight.hypotheses import Hypothesis, Table
 from discrepancy.preflight.likelihood import Misfit, WiringLikelihood
 
+ALIKE = math.log(2)
+"""Candidates at least half as likely as the best are reported with it."""
+
 GROSS, LARGEST = math.log(1.5), math.log(1e3)
 """Logarithms of factors of counts per turn: smaller ones are no gross mistake, larger ones are not tried."""
 
@@ -47,10 +50,11 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
         """Return candidates with a mistake more, and note them."""
         known = len(found)
         for start, mistake in ((start, mistake) for start in starts for mistake in mistakes):
-            reading = mistake.reading @ start.reading
+            made, reading = (*start.mistakes, mistake), mistake.reading @ start.reading
             key = (np.round(reading, 9) + 0.0).tobytes()  # a zero has no sign
-            if key not in found:
-                found[key] = Candidate((*start.mistakes, mistake), reading, likelihood.of(reading))
+            same = found.get(key)
+            if same is None or _size(made) < _size(same.mistakes):
+                found[key] = Candidate(made, reading, same.misfit if same else likelihood.of(reading))
         return list(found.values())[known:]
 
     def best() -> Candidate:
@@ -72,9 +76,14 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
     chosen = best()
     if chosen is nominal and not nominal.misfit.turn:
         return nominal, nominal, []
-    near = [each for each in found.values() if each.mistakes and each.cost < chosen.cost + LOG_ODDS]
+    near = [each for each in found.values() if each.mistakes and each.cost < chosen.cost + ALIKE]
     turned = bool(chosen.misfit.turn)
     return nominal, chosen, [each for each in near if each is not chosen and (turned or not each.misfit.turn)]
+
+
+def _size(mistakes: Iterable[Hypothesis]) -> int:
+    """Return how many single mistakes there are."""
+    return sum(len(mistake.effects) or 1 for mistake in mistakes)
 
 
 def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...]) -> Hypothesis:

@@ -58,23 +58,17 @@ def undo(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Un
         if result.fatal:
             raise InputError("; ".join(mistake.what for mistake in result.mistakes))
     checked, _, good = found
-    of_logs, of_clean = (
-        robot.with_effects(*(effect for effect in result.effects if not effect.wiring)) for result in (checked, good)
-    )
-    undone = (
-        _straight(robot, built, [effect for effect in result.effects if effect.wiring], given)
-        for built, result, given in ((of_logs, checked, logs), (of_logs, checked, held_out), (of_clean, good, clean))
-    )
-    return Undone(robot, checked, of_logs, of_clean, *undone)
+    straight = (_straight(robot, *each) for each in ((checked, logs), (checked, held_out), (good, clean)))
+    return Undone(robot, checked, _mended(robot, checked), _mended(robot, good), *straight)
 
 
-def _straight(
-    robot: RobotDescription, mended: RobotDescription, wiring: Sequence[Effect], logs: Logs
-) -> dict[str, Log]:
-    """Return logs with their encoders where they belong, and the axes of their tracker along the body's.
+def _mended(robot: RobotDescription, checked: Preflight) -> RobotDescription:
+    return robot.with_effects(*(effect for effect in checked.effects if not effect.wiring))
 
-    mended: the robot with gross mistakes that are not of wiring.
-    """
+
+def _straight(robot: RobotDescription, checked: Preflight, logs: Logs) -> dict[str, Log]:
+    """Return logs with their encoders where they belong, and the axes of their tracker along the body's."""
+    wiring = [effect for effect in checked.effects if effect.wiring]
     channels, undo, unwired = Channels(robot), np.linalg.inv(reading_of(robot, wiring)), list(logs.values())
     c, s = len(channels.names), len(channels.sensed)
     for k, log in enumerate(unwired if wiring else ()):
@@ -82,4 +76,4 @@ def _straight(
         counts = np.column_stack([np.unwrap(log.pivot / turn, axis=0) * turn, log.wheel])
         counts = np.round(counts @ undo[:c, :c].T + undo[:c, -1], 6)
         unwired[k] = dataclasses.replace(log, wheel=counts[:, s:], pivot=counts[:, :s], undone=tuple(wiring))
-    return dict(zip(logs, straightened(Geometry.of(mended.as_built()), unwired)[0], strict=True))
+    return dict(zip(logs, straightened(Geometry.of(_mended(robot, checked).as_built()), unwired)[0], strict=True))

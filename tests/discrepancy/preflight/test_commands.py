@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.diagnose import posterior_of
@@ -20,6 +21,7 @@ WRONG = (
     ("differential", EncodersSwapped(castor=1)),
     ("tricycle", EncoderReversed(castor=1, wheel=1)),
     ("swerve", CastorOrder(castor=2, exchanged_with=3)),
+    ("powered-caster", EncoderReversed(castor=1)),
 )
 
 
@@ -27,7 +29,7 @@ WRONG = (
 def driven(name, effect=None):
     """A log, with commands, of a robot whose controller reads its encoders as they are connected."""
     robot = preset(name).with_effects(*([] if effect is None else [effect]))
-    sideways = name == "swerve"
+    sideways = moves_sideways(robot)
     return drive(robot, wander(np.random.default_rng(7), duration=12.0, holonomic=sideways), 1, duration=12.0)
 
 

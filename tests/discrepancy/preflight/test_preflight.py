@@ -163,6 +163,16 @@ def test_pivots_in_other_units_than_counts_are_named(turn, unit):
 
 
 @pytest.mark.parametrize(
+    ("pivots", "factor", "said"), [([1], 2.0, "pivot_2 are 2"), ([0, 1, 2], 0.5, "all pivots are 0.5")]
+)
+def test_pivot_counts_a_turn_that_are_wrong_by_a_factor_are_named(pivots, factor, said):
+    log = log_of(ASOC)
+    pivot = log.pivot.copy()
+    pivot[:, pivots] = np.round(factor * pivot[:, pivots])
+    assert f"counts of {said} times" in only(preflight(ASOC, [dataclasses.replace(log, pivot=pivot)])).what
+
+
+@pytest.mark.parametrize(
     ("change", "said"),
     [
         ((1000, 1000, 1), "ref_x and ref_y are in millimetres"),
