@@ -88,6 +88,8 @@ class WiringLikelihood:
         self._followed = np.linalg.pinv(np.einsum("vkm,vlm->mkl", self._told, self._told))
         self._as_read, self._least = np.full(2, np.inf), np.zeros(0)
         if len(self._motors):
+            size = np.sum(np.add.reduceat(self._steps(nominal), self._first)[:, self._motors] ** 2, axis=0)
+            self._doubt = USUAL**2 * size.mean() / size.clip(RANK)  # noise does not shrink with turns
             left = np.minimum(*(self._left(way * self._steps(nominal)) for way in (1, -1)))
             self._as_read, self._least = self._agreement(nominal)[0], np.delete(left, self._dead, axis=1).min(axis=1)
 
@@ -98,7 +100,7 @@ class WiringLikelihood:
         cost = float(np.minimum(costs, self._as_read).sum())
         if len(self._motors):
             left = self._left(self._steps(undo))[np.arange(len(self._motors)), self._motors]
-            cost += float(np.log((left + USUAL**2) / (self._least + USUAL**2)).sum())
+            cost += float(np.log((left + self._doubt) / (self._least + self._doubt)).sum())
             commands = float(np.sqrt((left - self._least).clip(0.0).mean()))
         encoders, reference = (USUAL * np.sqrt(np.expm1(costs))).tolist()
         return Misfit(encoders, reference, commands, turn, cost)

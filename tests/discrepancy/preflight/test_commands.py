@@ -15,6 +15,7 @@ from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.preflight import preflight
 from discrepancy.preflight.hypotheses import Table
 from discrepancy.preflight.likelihood import WiringLikelihood
+from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 
 WRONG = (
@@ -52,6 +53,13 @@ def test_motors_of_a_robot_in_good_order_obey_best_as_it_is_connected(name):
         reversed_misfit = likelihood.of(table.multiplied((column,), -1.0))
         assert reversed_misfit.commands > 0.2
         assert reversed_misfit.cost > nominal.cost + LOG_ODDS  # by its command alone: the rest costs no more
+
+
+@pytest.mark.parametrize("name", ["swerve", "powered-caster"])
+def test_motors_that_hardly_turn_say_nothing(name):
+    """On circles castors keep their angles, and what their encoders show of a command is chance."""
+    robot = preset(name)
+    assert preflight(robot, [drive(robot, motion(robot, "circles", 3, 30.0), 3, duration=30.0)]).mistakes == ()
 
 
 def test_commands_may_be_in_any_unit_and_be_missing_at_times():
