@@ -88,13 +88,11 @@ class Table:
         self.places: dict[tuple[int, ...], str] = {(k,): name for k, name in enumerate(channels.names)}
         for name, of in ({f"all {kind}": of for kind, of in self._kinds.items()} | groups).items():
             self.places.setdefault(tuple(of.tolist()), name)
-        of_effects = [
-            Hypothesis(
-                what, reading_of(robot, effects), effects[0].check[0].lower() + effects[0].check[1:-1], tuple(effects)
-            )
-            for what, effects in self._effects()
-            if effects
-        ]
+        of_effects = []
+        for what, effects in self._effects():
+            if effects:
+                remedy = effects[0].check[0].lower() + effects[0].check[1:].rstrip(".")
+                of_effects.append(Hypothesis(what, reading_of(robot, effects), remedy, tuple(effects)))
         self.wiring = [mistake for mistake in of_effects if len(mistake.effects) == 1 and mistake.effects[0].wiring]
         self.all = [*of_effects, *self._exchanged(), *self._units()]
 
