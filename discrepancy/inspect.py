@@ -6,10 +6,9 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, poses_taken
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.checks import wheel_steps
-from discrepancy.preflight.stretches import poses_taken
 from discrepancy.validation.parity import BLIND, Parity, parity_residual
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 

@@ -33,20 +33,23 @@ def turn_of_tracker(ways: Sequence[tuple[Array, Array]], size: float) -> float:
     if not ways:
         return 0.0
     moved, seen = (np.concatenate([relative_pose(way[k][:-1], way[k][1:]) for way in ways]) for k in (0, 1))
-    body, tracker = moved[:, :2] @ [1, 1j], seen[:, :2] @ [1, 1j]
-    arm = np.exp(1j * seen[:, 2]) - 1
-    way = float(np.vdot(tracker, tracker).real)
-    known = float(np.vdot(arm, arm).real) + FIRM * way / size**2 + 1e-12
-
-    def free(part: Array) -> Array:
-        """Return what no tracked point, near the origin, takes off a way."""
-        return part - arm * (np.vdot(arm, part) / known)
-
-    body, tracker = free(body), free(tracker)
-    turn = np.angle(np.vdot(tracker, body))
-    straight, turned = (
-        float(np.sum(np.abs(body - np.exp(1j * by) * tracker) ** 2)) / max(way, 1e-12) for by in (0.0, turn)
-    )
+    turn, *errors = fit_mount(moved, seen, size, np.ones(len(moved)))
+    straight, turned = (float(np.sum(error)) / max(float(np.sum(seen[:, :2] ** 2)), 1e-12) for error in errors)
     if abs(turn) <= TURNED or turned > AGREED or straight <= STRAIGHT * max(turned, LEAST):
         return 0.0
-    return float(turn)
+    return turn
+
+
+def fit_mount(moved: Array, seen: Array, size: float, weight: Array) -> tuple[float, Array, Array]:
+    """Return the turn of a tracker's axes that fits best, rad, and the squares (V,) of by how much the ways of the body
+    and of a tracked point then still differ, m2: without and with that turn.
+
+    moved, seen (V, 3): how far the body moves, and how far the tracker sees it move. weight (V,): of each.
+    """
+    body, tracker = moved[:, :2] @ [1, 1j], seen[:, :2] @ [1, 1j]
+    arm = np.exp(1j * seen[:, 2]) - 1
+    known = weight @ np.abs(arm) ** 2 + FIRM * (weight @ np.abs(tracker) ** 2) / size**2 + 1e-12
+    # What no tracked point, near the origin, takes off the ways.
+    body, tracker = (part - arm * (np.vdot(arm, weight * part) / known) for part in (body, tracker))
+    turn = float(np.angle(np.vdot(tracker, weight * body)))
+    return turn, np.abs(body - tracker) ** 2, np.abs(body - np.exp(1j * turn) * tracker) ** 2

@@ -72,6 +72,11 @@ class Log:
         return Observations(increments(self.wheel), self.t, pivot, **seen, command=told[0], steering_command=told[1])
 
 
+def poses_taken(log: Log) -> NDArray[np.intp]:
+    """Return the rows of a robot's log in which there is a whole reference pose."""
+    return np.flatnonzero(np.zeros(0) if log.reference is None else np.isfinite(log.reference).all(axis=1))
+
+
 def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:
     """Return the indices k at which pivot counts (N,) jump, from k - 1 to k, by over half a turn.
 

@@ -1,137 +1,87 @@
 """Checks of single channels, times and reference poses, without any model of motion."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, poses_taken
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight.reading import Channels
-from discrepancy.preflight.stretches import poses_taken
+from discrepancy.validation.sufficient import SHORT
+from estimators.likelihood.channels import Channels
+from estimators.likelihood.rolling import GAP
 
-SHORT, FEWEST_ROWS = 10.0, 10
-"""s: a shorter log shows hardly anything; least number of rows with which noise can be distinguished from motion."""
-
-GAP = 3.0
-"""Least gap between two samples, or two reference poses, that is reported, in median periods."""
-
-PERIOD = 0.2
-"""Largest relative difference of the sample period from the robot's without a remark."""
-
-UNITS, UNIT_OFF = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}, 5.0
-"""Of times, per second; largest factor by which the period in such a unit may differ from the robot's."""
+PERIOD, UNITS, KILO, UNIT_OFF = 0.2, ("milliseconds", "microseconds", "nanoseconds"), 1e3, 5.0
+"""Largest relative difference of the sample period from the robot's without a remark; units of time, each a thousandth
+of the last; largest factor by which the period in one may differ. No robot file is off by as much as from unit to unit.
+"""
 
 FAST, OFTEN = 3.0, 0.05
 """Multiple of max_wheel_speed that no wheel reaches; the part of steps above it from which on the fault is systematic,
 not in single steps."""
 
-WORDS = range(8, 33)
-"""Widths, in bits, of counters that may wrap."""
-
-FAR_OFF, LONGEST_GAP = 1e3, 86400.0
-"""Largest factor between the period of samples and that of the robot file; most seconds between two samples, a day."""
-
-FARTHEST = 1e3
-"""m: patches and cables are searched on a grid of centimetres from the origin to the robot, which must stay small."""
-
-MOVED = 0.05
-"""m and rad: a reference that ranges further than this has moved, as no tracker is so noisy."""
+LONGEST_GAP = 86400.0
+"""s: most between two samples, a day."""
 
 MOST_PLACES = 3
 """Most places that are named of each kind."""
 
 
-def check_logs(logs: Mapping[str, Log]) -> None:
-    """Raise InputError, with its name, for a log without information.
-
-    That is one of hardly any rows, in which no encoder count changes (and of a train no relative pose: a standing one
-    shows the noise of its gauges), or, of a robot, whose reference is far from its origin.
-    """
-    for name, log in logs.items():
-        if len(log) < FEWEST_ROWS:
-            raise InputError(
-                f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and less shows little "
-                f"than {SHORT:g} s"
-            )
-        reference = np.zeros((1, 3)) if log.reference is None else log.reference
-        far = np.where(np.isfinite(reference), np.abs(reference), 0.0)[:, :2]
-        row, axis = np.unravel_index(int(np.argmax(far)), far.shape)
-        if log.rps is None and far[row, axis] > FARTHEST:
-            raise InputError(
-                f"{name}: ref_{'xy'[axis]} is {reference[row, axis]:g} m in row {row + 1}, and a diagnosis takes "
-                f"positions within {FARTHEST:g} m of the origin; mend it, or subtract the place where the robot started"
-            )
-        channels = [log.wheel, log.pivot, *([] if log.rps is None else [np.nan_to_num(log.rps)])]
-        if not any(np.any(np.ptp(part, axis=0) > 0) for part in channels):
-            message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
-            taken = reference[np.isfinite(reference).all(axis=1)]
-            if len(taken) and np.any(np.ptp(taken, axis=0) > MOVED):
-                message += " (the reference does move: if the robot did, its encoders are not connected)"
-            raise InputError(f"{name}: {message}")
-
-
-def dead_channels(logs: Sequence[Log]) -> frozenset[int]:
-    """Return the channels, wheels before pivots, that never change in any log though others do."""
+def dead_columns(logs: Sequence[Log]) -> frozenset[int]:
+    """Return the encoders, pivots before wheels, that never change in any log though others do."""
     still = np.all([np.ptp(_counts(log), axis=0) == 0 for log in logs], axis=0)
     return frozenset(np.flatnonzero(still).tolist()) if not still.all() else frozenset()
 
 
-def not_finite(robot: RobotDescription, log: Log) -> Iterator[str]:
-    """Yield the first number of each column that is not finite."""
-    for name, values in zip(("t", *Channels(robot).names), np.column_stack([log.t, _counts(log)]).T, strict=True):
-        for k in np.flatnonzero(~np.isfinite(values))[:1]:
-            yield f"column {name!r}, row {k + 1}: {values[k]} is not finite; give a number"
-
-
 def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
-    """Yield times in another unit than seconds, or that no single drive of this robot can have; and wheels whose
-    counter wraps at a power of two: steps that exceed the wheel's speed by the range of the counter."""
-    period, declared, longest = float(np.median(np.diff(log.t))), robot.sample_period, int(np.argmax(np.diff(log.t)))
-    units = [unit for unit, size in UNITS.items() if 1 / UNIT_OFF < period / size / declared < UNIT_OFF]
+    """Yield the first number of each column that is not finite; if all are, times that no drive can have, and wheels
+    whose counter wraps at a power of two: that step by its range, less what they can turn."""
+    columns = np.column_stack([log.t, _counts(log)])
+    if not np.isfinite(columns).all():
+        for name, values in zip(("t", *Channels(robot).names), columns.T, strict=True):
+            for k in np.flatnonzero(~np.isfinite(values))[:1]:
+                yield f"column {name!r}, row {k + 1}: {values[k]} is not finite; give a number"
+        return
+    steps, declared = np.diff(log.t), robot.sample_period
+    period, longest = float(np.median(steps)), int(np.argmax(steps))
+    apart = f"samples are {period:g} s apart, and the robot file says {declared:g} s"
+    sizes = {unit: KILO**k for k, unit in enumerate(UNITS, 1)}
+    units = [unit for unit, size in sizes.items() if 1 / UNIT_OFF < period / size / declared < UNIT_OFF]
     if units:
-        yield (
-            f"t is in {units[0]}, not in s: samples are {period:g} apart, and the robot file says {declared:g} s; "
-            f"divide t by {UNITS[units[0]]:g}"
-        )
-    elif not 1 / FAR_OFF < period / declared < FAR_OFF:
-        yield f"samples are {period:g} s apart, and the robot file says {declared:g} s; correct t, or sample_period"
-    elif (gap := float(np.diff(log.t)[longest])) > LONGEST_GAP:
+        yield f"t is in {units[0]}, not in s: {apart}; divide t by {sizes[units[0]]:g}"
+    elif not 1 / KILO < period / declared < KILO:
+        yield f"{apart}; correct t, or sample_period"
+    elif steps[longest] > LONGEST_GAP:
         at = f"row {longest + 1} (t {log.t[longest]:.6g} s)"
-        yield f"nothing for {gap:g} s after {at}; correct t, or split the log there"
-    for name, counts, steps, limit in wheel_steps(robot, log):
-        for bits in WORDS:
-            size = 2.0**bits
-            off = np.flatnonzero((np.abs(np.abs(steps) - size) <= limit) & (2 * limit < size))
-            if off.size and np.ptp(counts) < size:
-                yield (
-                    f"{name} wraps at {size:.0f} ({bits} bits), {off.size} times, first in row {off[0] + 2} "
-                    f"(t {log.t[off[0] + 1]:g} s), where it steps by {steps[off[0]]:.0f}: unwrap it, counts must go on"
-                )
-                break
+        yield f"nothing for {steps[longest]:g} s after {at}; correct t, or split the log there"
+    for name, counts, counted, limit in wheel_steps(robot, log):
+        bits = int(np.ptp(counts)).bit_length()  # of the smallest counter that holds all counts
+        off = np.flatnonzero((2**bits - np.abs(counted) <= limit) & (2 * limit < 2**bits))
+        if off.size and bits >= np.iinfo(np.int8).bits:
+            yield (
+                f"{name} wraps at {2**bits} ({bits} bits), {off.size} times, first in row {off[0] + 2} "
+                f"(t {log.t[off[0] + 1]:g} s), where it steps by {counted[off[0]]:.0f}: unwrap it, counts must go on"
+            )
 
 
 def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
     """Yield the remarks on one log."""
-    steps, names, counts = np.diff(log.t), Channels(robot).names, _counts(log)
-    period = float(np.median(steps))
+    names, counts, period = Channels(robot).names, _counts(log), float(np.median(np.diff(log.t)))
     if log.t[-1] - log.t[0] < SHORT:
         yield f"only {log.t[-1] - log.t[0]:.3g} s long ({len(log)} rows): little is observable"
     if abs(period / robot.sample_period - 1) > PERIOD:
         yield f"samples are {period:.4g} s apart, the robot file says {robot.sample_period:.4g} s"
-    gaps = np.flatnonzero(steps > GAP * period)
-    if gaps.size:
-        places = [f"{steps[k]:.3g} s after row {k + 1} (t {log.t[k]:.6g} s)" for k in gaps]
-        yield f"{gaps.size} gap{'s' * (gaps.size > 1)} between samples: {_places(places)}"
-    still = [name for name, values in zip(names, counts.T, strict=True) if np.ptp(values) == 0]
+    if gaps := _gaps(log.t, np.arange(len(log))):
+        yield f"{len(gaps)} gap{'s' * (len(gaps) > 1)} between samples: {listed(gaps)}"
+    still = [names[k] for k in np.flatnonzero(np.ptp(counts, axis=0) == 0)]
     if len(still) == len(names):
         yield "nothing moves"
     elif still:
         yield f"{', '.join(still)} never change{'s' * (len(still) == 1)}"
     yield from _fast(robot, log)
-    fractional = [name for name, values in zip(names, counts.T, strict=True) if np.any(values != np.round(values))]
+    fractional = [names[k] for k in np.flatnonzero(np.any(counts != np.round(counts), axis=0))]
     if fractional:
         yield f"{', '.join(fractional)}: not whole numbers, and so no counts as encoders give them"
     yield from _reference(log)
@@ -141,13 +91,11 @@ def _fast(robot: RobotDescription, log: Log) -> Iterator[str]:
     for column, _, steps, limit in wheel_steps(robot, log):
         over = np.flatnonzero(np.abs(steps) > FAST * limit + 2)
         if over.size > OFTEN * len(steps):
-            ratio = float(np.max(np.abs(steps) / limit))
-            yield (
-                f"{column} turns at up to {ratio:.3g} times max_wheel_speed: that, counts_per_rev or the unit is wrong"
-            )
+            fast = f"{column} turns at up to {np.max(np.abs(steps) / limit):.3g} times max_wheel_speed"
+            yield f"{fast}: that, counts_per_rev or the unit is wrong"
         elif over.size:
             places = [f"by {steps[k]:.0f} counts in row {k + 2} (t {log.t[k + 1]:.6g} s)" for k in over]
-            yield f"{column} jumps {_often(over.size)}, faster than the robot can: {_places(places)}"
+            yield f"{column} jumps {_often(over.size)}, faster than the robot can: {listed(places)}"
 
 
 def _reference(log: Log) -> Iterator[str]:
@@ -155,15 +103,19 @@ def _reference(log: Log) -> Iterator[str]:
     if taken.size < 2:
         yield "no reference poses: encoders can only contradict each other, and scale is not observable"
         return
-    between = np.diff(log.t[taken])
-    longest = GAP * float(np.median(between))
-    missing = np.flatnonzero(between > longest)
-    if missing.size:
-        places = [f"{between[k]:.3g} s after row {taken[k] + 1} (t {log.t[taken[k]]:.6g} s)" for k in missing]
-        yield f"the reference drops out {_often(missing.size)}: {_places(places)}"
+    if gaps := _gaps(log.t, taken):
+        yield f"the reference drops out {_often(len(gaps))}: {listed(gaps)}"
+    longest = GAP * float(np.median(np.diff(log.t[taken])))
     for part, edge in (("first", log.t[taken[0]] - log.t[0]), ("last", log.t[-1] - log.t[taken[-1]])):
         if edge > max(longest, 1.0):
             yield f"no reference poses in the {part} {edge:.3g} s"
+
+
+def _gaps(t: Array, rows: NDArray[np.intp]) -> list[str]:
+    """Return where the times between these rows are unusually long."""
+    between = np.diff(t[rows])
+    far = np.flatnonzero(between > GAP * np.median(between))
+    return [f"{between[k]:.3g} s after row {rows[k] + 1} (t {t[rows[k]]:.6g} s)" for k in far]
 
 
 def wheel_steps(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array, Array, Array]]:
@@ -174,11 +126,13 @@ def wheel_steps(robot: RobotDescription, log: Log) -> Iterator[tuple[str, Array,
 
 
 def _counts(log: Log) -> Array:
-    return np.column_stack([log.wheel, log.pivot])
+    return np.column_stack([log.pivot, log.wheel])
 
 
-def _places(places: list[str]) -> str:
-    return "; ".join(places[:MOST_PLACES]) + ("; ..." if len(places) > MOST_PLACES else "")
+def listed(found: Sequence[str]) -> str:
+    """Return the first places of all found as text."""
+    remainder = f"; and {len(found) - MOST_PLACES} more" if len(found) > MOST_PLACES else ""
+    return "; ".join(found[:MOST_PLACES]) + remainder
 
 
 def _often(count: int) -> str:

@@ -1,180 +1,101 @@
-"""Search for the simplest mistake, or combination of two or three, that makes a log agree with its robot."""
+"""Search for the most likely mistake, or combination of mistakes, in logs of a robot."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import count
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight.hypotheses import Hypothesis, hypotheses, pivots_to_scale, places_to_scale, scale, wiring
-from discrepancy.preflight.misfit import ALIKE, SEEN, Misfit, Misfits
-from discrepancy.preflight.reading import Channels, Reading
+from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.preflight.hypotheses import Hypothesis, Table
+from discrepancy.preflight.likelihood import Misfit, WiringLikelihood
 
-MUCH, BETTER, BETTER_OF_MUCH = 0.02, 10.0, 4.0
-"""A mistake must explain nearly the whole misfit: at most a tenth may remain, or a quarter where it exceeded `MUCH`, as
-the motion of a robot that was steered by wrong readings is rough. There half suffices, if every other mistake leaves
-more than twice as much (`ALIKE`): wheels then slide at every turn."""
+ALIKE = math.log(2)
+"""Candidates at least half as likely as the best are reported with it."""
 
-FLOOR, SAME = 2e-5, 1.2
-"""Shares below the first number count as equal; so do shares within the factor."""
-
-OBEDIENT = 0.01
-"""Disobedience of motors that all do as they are told."""
-
-GROSS = 1.5
-"""Smaller factors of counts per turn are no gross mistake."""
-
-GRID, FINE_GRID = 1.25 ** np.arange(-31.0, 32.0), 1.06 ** np.arange(-40.0, 41.0)
-"""Factors that are tried: of wheels a thousandth to a thousand; of pivots a tenth to ten, as their angles affect all
-rows."""
-
-YAW = np.radians(20.0)
-"""rad: a reference turned by more is reported."""
-
-TOGETHER, KEPT = 3, 8
-"""Most mistakes in a combination; number of best candidates that are extended."""
+GROSS, LARGEST = math.log(1.5), math.log(1e3)
+"""Logarithms of factors of counts per turn: smaller ones are no gross mistake, larger ones are not tried."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
-    """A combination of mistakes, the reading of the log with it, and the misfit that remains."""
+    """Mistakes together, the reading of the log with them, and the misfit that remains."""
 
     mistakes: tuple[Hypothesis, ...]
-    reading: Reading
+    reading: Array
     misfit: Misfit
 
     @property
-    def left(self) -> float:
-        """The unexplained share, at least `FLOOR`."""
-        return max(self.misfit.total, FLOOR)
-
-    @property
-    def straight(self) -> bool:
-        """Whether the reference is not turned."""
-        return abs(self.misfit.yaw) < YAW
-
-    @property
-    def rank(self) -> tuple[bool, int]:
-        """Sort key of simplicity; the simplest first."""
-        return not self.straight, sum(not mistake.plain for mistake in self.mistakes)
-
-    def like(self, rival: "Candidate") -> bool:
-        """Whether it explains about as much as a rival, or more, of what encoders contradict, and of what motors do
-        against their commands."""
-        mine, other = self.misfit, rival.misfit
-        contradiction, of_rival = (max(misfit.parity + misfit.reference, FLOOR) for misfit in (mine, other))
-        obeys = mine.disobedience <= ALIKE * max(other.disobedience, OBEDIENT)
-        return contradiction <= ALIKE * of_rival and obeys
-
-    def explains(self, rival: "Candidate") -> bool:
-        """Whether it explains nearly all that a rival leaves."""
-        return rival.left >= (BETTER_OF_MUCH if rival.left > MUCH else BETTER) * self.left
+    def cost(self) -> float:
+        """Minus the log-posterior: the odds are 19 to 1 against each mistake, and against a turned reference."""
+        return self.misfit.cost + LOG_ODDS * (len(self.mistakes) + (self.misfit.turn != 0))
 
 
-@dataclass(frozen=True)
-class Found:
-    """nominal: the log read as it is. best: the simplest explanation, then others that explain it as well; nominal if
-    none does."""
+def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candidate, Candidate, list[Candidate]]:
+    """Return the log read as it is, the most likely candidate, which may be the same, and others about as likely.
 
-    nominal: Candidate
-    best: Candidate
-    alike: tuple[Candidate, ...] = ()
+    One mistake of wiring after another is added, until none makes the log likelier; two at least, as they may mask each
+    other, so that neither helps alone. Last come pivots' counts per turn, which take longest.
+    """
+    table = Table(robot)
+    nominal = Candidate((), table.nominal, likelihood.of(table.nominal))
+    found = {table.nominal.tobytes(): nominal}
 
+    def extended(starts: Iterable[Candidate], mistakes: Iterable[Hypothesis]) -> list[Candidate]:
+        """Return candidates with a mistake more, and note them."""
+        known = len(found)
+        for start, mistake in ((start, mistake) for start in starts for mistake in mistakes):
+            made, reading = (*start.mistakes, mistake), mistake.reading @ start.reading
+            key = (np.round(reading, 9) + 0.0).tobytes()  # a zero has no sign
+            same = found.get(key)
+            if same is None or _size(made) < _size(same.mistakes):
+                found[key] = Candidate(made, reading, same.misfit if same else likelihood.of(reading))
+        return list(found.values())[known:]
 
-def search(robot: RobotDescription, misfits: Misfits) -> Found:
-    """Return the simplest mistakes that explain a log; no mistakes where the log agrees with the robot, or nothing
-    explains it."""
-    plain = Channels(robot).nominal()
-    nominal = Candidate((), plain, misfits.of(plain))
-    if nominal.left < SEEN and nominal.straight:
-        return Found(nominal, nominal)
-    single = [_with(misfits, nominal, hypothesis) for hypothesis in hypotheses(robot)]
-    single += [_scaled(misfits, nominal, robot, *place, GRID) for place in places_to_scale(robot).items()]
-    level = _different(single)
-    if nominal.left < SEEN:  # the reference alone is turned
-        return Found(
-            nominal, nominal, tuple(mistake for mistake in level if mistake.like(nominal) and mistake.straight)
-        )
-    best, chosen, partners = nominal, level, wiring(robot)
-    for depth in range(TOGETHER):
-        if depth > 0:
-            level = _extended(misfits, level, partners, depth)
-        first = min(level, key=lambda candidate: candidate.left, default=nominal)
-        if first.explains(best) or (depth == 0 and _alone(first, [nominal, *level])):
-            near = [candidate for candidate in level if candidate.like(first)]
-            best = _simplest(near)
-            # An explanation that also needs a turned reference counts as one mistake more.
-            chosen = [candidate for candidate in near if candidate.straight or not best.straight]
-        if best.left < SEEN:
+    def best() -> Candidate:
+        return min(found.values(), key=lambda candidate: round(candidate.cost, 1))  # the first of those alike
+
+    if nominal.cost < LOG_ODDS:
+        return nominal, nominal, []
+    wheels, pivots = ([of for of in table.places if (of[0] >= table.pivots) == kind] for kind in (True, False))
+    level = extended([nominal], [*table.all, *(_scaled(table, likelihood, of) for of in wheels)])
+    for depth in count(2):
+        if best().misfit.cost < LOG_ODDS or (depth > 2 and best() not in level):
             break
-    if best.left > MUCH:
-        pivots = [_scaled(misfits, nominal, robot, *place, FINE_GRID) for place in pivots_to_scale(robot).items()]
-        first = min(pivots, key=lambda candidate: candidate.left, default=nominal)
-        if first.explains(best):
-            best, chosen = first, [candidate for candidate in pivots if candidate.like(first)]
-    if best is nominal:
-        return Found(nominal, nominal)
-    chosen = [candidate for candidate in chosen if candidate.like(best)]
-    return Found(nominal, best, tuple(candidate for candidate in chosen if candidate is not best))
+        level.sort(key=lambda candidate: candidate.cost)
+        likeliest, others = np.split(np.array(level), [len(robot.wheels)])
+        masked = [candidate for candidate in others if depth == 2 and candidate.mistakes[0] in table.wiring]
+        level = extended([*likeliest, *masked], table.wiring)
+    if best().misfit.cost > LOG_ODDS:
+        extended([nominal], [_scaled(table, likelihood, of) for of in pivots])
+    chosen = best()
+    if chosen is nominal and not nominal.misfit.turn:
+        return nominal, nominal, []
+    near = [each for each in found.values() if each.mistakes and each.cost < chosen.cost + ALIKE]
+    turned = bool(chosen.misfit.turn)
+    return nominal, chosen, [each for each in near if each is not chosen and (turned or not each.misfit.turn)]
 
 
-def _extended(misfits: Misfits, level: list[Candidate], partners: list[Hypothesis], depth: int) -> list[Candidate]:
-    """Return the best combinations with one mistake of wiring more; of single mistakes those of wiring, too, as two
-    mistakes may mask each other, so that neither of them helps alone."""
-    names = [partner.what for partner in partners]
-    by_rest = sorted(level, key=lambda candidate: candidate.left)
-    starts = by_rest[:KEPT]
-    starts += [start for start in by_rest[KEPT:] if depth == 1 and start.mistakes[0].what in names]
-    return _different(
-        _with(misfits, start, partner)
-        for start in starts
-        for partner in partners
-        if partner.what not in [mistake.what for mistake in start.mistakes]
-    )
+def _size(mistakes: Iterable[Hypothesis]) -> int:
+    """Return how many single mistakes there are."""
+    return sum(len(mistake.effects) or 1 for mistake in mistakes)
 
 
-def _simplest(near: list[Candidate]) -> Candidate:
-    """Return the simplest candidate; among equally simple ones the candidate that explains most or, where they hardly
-    differ, the first."""
-    rank = min(candidate.rank for candidate in near)
-    simple = [candidate for candidate in near if candidate.rank == rank]
-    least = min(candidate.left for candidate in simple)
-    return next(candidate for candidate in simple if candidate.left <= SAME * least)
+def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...]) -> Hypothesis:
+    """Return the likeliest gross factor on the counts of these encoders, rounded where that is about as likely."""
 
+    def cost(log_factor: float) -> float:
+        return likelihood.of(table.multiplied(columns, math.exp(log_factor))).cost
 
-def _alone(candidate: Candidate, candidates: list[Candidate]) -> bool:
-    """Whether a candidate stands out where much contradicts the robot: all other candidates, and no mistake, leave far
-    more."""
-    return all(rival.left > max(MUCH, ALIKE * candidate.left) for rival in candidates if rival is not candidate)
-
-
-def _with(misfits: Misfits, start: Candidate, mistake: Hypothesis) -> Candidate:
-    reading = mistake.read(start.reading)
-    return Candidate((*start.mistakes, mistake), reading, misfits.of(reading))
-
-
-def _scaled(
-    misfits: Misfits, start: Candidate, robot: RobotDescription, place: str, channels: tuple[int, ...], factors: Array
-) -> Candidate:
-    """Return the candidate with the best gross factor on the counts of these channels, refined near the best of a
-    grid."""
-
-    def left(log_factor: float) -> float:
-        return misfits.of(start.reading.scaled(channels, float(np.exp(log_factor)))).total
-
-    logs, gross, step = np.log(factors), np.log(GROSS), np.log(factors[1] / factors[0])
-    at = min(logs[np.abs(logs) > gross], key=left)
-    fine = minimize_scalar(left, bounds=(at - step, at + step), method="bounded", options={"xatol": 1e-3})
-    factor = float(np.exp(fine.x if abs(fine.x) >= gross else at))
-    return _with(misfits, start, scale(robot, place, channels, factor))
-
-
-def _different(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return one candidate for each reading."""
-    found: dict[Reading, Candidate] = {}
-    for candidate in candidates:
-        if candidate.reading not in found or candidate.rank < found[candidate.reading].rank:
-            found[candidate.reading] = candidate
-    return list(found.values())
+    step = GROSS / 2  # fine enough for pivots, whose angles affect all rows
+    tried = np.arange(-LARGEST, LARGEST, step)
+    at = min(tried[np.abs(tried) > GROSS].tolist(), key=cost)
+    fine: Any = minimize_scalar(cost, bounds=(at - step, at + step), method="bounded")
+    best = math.exp(fine.x if abs(fine.x) >= GROSS else at)
+    rounded = (float(f"{best:.{digits}g}") for digits in (1, 2))
+    return table.scaled(columns, next((by for by in rounded if round(cost(math.log(by)) - fine.fun) == 0), best))

@@ -10,15 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from castor_envs.effects.catalogue import readings
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.preflight import Preflight, check_logs, preflight
-from discrepancy.preflight.stretches import unwrapped
+from discrepancy.preflight import Preflight, preflight
+from discrepancy.preflight.hypotheses import reading_of
+from discrepancy.validation.sufficient import check_logs
 from estimators.calibration.maximum_likelihood.tracker import straightened
+from estimators.likelihood.channels import Channels
 
 Logs = Mapping[str, Log]
 
@@ -41,60 +42,38 @@ class Undone:
 
     def found(self, named: Sequence[Effect]) -> RobotDescription | None:
         """Return the robot as its file is written: with gross mistakes that are certain, and the effects named."""
-        certain = [
-            effect for mistake in self.checked.mistakes if not mistake.alternatives for effect in mistake.effects
-        ]
-        effects = [*(effect for effect in certain if not effect.wiring), *named]
-        effects += [effect for effect in certain if effect.wiring]
+        sure = [effect for mistake in self.checked.mistakes if not mistake.alternatives for effect in mistake.effects]
+        wiring = [effect for effect in sure if effect.wiring]
+        effects = [*(effect for effect in sure if not effect.wiring), *named, *wiring]
         return self.described.with_effects(*effects) if effects else None
 
 
 def undo(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Undone:
     """Return logs with their gross mistakes undone; raises InputError for such as cannot be undone."""
+    found = []
     for given in (logs, held_out, clean):
         check_logs(given)
-    checked, kept, good = (
-        preflight(robot, list(log_set.values()), list(log_set)).serious if log_set else Preflight()
-        for log_set in (logs, held_out, clean)
-    )
-    for result in (checked, kept, good):
+        found.append(preflight(robot, list(given.values()), list(given)).serious if given else Preflight())
+    for result in found:
         if result.fatal:
             raise InputError("; ".join(mistake.what for mistake in result.mistakes))
-    of_logs, of_clean = (_with_mistakes(robot, result) for result in (checked, good))
-    return Undone(
-        robot,
-        checked,
-        of_logs,
-        of_clean,
-        _straight(robot, of_logs, checked, logs),
-        _straight(robot, of_logs, checked, held_out),
-        _straight(robot, of_clean, good, clean),
-    )
+    checked, _, good = found
+    straight = (_straight(robot, *each) for each in ((checked, logs), (checked, held_out), (good, clean)))
+    return Undone(robot, checked, _mended(robot, checked), _mended(robot, good), *straight)
 
 
-def _with_mistakes(robot: RobotDescription, checked: Preflight) -> RobotDescription:
+def _mended(robot: RobotDescription, checked: Preflight) -> RobotDescription:
     return robot.with_effects(*(effect for effect in checked.effects if not effect.wiring))
 
 
-def _straight(robot: RobotDescription, mended: RobotDescription, checked: Preflight, logs: Logs) -> dict[str, Log]:
-    """Return logs with their encoders where they belong, and the axes of their tracker along the body's.
-
-    mended: the robot with gross mistakes that are not of wiring.
-    """
+def _straight(robot: RobotDescription, checked: Preflight, logs: Logs) -> dict[str, Log]:
+    """Return logs with their encoders where they belong, and the axes of their tracker along the body's."""
     wiring = [effect for effect in checked.effects if effect.wiring]
-    unwired = [_unwired(robot, wiring, log) if wiring else log for log in logs.values()]
-    return dict(zip(logs, straightened(Geometry.of(mended.as_built()), unwired)[0], strict=True))
-
-
-def _unwired(robot: RobotDescription, wiring: Sequence[Effect], log: Log) -> Log:
-    """Return the log as it would be with its encoders where they belong; each such mistake undoes itself."""
-    geometry, driven, sensed = Geometry.of(robot.as_built()), list(robot.driven_wheels), list(robot.pivot_encoders)
-    turn, per_rev, zero = geometry.pivot_counts_per_rev[sensed], geometry.counts_per_rev[driven], geometry.pivot_zero
-    wheel, castor = np.zeros((len(log), len(robot.wheels))), np.zeros((len(log), len(robot.castors)))
-    wheel[:, driven] = log.wheel * 2 * np.pi / per_rev
-    castor[:, sensed] = unwrapped(log.pivot, turn) * 2 * np.pi / turn - zero[sensed]
-    for effect in reversed(wiring):
-        wheel, castor = readings(robot.with_effects(effect), log.t, wheel, castor)
-    counted = np.round(wheel[:, driven] * per_rev / (2 * np.pi), 6)
-    pivot = np.round((castor[:, sensed] + zero[sensed]) * turn / (2 * np.pi), 6)
-    return dataclasses.replace(log, wheel=counted, pivot=pivot, undone=tuple(wiring))
+    channels, undo, unwired = Channels(robot), np.linalg.inv(reading_of(robot, wiring)), list(logs.values())
+    c, s = len(channels.names), len(channels.sensed)
+    for k, log in enumerate(unwired if wiring else ()):
+        turn = channels.per_rev[:s] / (2 * np.pi)
+        counts = np.column_stack([np.unwrap(log.pivot / turn, axis=0) * turn, log.wheel])
+        counts = np.round(counts @ undo[:c, :c].T + undo[:c, -1], 6)
+        unwired[k] = dataclasses.replace(log, wheel=counts[:, s:], pivot=counts[:, :s], undone=tuple(wiring))
+    return dict(zip(logs, straightened(Geometry.of(_mended(robot, checked).as_built()), unwired)[0], strict=True))

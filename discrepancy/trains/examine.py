@@ -8,11 +8,11 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import file_name
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.verdicts import MATERIAL, Material
-from discrepancy.preflight import check_logs
 from discrepancy.report.examined import Examined
 from discrepancy.report.plain_data import as_data
 from discrepancy.trains.linearise import Linearised, linearise
 from discrepancy.trains.posterior import diagnose_train
+from discrepancy.validation.sufficient import check_logs
 from estimators.likelihood.trains.states import equations_of
 
 Logs = Mapping[str, Log]

@@ -1,6 +1,6 @@
 """Whether logs and a robot's encoders hold enough information for a diagnosis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -12,6 +12,13 @@ from castor_envs.motion.mobility import Mobility
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.parity import BLIND
 
+SHORT, FEWEST_ROWS = 10.0, 10
+"""s: a shorter log shows hardly anything; least number of rows with which noise can be distinguished from motion."""
+
+FARTHEST, MOVED = 1e3, 0.05
+"""m: patches and cables are searched on a grid of centimetres from the origin to the robot, which must stay small.
+m and rad: a reference that ranges further has moved, as no tracker is so noisy."""
+
 UNSEEN = (
     "the encoders of robot {!r} do not determine its motion: they and wheels that do not slip sideways hold {} of its "
     "3 directions (forward, to the side, turning); give the encoders that it has in the robot file, pivots too"
@@ -21,6 +28,35 @@ CONTRADICTION = (
     "reversed or dead, counts per turn or dimensions that are wrong by a factor, reference poses not in m and rad, and "
     "counts or poses that jump: castor-diagnose inspect shows them"
 )
+
+
+def check_logs(logs: Mapping[str, Log]) -> None:
+    """Raise InputError, with its name, for a log without information.
+
+    That is one of hardly any rows, in which no encoder count changes (and of a train no relative pose: a standing one
+    shows the noise of its gauges), or, of a robot, whose reference is far from its origin.
+    """
+    for name, log in logs.items():
+        if len(log) < FEWEST_ROWS:
+            raise InputError(
+                f"{name}: has {len(log)} rows; a diagnosis needs at least {FEWEST_ROWS}, and less shows little "
+                f"than {SHORT:g} s"
+            )
+        reference = np.zeros((1, 3)) if log.reference is None else log.reference
+        far = np.abs(np.nan_to_num(reference, posinf=0.0, neginf=0.0))[:, :2]
+        row, axis = np.unravel_index(int(np.argmax(far)), far.shape)
+        if log.rps is None and far[row, axis] > FARTHEST:
+            raise InputError(
+                f"{name}: ref_{'xy'[axis]} is {reference[row, axis]:g} m in row {row + 1}, and a diagnosis takes "
+                f"positions within {FARTHEST:g} m of the origin; mend it, or subtract the place where the robot started"
+            )
+        channels = [log.wheel, log.pivot, *([] if log.rps is None else [np.nan_to_num(log.rps)])]
+        if not any(np.any(np.ptp(part, axis=0) > 0) for part in channels):
+            message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
+            taken = reference[np.isfinite(reference).all(axis=1)]
+            if len(taken) and np.any(np.ptp(taken, axis=0) > MOVED):
+                message += " (the reference does move: if the robot did, its encoders are not connected)"
+            raise InputError(f"{name}: {message}")
 
 
 def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:

@@ -5,7 +5,7 @@
 
 import dataclasses
 import os
-from functools import cache, reduce
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,9 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.preflight import preflight
-from discrepancy.preflight.misfit import ALIKE, SEEN, Misfits
-from discrepancy.preflight.reading import Channels
-from discrepancy.preflight.search import BETTER_OF_MUCH, search
+from discrepancy.preflight.hypotheses import reading_of
+from discrepancy.preflight.likelihood import USUAL, WiringLikelihood
+from discrepancy.preflight.search import search
 from discrepancy.trials.pymunk_generator import drive
 
 WIRING = ("encoders_swapped", "encoder_reversed", "castor_order")
@@ -73,13 +73,12 @@ def test_a_reading_undoes_the_effects_that_made_it(name):
     """Whatever two effects of wiring do to a log, a log that is read so contradicts nothing: the effects' own code
     made the log, the constraints judge it."""
     robot = preset(name)
-    channels, random = Channels(robot), np.random.default_rng(6)
-    effects = wiring_of(robot)
+    effects, random = wiring_of(robot), np.random.default_rng(6)
     assert effects
     for _ in range(6):
         made = [effects[k] for k in random.integers(len(effects), size=2)]
-        misfits = Misfits(robot, [log_of(robot, *made)])
-        assert misfits.of(reduce(channels.read, made, channels.nominal())).total < SEEN / 4, made
+        misfit = WiringLikelihood(robot, [log_of(robot, *made)]).of(reading_of(robot, made))
+        assert max(misfit.encoders, misfit.reference) < 2 * USUAL, made
 
 
 @pytest.mark.parametrize("poses", [True, False], ids=["reference", "no-reference"])
@@ -116,11 +115,7 @@ def test_castors_shifted_around_are_put_in_order():
     log = log_of(ASOC, *effects)
     mistake = only(preflight(ASOC, [log]))
     assert "order" in mistake.what
-    channels = Channels(ASOC)
-    named, made = (
-        reduce(channels.read, wiring_effects, channels.nominal()) for wiring_effects in (mistake.effects, effects)
-    )
-    assert named == made
+    assert reading_of(ASOC, mistake.effects) == pytest.approx(reading_of(ASOC, effects))
 
 
 @pytest.mark.parametrize(
@@ -165,6 +160,16 @@ def test_pivots_in_other_units_than_counts_are_named(turn, unit):
     found = preflight(ASOC, [dataclasses.replace(log, pivot=log.pivot * turn / 5143)])
     assert f"pivots are given in {unit}" in only(found).what
     assert found.fatal
+
+
+@pytest.mark.parametrize(
+    ("pivots", "factor", "said"), [([1], 2.0, "pivot_2 are 2"), ([0, 1, 2], 0.5, "all pivots are 0.5")]
+)
+def test_pivot_counts_a_turn_that_are_wrong_by_a_factor_are_named(pivots, factor, said):
+    log = log_of(ASOC)
+    pivot = log.pivot.copy()
+    pivot[:, pivots] = np.round(factor * pivot[:, pivots])
+    assert f"counts of {said} times" in only(preflight(ASOC, [dataclasses.replace(log, pivot=pivot)])).what
 
 
 @pytest.mark.parametrize(
@@ -220,15 +225,16 @@ def test_wiring_is_named_in_logs_of_robots_steered_by_wrong_readings():
 
 
 def test_a_mistake_that_stands_out_alone_is_reported_though_wheels_slide():
-    """It leaves over a quarter of what contradicts the robot; any other leaves nearly all."""
+    """It leaves more than ten times what a robot in good order contradicts; any other leaves far more."""
     effect = CastorOrder(castor=1, exchanged_with=2)
     log = log_of(ASOC, effect)
     step = np.abs(np.diff(log.wheel, axis=0)).mean()
     slip = np.random.default_rng(1).normal(scale=0.45 * step, size=log.wheel.shape)
     sliding = dataclasses.replace(log, wheel=np.round(log.wheel + np.cumsum(slip, axis=0)))
-    found = search(ASOC, Misfits(ASOC, [sliding]))
-    assert [mistake.effects for mistake in found.best.mistakes] == [(effect,)]
-    assert found.nominal.left / BETTER_OF_MUCH < found.best.left < found.nominal.left / ALIKE
+    nominal, best, alike = search(ASOC, WiringLikelihood(ASOC, [sliding]))
+    assert [mistake.effects for mistake in best.mistakes] == [(effect,)]
+    assert alike == []
+    assert 10 * USUAL < best.misfit.encoders < nominal.misfit.encoders / 2
 
 
 def test_what_no_mistake_explains_is_reported_and_not_named():
@@ -337,7 +343,7 @@ def test_mistakes_made_in_measured_logs_are_found():
                     case EncoderReversed(wheel=None):
                         pivot = -pivot
                     case EncoderReversed():
-                        wheel[:, list(Channels(session.robot).of_castor(effect.castor))[effect.wheel - 1]] *= -1
+                        wheel[:, effect.wheel - 1 if session.robot.castors[0].wheels[1:] else effect.castor - 1] *= -1
                     case _:
                         a, b = effect.castor - 1, effect.exchanged_with - 1
                         wheel[:, [a, b]] = wheel[:, [b, a]]

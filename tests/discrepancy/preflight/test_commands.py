@@ -7,18 +7,22 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
+from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.diagnose import posterior_of
+from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.preflight import preflight
-from discrepancy.preflight.obedience import OBEYED, Obedience
-from discrepancy.preflight.reading import Channels
+from discrepancy.preflight.hypotheses import Table
+from discrepancy.preflight.likelihood import WiringLikelihood
+from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 
 WRONG = (
     ("differential", EncodersSwapped(castor=1)),
     ("tricycle", EncoderReversed(castor=1, wheel=1)),
     ("swerve", CastorOrder(castor=2, exchanged_with=3)),
+    ("powered-caster", EncoderReversed(castor=1)),
 )
 
 
@@ -26,7 +30,7 @@ WRONG = (
 def driven(name, effect=None):
     """A log, with commands, of a robot whose controller reads its encoders as they are connected."""
     robot = preset(name).with_effects(*([] if effect is None else [effect]))
-    sideways = name == "swerve"
+    sideways = moves_sideways(robot)
     return drive(robot, wander(np.random.default_rng(7), duration=12.0, holonomic=sideways), 1, duration=12.0)
 
 
@@ -42,11 +46,20 @@ def test_commands_tell_wrong_wiring_where_encoders_and_reference_leave_it_open(n
 
 @pytest.mark.parametrize("name", [name for name, _ in WRONG])
 def test_motors_of_a_robot_in_good_order_obey_best_as_it_is_connected(name):
-    robot, log = preset(name), driven(name)
-    obedience, nominal = Obedience(robot, [log]), Channels(robot).nominal()
-    assert (obedience.share(nominal), obedience.each(nominal)) == (0.0, pytest.approx(0.0, abs=1e-9))
-    for channel in range(len(nominal.source)):
-        assert obedience.each(nominal.scaled((channel,), -1.0)) > OBEYED
+    table, likelihood = Table(preset(name)), WiringLikelihood(preset(name), [driven(name)])
+    nominal = likelihood.of(table.nominal)
+    assert nominal.commands == pytest.approx(0.0, abs=1e-6)
+    for column in range(len(table.nominal) - 4):
+        reversed_misfit = likelihood.of(table.multiplied((column,), -1.0))
+        assert reversed_misfit.commands > 0.2
+        assert reversed_misfit.cost > nominal.cost + LOG_ODDS  # by its command alone: the rest costs no more
+
+
+@pytest.mark.parametrize("name", ["swerve", "powered-caster"])
+def test_motors_that_hardly_turn_say_nothing(name):
+    """On circles castors keep their angles, and what their encoders show of a command is chance."""
+    robot = preset(name)
+    assert preflight(robot, [drive(robot, motion(robot, "circles", 3, 30.0), 3, duration=30.0)]).mistakes == ()
 
 
 def test_commands_may_be_in_any_unit_and_be_missing_at_times():
@@ -55,18 +68,15 @@ def test_commands_may_be_in_any_unit_and_be_missing_at_times():
     robot, faster = preset("swerve"), log.command * 1000.0
     gaps = faster.copy()
     gaps[50:80] = np.nan
-    shares = [
-        Obedience(robot, [each]).share(Channels(robot).nominal())
-        for each in (
-            log,
-            dataclasses.replace(log, command=faster),
-            dataclasses.replace(log, command=gaps),
-        )
+    nominal = Table(robot).nominal
+    parts = [
+        WiringLikelihood(robot, [each]).of(nominal).commands
+        for each in (log, dataclasses.replace(log, command=faster), dataclasses.replace(log, command=gaps))
     ]
-    assert shares[1] == pytest.approx(shares[0], rel=1e-6)
-    assert shares[2] == pytest.approx(shares[0], rel=0.3)
+    assert parts[1] == pytest.approx(parts[0], rel=1e-6)
+    assert parts[2] == pytest.approx(parts[0], rel=0.15)
     silent = dataclasses.replace(log, command=None, steering_command=None)
-    assert Obedience(robot, [silent]).share(Channels(robot).nominal()) == 0.0
+    assert WiringLikelihood(robot, [silent]).of(nominal).commands == 0.0
 
 
 def test_nothing_else_is_looked_for_where_wheels_slid_by_wrong_wiring():
