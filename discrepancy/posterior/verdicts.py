@@ -125,6 +125,8 @@ class _HeldOut:
             gained = self.with_named.log_evidence - self.without.log_evidence
             if gained < together + LOG_ODDS:  # else the signature hardly shows, beside what passes for noise without it
                 return together - of_others
+            if len(self.named) == 1:  # without a reference, what wheels mask entirely leaves no linear trace
+                return gained
         size = sizes_of([place_in_model(self.with_named, effect.candidate)], [effect.amplitudes], self.with_named)
         return self._log_ratio(size, [log.at(-size) for log in self.with_named.logs])
 

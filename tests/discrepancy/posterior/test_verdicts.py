@@ -67,6 +67,16 @@ def test_names_explain_held_out_logs_better_or_are_not_confirmed(likelier, gap, 
     assert verdict(without, seen(likelier, gap)) == expected
 
 
+def test_one_effect_that_leaves_no_linear_trace_is_judged_by_fits_with_and_without_it():
+    def untraced(log_evidence):
+        held_out = seen(log_evidence, None)
+        held_out.logs = (Statistics(np.zeros((1, 1)), np.zeros(1)),)
+        return held_out
+
+    assert verdict(untraced(0.0), untraced(LOG_ODDS + 1)) == "named"
+    assert verdict(untraced(0.0), untraced(LOG_ODDS - 1)) == "unconfirmed"
+
+
 def test_an_effect_that_costs_less_than_matters_is_negligible_whatever_held_out_logs_say():
     assert verdict(seen(0.0, None), seen(-500.0, None), Material(1.0, 1.0)) == "negligible"
 
