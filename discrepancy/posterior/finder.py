@@ -205,6 +205,10 @@ def _diagnosed(
         held = plainly, after
         lacking = held[0] if curve is None else linearise(robot, held_out, creep=creep, among=(), released=free)
         order = order_of(after, good)
+
+    def in_held_out(vehicle: RobotDescription) -> Linearised:
+        return linearise(vehicle, held_out, creep=creep, among=(), released=free, jitter=jitter, own_clocks=True)
+
     beside = [*events.answers(found, logs, seen, confirmed), *([] if jittery is None else [jittery])]
     beside += [] if curve is None else [answer_of(robot, curve, logs)]
     beside += noisy_answers(seen, None if held is None else held[1], usual)
@@ -212,7 +216,7 @@ def _diagnosed(
     called = {name: answer.credible[0] for answer in answers for name in answer.alike}
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
-    answers = judged(answers, named, held, order, material)
+    answers = judged(answers, named, held, order, material, lambda effects: in_held_out(with_effects(base, effects)))
     held = None if held is None or lacking is None else (lacking.without_designs(), held[1].without_designs())
     diagnosis = Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_designs(), held, creep)
     built = dimensions_of(robot, seen)
@@ -224,10 +228,7 @@ def _diagnosed(
     together = [one for one in guessed(look, seen, good, built, others) if one.matters(seen, material)]
     changed = replace(diagnosis, dimensions=tuple(together))
 
-    def in_held_out(one: Diagnosis[RobotDescription, Linearised]) -> Linearised:
-        return linearise(one.found, held_out, creep=creep, among=(), released=free, jitter=jitter, own_clocks=True)
-
-    pair = in_held_out(diagnosis), in_held_out(changed)
+    pair = in_held_out(diagnosis.found), in_held_out(changed.found)
     return changed if explains_better(*pair, material) and not gap_grows(*pair, material) else diagnosis
 
 

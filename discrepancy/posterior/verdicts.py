@@ -1,7 +1,7 @@
 """The verdict on an answer: it follows from its probabilities, from held-out logs, and from its cost in use."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,14 +35,16 @@ def judged(
     held_out: Sequence[Seen] | None,
     order: GoodOrder | None,
     material: Material,
+    fit: Callable[[Sequence[Sized]], Seen] | None = None,
 ) -> tuple[Answer, ...]:
     """Return the answers with their verdicts, without those that held-out logs contradict so much that "nothing" is in
     the credible set of all logs together.
 
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
-    these candidates only; order: what robots in good order show of them.
+    these candidates only; order: what robots in good order show of them; fit: returns statistics of these logs with
+    other effects in the model.
     """
-    kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order)
+    kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit)
     if kept is not None:
         answers = [answer for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
@@ -111,6 +113,7 @@ class _HeldOut:
     without: Seen
     with_named: Seen
     order: GoodOrder
+    fit: Callable[[Sequence[Sized]], Seen] | None
 
     def log_ratio(self, answer: Answer) -> float:
         """Return the log-likelihood ratio of an effect of the size found against none."""
@@ -154,7 +157,12 @@ class _HeldOut:
         away = (covariance @ shown.score)[:count] - effect.amplitudes
         same = covariance[:count, :count] + answer.covariance + SIGNATURE**2 * square * np.eye(count)
         other = same + square * np.eye(count)
-        return _log_density(away, other) - _log_density(away, same) > LOG_ODDS
+        if _log_density(away, other) - _log_density(away, same) < LOG_ODDS:
+            return False
+        if self.fit is None:
+            return True
+        moved = [one.moved(away) if one.candidate == answer.candidate else one for one in self.named]
+        return self.fit(moved).log_evidence - self.with_named.log_evidence > LOG_ODDS  # the formula may be far off
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""

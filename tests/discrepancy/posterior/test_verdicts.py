@@ -43,9 +43,9 @@ def seen(log_evidence, gap) -> Any:
     )  # fmt: skip
 
 
-def verdict(without, with_named, material=MATERIAL, answer=ANSWER):
+def verdict(without, with_named, material=MATERIAL, answer=ANSWER, fit=None):
     named = [Sized(CAUSE, ANSWER.amplitudes)]
-    return verdict_of(judged([answer], named, (without, with_named), ORDER, material))
+    return verdict_of(judged([answer], named, (without, with_named), ORDER, material, fit))
 
 
 @pytest.mark.parametrize(
@@ -111,3 +111,17 @@ def test_an_effect_has_one_size_in_all_logs(other, expected):
     held_out = seen(500.0, None)
     held_out.logs = (Statistics(np.array([[1e8]]), np.array([1e8 * other])),)
     assert verdict(seen(0.0, None), held_out) == expected
+
+
+@pytest.mark.parametrize(("likelier", "expected"), [(LOG_ODDS - 1, "named"), (LOG_ODDS + 1, "unconfirmed")])
+def test_another_size_counts_only_if_held_out_logs_are_likelier_with_it(likelier, expected):
+    """Of large effects the formula may be far off."""
+    held_out, tried = seen(500.0, None), []
+    held_out.logs = (Statistics(np.array([[1e8]]), np.array([-4e5])),)
+
+    def fit(effects):
+        tried.extend(float(effect.size) for effect in effects)
+        return seen(500.0 + likelier, None)
+
+    assert verdict(seen(0.0, None), held_out, fit=fit) == expected
+    assert tried == pytest.approx([0.006], abs=1e-4)
