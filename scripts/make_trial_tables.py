@@ -2,7 +2,7 @@
 
     castor-diagnose trial --out FOLDER && python scripts/make_trial_tables.py FOLDER...
 
-Without folders, the table is made anew of what is stored.
+They come before what is stored already. Without folders, the table is made anew.
 """
 
 import json
@@ -55,8 +55,8 @@ def with_table(page: str, figures: Figures) -> str:
 
 
 if __name__ == "__main__":
+    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
     if sys.argv[1:]:
-        write_atomically(FIGURES, json.dumps(figures_of([Path(name) for name in sys.argv[1:]]), indent=1) + "\n")
-    write_atomically(
-        PAGE, with_table(PAGE.read_text(encoding="utf-8"), json.loads(FIGURES.read_text(encoding="utf-8")))
-    )
+        figures["trials"] = figures_of([Path(name) for name in sys.argv[1:]])["trials"] + figures["trials"]
+        write_atomically(FIGURES, json.dumps(figures, indent=1) + "\n")
+    write_atomically(PAGE, with_table(PAGE.read_text(encoding="utf-8"), figures))
