@@ -23,9 +23,9 @@ from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, a
 from discrepancy.posterior.calibrated import NOTHING, SIGNATURE
 from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
+from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
-from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
+from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, sizes_of, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -151,10 +151,8 @@ def _diagnosed(
         )
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        places = [place_in_model(seen, effect.candidate) for effect in named]
-        sizes = sizes_of(places, [effect.amplitudes for effect in named], seen)
         try:
-            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes)
+            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes_of(named, seen))
         finally:
             seen.forget()
 

@@ -11,9 +11,9 @@ from scipy.special import logit
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
-from discrepancy.posterior.priors import direction_of, place_in_model, sizes_of
+from discrepancy.posterior.priors import directions_in_model
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
-from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.refit import Sized, sizes_of
 from estimators.calibration.identifiability import COVERAGE
 
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
@@ -127,7 +127,7 @@ class _HeldOut:
                 return together - of_others
             if len(self.named) == 1:  # without a reference, what wheels mask entirely leaves no linear trace
                 return gained
-        size = sizes_of([place_in_model(self.with_named, effect.candidate)], [effect.amplitudes], self.with_named)
+        size = sizes_of([effect], self.with_named)
         return self._log_ratio(size, [log.at(-size) for log in self.with_named.logs])
 
     def contradict(self, answer: Answer) -> bool:
@@ -143,10 +143,9 @@ class _HeldOut:
             return False
         effect = self._sized(answer)
         effects = [effect, *(other for other in self.named if other.candidate != answer.candidate)]
-        places = [place_in_model(self.with_named, one.candidate) for one in effects]
-        sizes = [one.amplitudes for one in effects]
-        logs = [log.at(-sizes_of(places, sizes, self.with_named)) for log in self.with_named.logs]
-        along = np.concatenate([direction_of(self.with_named, place) for place in places], axis=1)
+        sizes = [sized.amplitudes for sized in effects]
+        logs = [log.at(-sizes_of(effects, self.with_named)) for log in self.with_named.logs]
+        along = directions_in_model(self.with_named, [sized.candidate for sized in effects])
         shown = self.order.beyond(agreeing(logs, self.with_named.lasting)).of_combinations(along)
         prior = np.repeat([1 / (FAULT**2 * (size @ size)) for size in sizes], [len(size) for size in sizes])
         covariance = np.linalg.inv(shown.information + np.diag(prior))
@@ -179,8 +178,7 @@ class _HeldOut:
             effect.candidate not in self.without.candidates for effect in effects
         ):
             return None
-        places = [place_in_model(self.without, effect.candidate) for effect in effects]
-        size = sizes_of(places, [effect.amplitudes for effect in effects], self.without)
+        size = sizes_of(effects, self.without)
         explained = sum(float(size @ log.information @ size) for log in self.without.logs)
         return self._log_ratio(size, self.without.logs) if explained * SIGNATURE**2 < 1 else None
 
