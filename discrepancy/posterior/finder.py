@@ -6,7 +6,6 @@ where there are any (`priors`); a fault has to exceed that. The result is a prob
 that follows from it (`verdicts`).
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic
@@ -20,7 +19,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
-from discrepancy.posterior.calibrated import NOTHING, SIGNATURE
+from discrepancy.posterior.calibrated import SIGNATURE, prior_log_odds
 from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of
@@ -174,7 +173,7 @@ def _diagnosed(
         found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
-            odds = math.log((1 - NOTHING) / NOTHING / names)
+            odds = prior_log_odds(names)
             if new and (late := exchanged(base, look, worse, named, (), seen, new, odds)):
                 begin = late[0]
                 first = afresh(begin)
@@ -257,7 +256,7 @@ def named_together(
             better = refitted(vehicle, look, worse, named, new, seen)
         else:
             more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
-            odds = math.log((1 - NOTHING) / NOTHING / len(posterior.names))
+            odds = prior_log_odds(len(posterior.names))
             better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds)
             families = frozenset(effect.candidate.family for effect in (named if better is None else better[0]))
         if better is None or families in tried:  # what is returned belongs to these answers

@@ -19,9 +19,9 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.measurement.design_matrix import Columns
 from discrepancy.posterior.answers import Answer, Cause
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
+from discrepancy.posterior.calibrated import FAULT, FREEDOM, LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.variances.bursts import Bursts, bursts_of
+from discrepancy.posterior.variances.bursts import bursts_of
 from estimators.likelihood.disagreement import LEAST_KEPT, Disagreement, of_row
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
@@ -64,9 +64,9 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
         usual = np.max([usual, *map(_log_factors, good)], axis=0)
     found: list[Faulty] = []
     while len(found) < len(usual):
-        log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual - logit(NOTHING) - np.log(names)
+        log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual + prior_log_odds(names)
         row = int(np.argmax(log_odds))
-        if expit(log_odds[row]) < CREDIBLE:
+        if log_odds[row] < LOG_ODDS:
             break
         active = tuple(_active(off[:, row]) for off in disagreements)
         fault = Faulty(row, active, (), float(log_odds[row]))
@@ -97,7 +97,7 @@ def recurring(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty],
     for fault in faulty:
         active = tuple(_active(off[:, fault.row]) for off in disagreements)
         confirmed.append(float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row]))
-        found.append(fault._replace(active=active, slips=tuple(np.zeros(len(of_log)) for of_log in active)))
+        found.append(fault._replace(active=active, slips=()))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, found[-1].hits, strict=True)]
     return found, confirmed
 
@@ -116,27 +116,18 @@ def answer_of(
         for disagreement, slips in zip(seen.disagreements, fault.slips, strict=True)
     ]
     cost = seen.cost_of_slips(slipped)
-    answer = Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
-    return _losing(answer, bursts_of(robot, logs, seen, fault.row, fault.active), cost)
-
-
-def _losing(answer: Answer, bursts: Bursts | None, cost: Array) -> Answer:
-    """Return the answer that counts are lost in bursts, if this is likelier than another cause."""
+    bursts = bursts_of(robot, logs, seen, fault.row, fault.active)
     if bursts is None:
-        return answer
-    lost, contradiction = float(expit(bursts.log_odds)), answer.credible[0]
-    candidate = Candidate(described(bursts.effect), (bursts.effect,))
-    credible = (candidate.family,) if lost >= CREDIBLE else (candidate.family, contradiction)
-    parts = {candidate.family: lost * answer.probability, contradiction: (1 - lost) * answer.probability}
+        return Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
+    candidate, lost = Candidate(described(bursts.effect), (bursts.effect,)), float(expit(bursts.log_odds))
+    answer = Answer.judged_apart(candidate, probability, bursts.effect.value, bursts.error, cost, confirmed)
+    parts = {candidate.family: lost * probability, description: (1 - lost) * probability}
+    credible, unsure = (*answer.credible, description), bursts.log_odds < LOG_ODDS
     return dataclasses.replace(
         answer,
-        probabilities=parts | {"nothing": answer.probabilities["nothing"]},
-        credible=credible,
-        unnamed=len(credible) > 1,
-        candidate=candidate,
-        amplitudes=np.array([bursts.effect.value]),
-        covariance=np.array([[bursts.error**2]]),
-        cost=cost / bursts.effect.value,
+        probabilities=parts | {"nothing": 1 - probability},
+        credible=credible if unsure else answer.credible,
+        unnamed=unsure,
     )
 
 

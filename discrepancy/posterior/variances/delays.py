@@ -9,12 +9,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.likelihood.disagreement import MEDIAN
 
 ORDER = 6
 """Order of the differences, in which a robot's smooth motion is negligible beside jitter."""
@@ -32,24 +34,20 @@ LEAST_JITTER = 3e-4
 MOVING = 0.3
 """Least squared speed of a sample that is used, as a part of the median: slow samples carry no information on time."""
 
-STEADY, MEDIAN = 0.2, 0.455
+STEADY = 0.2
 """Steady jitter: the variance estimated from the median of squares is at least this part of the variance from their
-mean. And the median of a squared standard normal number."""
+mean."""
 
 SPREAD = math.comb(2 * ORDER, ORDER)
 """Variance of such differences relative to that of single samples: the sum of squared binomial coefficients."""
 
 
 class Jitter(NamedTuple):
-    """The standard deviation of jitter (s), its standard error, and the deviance that it explains (`gain`).
-
-    seldom: for intermittent jitter the time at which it is largest, in words; else empty.
-    """
+    """The standard deviation of jitter, s. seldom: for intermittent jitter the time at which it is largest, in words;
+    else empty."""
 
     value: float
-    error: float
-    gain: float
-    seldom: str = ""
+    seldom: str
 
 
 def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
@@ -60,21 +58,15 @@ def jitter_of(robot: RobotDescription, logs: Sequence[Log]) -> Jitter | None:
     """
     delays = [delays_of(robot, log) for log in logs]
     late, expected, beside = (np.concatenate([of_log[k] for of_log in delays]) for k in range(3))
-    if len(late) < 10 * ORDER:
-        return None
-    if np.mean(beside - expected) > BESIDE * np.mean(late**2 - expected):
+    if len(late) < 10 * ORDER or np.mean(beside - expected) > BESIDE * np.mean(late**2 - expected):
         return None
     variance = float(np.mean(late**2) - np.mean(expected)) / SPREAD
-    value = np.sqrt(max(variance, 0.0))
-    ratio = variance * SPREAD / expected
-    gain = float(np.sum(ratio - np.log1p(ratio))) / ORDER
-    if value < LEAST_JITTER:
+    if variance < LEAST_JITTER**2:
         return None
-    steady = float(np.median(late**2)) / MEDIAN - float(np.mean(expected)) > STEADY * variance * SPREAD
+    steady = bool(np.median(late**2) / MEDIAN**2 - np.mean(expected) > STEADY * variance * SPREAD)
     if _correlation(delays, beyond_pauses=not steady) > ALIKE:
         return None
-    seldom = "" if steady else _when(delays)
-    return Jitter(float(value), float(value * np.sqrt(ORDER / (2 * len(late)))), gain, seldom)
+    return Jitter(math.sqrt(variance), "" if steady else _when(delays))
 
 
 def _correlation(delays: Sequence["Delays"], beyond_pauses: bool) -> float:
@@ -93,11 +85,9 @@ def _correlation(delays: Sequence["Delays"], beyond_pauses: bool) -> float:
 
 def _when(delays: Sequence["Delays"]) -> str:
     """Return in words when the timing error is largest."""
-    worst = [float(np.abs(of_log.late).max(initial=0.0)) for of_log in delays]
-    k = int(np.argmax(worst))
-    return f"at {delays[k].t[np.argmax(np.abs(delays[k].late))]:.1f} s" + (
-        f" of log {k + 1}" if len(delays) > 1 else ""
-    )
+    k = int(np.argmax([np.abs(of_log.late).max(initial=0.0) for of_log in delays]))
+    time = delays[k].t[np.argmax(np.abs(delays[k].late))]
+    return f"at {time:.1f} s" + (f" of log {k + 1}" if len(delays) > 1 else "")
 
 
 class Delays(NamedTuple):
@@ -118,10 +108,11 @@ def delays_of(robot: RobotDescription, log: Log) -> Delays:
     pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
     counts = np.column_stack([*pivot, log.wheel])
     if len(log) <= 2 * ORDER:
-        return Delays(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp))
-    weights = _weights(log.t)
-    rows = len(weights)
-    jumps = np.sum([weights[:, k, None] * counts[k : k + rows] for k in range(ORDER + 1)], axis=0)
+        return Delays(*[np.zeros(0)] * 4, row=np.zeros(0, dtype=np.intp))
+    times = sliding_window_view(log.t, ORDER + 1)
+    weights = 1 / np.prod(times[:, :, None] - times[:, None, :] + np.eye(ORDER + 1), axis=2)  # at uneven times
+    weights *= math.sqrt(SPREAD) / np.linalg.norm(weights, axis=1, keepdims=True)
+    jumps = np.einsum("rk,rck->rc", weights, sliding_window_view(counts, ORDER + 1, axis=0))
     across = counts[ORDER:] - counts[:-ORDER]
     speed = across / (log.t[ORDER:] - log.t[:-ORDER])[:, None]
     squared = np.sum(speed**2, axis=1)
@@ -129,22 +120,4 @@ def delays_of(robot: RobotDescription, log: Log) -> Delays:
     jumps, speed, squared = jumps[moving], speed[moving], squared[moving]
     late = np.sum(speed * jumps, axis=1) / squared
     beside = (np.sum(jumps**2, axis=1) / squared - late**2) / max(counts.shape[1] - 1, 1)
-    rounding = np.sum(weights**2, axis=1)[moving] / 12 / squared
-    return Delays(late, rounding, beside, log.t[ORDER // 2 :][:rows][moving], np.flatnonzero(moving))
-
-
-def _weights(t: Array) -> Array:
-    """Return the weights (rows, ORDER + 1) of differences at uneven times, scaled to the norm of those at even
-    times."""
-    rows = len(t) - ORDER
-    times = np.stack([t[k : k + rows] for k in range(ORDER + 1)], axis=1)
-    apart = times[:, :, None] - times[:, None, :] + np.eye(ORDER + 1)
-    weights = 1 / np.prod(apart, axis=2)
-    return weights * (np.linalg.norm(_binomial()) / np.linalg.norm(weights, axis=1))[:, None]
-
-
-def _binomial() -> Array:
-    weights = np.ones(1)
-    for _ in range(ORDER):
-        weights = np.convolve(weights, [1.0, -1.0])
-    return weights
+    return Delays(late, SPREAD / 12 / squared, beside, times[moving, ORDER // 2], np.flatnonzero(moving))

@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import expit
 
 from castor_envs.effects.clocks import SampleJitter
 from castor_envs.geometry.arrays import Array
@@ -14,12 +15,15 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT, NOTHING
+from discrepancy.posterior.calibrated import CREDIBLE, FAULT, prior_log_odds
 from discrepancy.posterior.variances.delays import ORDER, SPREAD, delays_of, jitter_of
 from discrepancy.validation.cost import cost_of
 
 SIZES = np.geomspace(0.01, 1000.0, 201)
 """Sizes of jitter, in tolerances: a grid to integrate over."""
+
+GOOD_ORDER = -(SIZES**2) / 2
+"""Log density of each size in good order, up to a constant."""
 
 
 def jitter_answer(
@@ -42,9 +46,7 @@ def jitter_answer(
     candidate = Candidate(described(kind), (kind,))
     if seen.seldom:
         candidate = Candidate(f"all encoders are read early or late together at some times, most {seen.seldom}")
-    confirmed = None
-    if held_out:
-        confirmed = held_out_log_odds(_log_likelihood(robot, held_out, usual), size)
+    confirmed = held_out_log_odds(_log_likelihood(robot, held_out, usual), size) if held_out else None
     cost = np.array([cost_of(robot, effect, logs) or 0.0, 0.0])
     return Answer.judged_apart(candidate, probability, effect.value, error * tolerance, cost, confirmed)
 
@@ -55,13 +57,9 @@ def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) 
 
     Neighbouring differences share all but one of their samples, so `ORDER` of them count as one.
     """
-    delays = [delays_of(robot, log) for log in logs]
-    squares, rounding = (
-        np.concatenate([of_log.late**2 for of_log in delays]),
-        np.concatenate([of_log.rounding for of_log in delays]),
-    )
+    late, rounding, *_ = (np.concatenate(part) for part in zip(*(delays_of(robot, log) for log in logs), strict=True))
     variance = rounding + SPREAD * (usual**2 + (SIZES[:, None] * SampleJitter.tolerance) ** 2)
-    return -np.sum(np.log(variance) + squares / variance, axis=1) / 2 / ORDER
+    return -np.sum(np.log(variance) + late**2 / variance, axis=1) / 2 / ORDER
 
 
 def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
@@ -72,21 +70,17 @@ def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
     distributed.
     """
     fault = -np.log1p((SIZES / FAULT) ** 2)
-    log_odds = _averaged(log_likelihood, fault) - _averaged(log_likelihood, _good_order())
+    log_odds = _averaged(log_likelihood, fault) - _averaged(log_likelihood, GOOD_ORDER)
     weight = np.exp(log_likelihood + fault - np.max(log_likelihood + fault)) * SIZES
     size = float(np.average(SIZES, weights=weight))
     error = float(np.sqrt(np.average((SIZES - size) ** 2, weights=weight)))
-    return 1 / (1 + float(np.exp(min(-log_odds, 700.0))) * NOTHING * names / (1 - NOTHING)), size, error
+    return float(expit(log_odds + prior_log_odds(names))), size, error
 
 
 def held_out_log_odds(log_likelihood: Array, size: float) -> float:
     """Return the log-likelihood ratio (natural logarithm) of other logs with a fault of this size, in tolerances,
     against good order."""
-    return float(np.interp(size, SIZES, log_likelihood)) - _averaged(log_likelihood, _good_order())
-
-
-def _good_order() -> Array:
-    return -(SIZES**2) / 2
+    return float(np.interp(size, SIZES, log_likelihood)) - _averaged(log_likelihood, GOOD_ORDER)
 
 
 def _averaged(log_likelihood: Array, log_density: Array) -> float:

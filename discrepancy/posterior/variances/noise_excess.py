@@ -9,13 +9,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logit, ndtr
+from scipy.special import expit, ndtr
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate, stacked
 from discrepancy.measurement.design_matrix import PROBES
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
+from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 
 SCATTER = 0.2
@@ -73,7 +73,7 @@ def noisy_answers(
     answers = []
     for kind in KINDS:
         found, good = [log[kind] for log in logs], [log[kind] for log in clean]
-        probability = float(expit(log_bayes_factor(found, good) - logit(NOTHING)))
+        probability = float(expit(log_bayes_factor(found, good) + prior_log_odds(1)))
         if probability >= CREDIBLE:
             answers.append(_answer(seen, kind, _pooled(found), _pooled(good), probability))
     return answers

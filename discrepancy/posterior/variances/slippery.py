@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import expit, gammaln, logit
+from scipy.special import expit, gammaln
 
 from castor_envs.effects.clocks import ClockSkew
 from castor_envs.effects.floor import FrictionPatch
@@ -28,7 +28,7 @@ from discrepancy.hypotheses.candidates import Candidate, described, without
 from discrepancy.hypotheses.patches import near, patch_at, patches_of
 from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
+from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.validation.replay import replay
 from estimators.likelihood.channels import Channels
@@ -92,19 +92,19 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     if patch is None or most <= 0:
         return None
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
-    area, beside = float(np.prod(np.ptp(way, axis=0))), float(np.log(names) + logit(NOTHING))
-    if expit(_judged(gain, patch, area, beside).log_odds) < CREDIBLE:
+    prior = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
+    if _judged(gain, patch, *prior).log_odds < LOG_ODDS:
         return None
     patch, _ = max((_refined(gain, *proposed) for proposed in tried), key=lambda found: found[1])
-    return _judged(gain, patch, area, beside)
+    return _judged(gain, patch, *prior)
 
 
-def _judged(gain: Gain, patch: FrictionPatch, area: float, beside: float) -> Slippery:
-    """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; beside: prior log odds
-    (natural logarithm) against a patch anywhere on it."""
+def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
+    """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; anywhere: prior log
+    odds (natural logarithm) of a patch anywhere on it."""
     log_factors = np.array([gain(patch, value) for value in SLIPPERY])
     elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
-    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - beside
+    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere + anywhere
     weight = np.exp(log_factors - log_factors.max())
     value = float(np.average(SLIPPERY, weights=weight))
     error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
