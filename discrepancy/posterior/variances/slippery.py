@@ -25,7 +25,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described, without
-from discrepancy.hypotheses.patches import near, patch_at, patches_of
+from discrepancy.hypotheses.patches import box_of, near, patch_at, patches_of, within
 from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
@@ -118,7 +118,7 @@ def _refined(gain: Gain, patch: FrictionPatch, most: float) -> tuple[FrictionPat
     better = True
     while better:
         better = False
-        for box in near((patch.x, patch.y, patch.length, patch.width, patch.angle), MOVED):
+        for box in near(box_of(patch), MOVED):
             moved = patch_at(box)
             if (likelier := gain(moved, TRIED)) > most:
                 patch, most, better = moved, likelier, True
@@ -145,8 +145,7 @@ def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised,
 
 def _holds(first: FrictionPatch, second: FrictionPatch) -> bool:
     """Whether the centre of the second patch lies on the first."""
-    c, s, x, y = np.cos(first.angle), np.sin(first.angle), second.x - first.x, second.y - first.y
-    return bool(abs(c * x + s * y) <= first.length / 2 and abs(c * y - s * x) <= first.width / 2)
+    return bool(within(np.array([[second.x, second.y]]), box_of(first))[0])
 
 
 def inside(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> list[NDArray[np.bool_]]:
@@ -198,13 +197,9 @@ class _Spread(NamedTuple):
         """Return the most likely distribution of errors (kinds, N)."""
         shown = np.isfinite(errors).any(axis=1)
         seen, scales = errors[shown], np.full(len(errors), np.nan)
-        windows, kinds = np.isfinite(seen).sum(axis=1), np.isfinite(seen).sum(axis=0)
 
         def surprise(point: Array) -> float:
-            freedom = np.exp(point[-1])
-            constant = gammaln((freedom + kinds) / 2) - gammaln(freedom / 2) - kinds / 2 * np.log(freedom)
-            scaled = cls(np.exp(point[:-1]), freedom)
-            return float(windows @ point[:-1] - np.sum(constant)) + scaled.surprise(seen)
+            return cls(np.exp(point[:-1]), float(np.exp(point[-1]))).surprise(seen)
 
         bounds = [(None, None)] * len(seen) + [np.log([1.0, NORMAL])]
         begin = np.append(np.log(np.nanmedian(np.abs(seen), axis=1)), 1.0)
@@ -213,10 +208,12 @@ class _Spread(NamedTuple):
         return cls(scales, float(np.exp(point[-1])))
 
     def surprise(self, errors: Array) -> float:
-        """Return minus the log-likelihood (natural logarithm) of errors (kinds, N), without its constant."""
+        """Return minus the log-likelihood (natural logarithm, up to a constant) of errors (kinds, N)."""
         squares = np.nansum((errors / self.scales[:, None]) ** 2, axis=0)
-        kinds = np.isfinite(errors).sum(axis=0)
-        return float(np.sum((self.freedom + kinds) / 2 * np.log1p(squares / self.freedom)))
+        kinds, half = np.isfinite(errors).sum(axis=0), self.freedom / 2
+        constant = gammaln(half + kinds / 2) - gammaln(half) - kinds / 2 * np.log(self.freedom)
+        of_scales = np.nansum(np.isfinite(errors).sum(axis=1) * np.log(self.scales))
+        return float(of_scales + np.sum((half + kinds / 2) * np.log1p(squares / self.freedom) - constant))
 
     def likelier(self, errors: Array, plain: Array) -> float:
         """Return the log-likelihood ratio of `errors` over `plain` (kinds, N)."""
