@@ -70,7 +70,8 @@ def explains_better(before: Seen, after: Seen, material: Material) -> bool:
 
 
 def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
-    """Whether the gap is larger by what matters."""
+    """Whether the gap is larger by what matters. That a size is uncertain is no excuse: what makes odometry worse is
+    not the cause, or not all of it."""
     return before.gap is not None and after.gap is not None and after.gap[0] - before.gap[0] > material.position
 
 
@@ -90,7 +91,8 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
     if held_out is not None:
         if held_out.log_ratio(answer) < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {description}"
-        if held_out.grows(material) or (answer.confirmed is None and not held_out.better(material)):
+        grows = gap_grows(held_out.without, held_out.with_named, material)
+        if grows or (answer.confirmed is None and not held_out.better(material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
         if held_out.show_another_size(answer):
             return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
@@ -159,11 +161,6 @@ class _HeldOut:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""
         ratio = self._about_without(self.named)
         return explains_better(self.without, self.with_named, material) or (ratio is not None and ratio > LOG_ODDS)
-
-    def grows(self, material: Material) -> bool:
-        """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what
-        makes odometry worse is not the cause, or not all of it."""
-        return gap_grows(self.without, self.with_named, material)
 
     def _sized(self, answer: Answer) -> Sized:
         """Return the effect of an answer as it is in the model."""

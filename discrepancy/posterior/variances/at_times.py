@@ -136,8 +136,8 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     candidates."""
     by_log = []
     for design, disagreement in zip(seen.designs, seen.disagreements, strict=True):
-        of_column = [candidate for candidate in design.candidates for _ in range(candidate.columns)]
-        columns = [column for column, candidate in enumerate(of_column) if candidate in among]
+        chosen = [candidate in among for candidate in design.candidates for _ in range(candidate.columns)]
+        columns = np.flatnonzero(chosen).tolist()
         by_log.append(disagreement.beside(columns, seen.noise.turning))
     return by_log
 
@@ -159,11 +159,11 @@ def _in_some_logs(log_factors: Sequence[Array]) -> Array:
     return np.asarray(np.sum(np.logaddexp(np.log1p(-IN_LOG), np.log(IN_LOG) + np.array(log_factors)), axis=0))
 
 
-def _log_densities(off: Array) -> tuple[Array, Array]:
-    """Return the log densities of disagreements, in units of their usual size, in good order and under a fault."""
-    good = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - np.log(np.pi * FREEDOM) / 2
-    good = good - (FREEDOM + 1) / 2 * np.log1p(off**2 / FREEDOM)
-    return good, -np.log(np.pi * FAULT) - np.log1p((off / FAULT) ** 2)
+def _log_ratios(off: Array) -> Array:
+    """Return the log densities of disagreements, in units of their usual size, under a fault beyond those in good
+    order."""
+    constant = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - np.log(np.pi * FREEDOM) / 2 + np.log(np.pi * FAULT)
+    return (FREEDOM + 1) / 2 * np.log1p(off**2 / FREEDOM) - np.log1p((off / FAULT) ** 2) - constant
 
 
 def _log_factors(off: Array) -> Array:
@@ -174,16 +174,13 @@ def _log_factors(off: Array) -> Array:
 
 def _by_part(off: Array) -> Array:
     """Return the log Bayes factors (`PARTS`, rows) of faults that are active in these parts of all windows."""
-    good, fault = _log_densities(off)
-    return np.asarray(
-        np.logaddexp(np.log1p(-PARTS)[:, None, None], np.log(PARTS)[:, None, None] + fault - good).sum(axis=1)
-    )
+    parts = PARTS[:, None, None]
+    return np.asarray(np.logaddexp(np.log1p(-parts), np.log(parts) + _log_ratios(off)).sum(axis=1))
 
 
 def _active(off: Array) -> Array:
     """Return the probability (W,) that the fault of a row is active in each window."""
-    good, fault = _log_densities(off)
-    return np.asarray(expit(fault - good + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))
+    return np.asarray(expit(_log_ratios(off) + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))
 
 
 def _row(robot: RobotDescription, row: int) -> str:
