@@ -5,7 +5,7 @@ import pytest
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
-from discrepancy.posterior.variances.delays import LEAST_JITTER, jitter_of
+from discrepancy.posterior.variances.jitter import LEAST_JITTER, jitter_of
 
 ROBOT = preset("differential")
 PER_REV = 2000
