@@ -94,13 +94,6 @@ class Candidate:
         phase = math.atan2(float(amplitudes[1]), size)
         return dataclasses.replace(kind, value=math.hypot(*amplitudes), phase=phase)
 
-    def amplitudes(self, effect: Effect) -> Array:
-        """Return the amplitudes (columns,) of an effect of this kind and place."""
-        if self.columns == 1:
-            return np.array([float(effect.value)])
-        phase = getattr(effect, "phase", 0.0)
-        return effect.value * np.array([math.cos(phase), math.sin(phase)])
-
     def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:
         """Return the robot with the effect of these amplitudes added; raises ValueError for amplitudes that it cannot
         have."""

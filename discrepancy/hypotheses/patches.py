@@ -19,8 +19,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.wheel_tracks import Steps, along_and_across, steps_of
 
 CELL, SIDES, TILTS = 0.1, (2, 3, 4, 6, 8, 12), 6
-"""Grid of the scan for rectangles: cell, m, which is also the shortest side of a patch; sides in cells; directions in a
-quarter turn. Sides are found to a quarter of a cell."""
+"""Grid of the scan for rectangles: cell, m, which is also the shortest side of a patch and the step in which replays
+move sides; sides in cells; directions in a quarter turn. The scan finds sides to a quarter of a cell."""
 
 SHARPENED = 8
 """Power of the wheels' slips in proportion to which they share the total squared slip of a step, as the smoother

@@ -68,13 +68,13 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
         row = int(np.argmax(log_odds))
         if log_odds[row] < LOG_ODDS:
             break
-        active = tuple(_active(off[:, row]) for off in disagreements)
-        fault = Faulty(row, active, (), float(log_odds[row]))
-        sized = zip(seen.disagreements, disagreements, strict=True)
-        off = [usually.scale(seen.noise.turning)[:, row] * of_log[:, row] for usually, of_log in sized]
-        told_by = zip(seen.designs, seen.disagreements, off, fault.hits, strict=True)
-        slips = tuple(_slips(design, disagreement, row, size, hit) for design, disagreement, size, hit in told_by)
-        found.append(fault._replace(slips=slips))
+        fault = Faulty(row, tuple(_active(off[:, row]) for off in disagreements), (), float(log_odds[row]))
+        by_log = zip(seen.designs, seen.disagreements, disagreements, fault.hits, strict=True)
+        slips = [
+            hit * off[:, row] * usually.scale(seen.noise.turning)[:, row] / _kept(design, usually, row)
+            for design, usually, off, hit in by_log
+        ]
+        found.append(fault._replace(slips=tuple(slips)))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, fault.hits, strict=True)]
     return found
 
@@ -109,13 +109,12 @@ def answer_of(
     probability, largest = float(expit(fault.log_odds)), [np.abs(slips).max(initial=0.0) for slips in fault.slips]
     k = int(np.argmax(largest))
     worst = int(np.argmax(np.abs(fault.slips[k])))
-    description = f"{_row(robot, int(seen.designs[k].model.rows[fault.row]))} contradicts the others at times, most at "
+    row, w = int(seen.designs[k].model.rows[fault.row]), len(robot.wheels)
+    place = f"wheel_{robot.wheel_names[row]}" if row < w else f"castor_{robot.wheel_castors[row - w] + 1}"
+    description = f"{place} contradicts the others at times, most at "
     description += f"{seen.disagreements[k].t[worst]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
-    slipped = [
-        disagreement.slips(fault.row, slips)
-        for disagreement, slips in zip(seen.disagreements, fault.slips, strict=True)
-    ]
-    cost = seen.cost_of_slips(slipped)
+    by_log = zip(seen.disagreements, fault.slips, strict=True)
+    cost = seen.cost_of_slips([disagreement.slips(fault.row, slips) for disagreement, slips in by_log])
     bursts = bursts_of(robot, logs, seen, fault.row, fault.active)
     if bursts is None:
         return Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
@@ -142,15 +141,13 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     return by_log
 
 
-def _slips(design: Columns, disagreement: Disagreement, row: int, size: Array, hit: NDArray[np.bool_]) -> Array:
-    """Return the slip (W,) of a row, as a part of the way, if no other row slips in the windows that are hit. size
-    (W,): disagreement of the row, as a part of the way."""
+def _kept(design: Columns, disagreement: Disagreement, row: int) -> Array:
+    """Return the part (W,) of a row's slip that shows as its disagreement, if no other row slips."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
     starts = np.cumsum(disagreement.steps) - disagreement.steps
     _, by_slip = of_row(design.model, design.geometry, design.state, row)
     kept = np.add.reduceat(by_slip * rolled, starts) / np.add.reduceat(disagreement.way, starts)
-    kept = np.maximum(kept, LEAST_KEPT)
-    return np.where(hit, size / kept, 0.0)
+    return np.maximum(kept, LEAST_KEPT)
 
 
 def _in_some_logs(log_factors: Sequence[Array]) -> Array:
@@ -181,9 +178,3 @@ def _by_part(off: Array) -> Array:
 def _active(off: Array) -> Array:
     """Return the probability (W,) that the fault of a row is active in each window."""
     return np.asarray(expit(_log_ratios(off) + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))
-
-
-def _row(robot: RobotDescription, row: int) -> str:
-    """Return the name of a row of the constraints: a wheel's rolling or a castor's side slip."""
-    w = len(robot.wheels)
-    return f"wheel_{robot.wheel_names[row]}" if row < w else f"castor_{robot.wheel_castors[row - w] + 1}"

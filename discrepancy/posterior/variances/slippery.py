@@ -25,7 +25,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described, without
-from discrepancy.hypotheses.patches import box_of, near, patch_at, patches_of, within
+from discrepancy.hypotheses.patches import CELL, box_of, near, patch_at, patches_of, within
 from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
@@ -38,9 +38,6 @@ SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
 
 TRIED = SLIPPERY[3]
 """Part of friction with which rectangles are compared; the likeliest is evaluated with all parts."""
-
-MOVED = 0.1
-"""m: step in which the sides of a patch are found by replays."""
 
 WINDOW = 1.0
 """s: length of a replayed window. Castors that are pushed backwards depart from their way by the factor e in about the
@@ -113,12 +110,12 @@ def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> S
 
 
 def _refined(gain: Gain, patch: FrictionPatch, most: float) -> tuple[FrictionPatch, float]:
-    """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `MOVED`, and
+    """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `CELL`, and
     the log-likelihood ratio. most: that of the rectangle itself."""
     better = True
     while better:
         better = False
-        for box in near(box_of(patch), MOVED):
+        for box in near(box_of(patch), CELL):
             moved = patch_at(box)
             if (likelier := gain(moved, TRIED)) > most:
                 patch, most, better = moved, likelier, True
