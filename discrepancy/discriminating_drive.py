@@ -20,7 +20,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.answers import Answer, Place
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import PARTS, direction_of, order_of, sizes_of
+from discrepancy.posterior.priors import PARTS, direction_of, order_of
 from discrepancy.posterior.random_effects import GoodOrder, Statistics
 from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of
 
@@ -95,7 +95,7 @@ def _expected(
         return 0.0
     information = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
     directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
-    found = sizes_of([Place(likely[0], answer.hidden)], [answer.amplitudes], seen)
+    found = direction_of(seen, Place(likely[0], answer.hidden)) @ answer.amplitudes
     sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
     pairs = itertools.permutations(range(len(likely)), 2)
     left = (sizes[a] - _nearest(sizes[a], directions[b], information) for a, b in pairs)

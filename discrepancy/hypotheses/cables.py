@@ -123,8 +123,7 @@ def _scan(steps: Steps) -> list[tuple[float, float]]:
     least = np.median(power[power > 0])  # a line that is hardly crossed has no evidence
     gain, found = np.zeros_like(score), []
     for band in BANDS:
-        summed = (uniform_filter1d(sums, band, axis=1, mode="constant") * band for sums in (score, power))
-        band_score, band_power = summed
+        band_score, band_power = (uniform_filter1d(of, band, axis=1, mode="constant") * band for of in (score, power))
         gain = np.maximum(gain, np.maximum(band_score, 0.0) ** 2 / np.maximum(band_power, least))
     offsets = low + (np.arange(bins) + 0.5) * BIN
     for _ in range(PEAKS):
@@ -197,20 +196,11 @@ def _rolls_more(steps: Steps, x: float, y: float, direction: float, diameter: fl
     """
     a, b = (along_and_across(place - (x, y), direction)[1] for place in (steps.start, steps.end))
     edge = np.sqrt(2 * steps.radius * diameter)
-    away = b - a
     inside = np.clip(b, -edge, edge), np.clip(a, -edge, edge)
-    excess = np.zeros_like(away)
-    on = np.flatnonzero((inside[0] != inside[1]) | ((np.abs(a) < edge) & (np.abs(away) < 1e-9)))
-    if not len(on):
-        return excess
-    reach = (steps.radius + diameter / 2)[on]
-    sine = np.sin(steps.heading[on] - direction)
-    flat = np.abs(away[on]) < 1e-9
-    ends = [_climbed(reach_end[on], reach) for reach_end in inside]
-    length = np.where(flat, 1.0, away[on])
-    squares, fourths = ((end - start) / length for end, start in zip(*ends, strict=True))
-    middle = a[on] ** 2 / (reach**2 - np.where(flat, a[on], 0.0) ** 2)
-    squares, fourths = np.where(flat, middle, squares), np.where(flat, middle**2, fourths)
+    excess, on = np.zeros_like(edge), np.flatnonzero(inside[0] != inside[1])
+    reach, sine = (steps.radius + diameter / 2)[on], np.sin(steps.heading[on] - direction)
+    ends = (_climbed(end[on], reach) for end in inside)
+    squares, fourths = ((end - start) / (b - a)[on] for end, start in zip(*ends, strict=True))
     excess[on] = steps.path[on] * (sine**2 * squares / 2 - sine**4 * fourths / 8)
     return excess
 

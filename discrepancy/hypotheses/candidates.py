@@ -94,13 +94,6 @@ class Candidate:
         phase = math.atan2(float(amplitudes[1]), size)
         return dataclasses.replace(kind, value=math.hypot(*amplitudes), phase=phase)
 
-    def amplitudes(self, effect: Effect) -> Array:
-        """Return the amplitudes (columns,) of an effect of this kind and place."""
-        if self.columns == 1:
-            return np.array([float(effect.value)])
-        phase = getattr(effect, "phase", 0.0)
-        return effect.value * np.array([math.cos(phase), math.sin(phase)])
-
     def added(self, robot: RobotDescription, amplitudes: Sequence[float] | Array) -> RobotDescription:
         """Return the robot with the effect of these amplitudes added; raises ValueError for amplitudes that it cannot
         have."""
@@ -192,8 +185,7 @@ def signatures_of(
 
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []
-    clocks: list[Candidate] = []
-    gyros: list[Candidate] = []
+    unread: list[Candidate] = []  # by encoders: rates of clocks, and scales of gyros
     motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
     slip_rows = motion.wheel_angle.shape[1] + motion.castor_angle.shape[1]
@@ -208,11 +200,9 @@ def signatures_of(
         kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
         if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not in_robot:
             continue
-        if rate_of(candidate.kinds):
-            clocks.append(candidate)
-            continue
-        if gyro_scale_of(candidate.kinds):
-            gyros.append(candidate)
+        if rate_of(candidate.kinds) or gyro_scale_of(candidate.kinds):
+            measured = log.reference if rate_of(candidate.kinds) else log.gyro
+            unread += [candidate] if measured is not None else []
             continue
         try:
             changed = [robot.with_effects(effect) for effect in candidate.kinds]
@@ -232,9 +222,7 @@ def signatures_of(
     if among is None:
         read += [misreading(candidate, excess) for candidate, excess in _misread(channels, log, counts, score, of)]
         read += [slipping(candidate, slips) for candidate, slips in _slipping(robot, motion)]
-    still = np.zeros((*counts.shape, 1))
-    read += [misreading(candidate, still) for candidate in clocks] if log.reference is not None else []
-    read += [misreading(candidate, still) for candidate in gyros] if log.gyro is not None else []
+    read += [misreading(candidate, np.zeros((*counts.shape, 1))) for candidate in unread]
     of_columns = [candidate for candidate, _, _ in read for _ in range(candidate.columns)]
     return Signatures(
         (*(candidate for candidate, _, _ in built), *(candidate for candidate, _, _ in read)),

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.effects.floor import FrictionPatch
 from castor_envs.geometry.arrays import Array
@@ -18,8 +19,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.wheel_tracks import Steps, along_and_across, steps_of
 
 CELL, SIDES, TILTS = 0.1, (2, 3, 4, 6, 8, 12), 6
-"""Grid of the scan for rectangles: cell, m, which is also the shortest side of a patch; sides in cells; directions in a
-quarter turn. Sides are found to a quarter of a cell."""
+"""Grid of the scan for rectangles: cell, m, which is also the shortest side of a patch and the step in which replays
+move sides; sides in cells; directions in a quarter turn. The scan finds sides to a quarter of a cell."""
 
 SHARPENED = 8
 """Power of the wheels' slips in proportion to which they share the total squared slip of a step, as the smoother
@@ -57,6 +58,18 @@ def patch_at(box: Box) -> FrictionPatch:
     angle = (angle + math.pi / 2) % math.pi - math.pi / 2
     x, y, length, width, angle = (round(number, 3) for number in (x, y, length, width, angle))
     return FrictionPatch(x=x, y=y, length=length, width=width, angle=angle, value=FrictionPatch.step)
+
+
+def box_of(patch: FrictionPatch) -> Box:
+    """Return the rectangle of a patch."""
+    return patch.x, patch.y, patch.length, patch.width, patch.angle
+
+
+def within(places: Array, box: Box) -> NDArray[np.bool_]:
+    """Return which places (n, 2) lie in a rectangle."""
+    x, y, length, width, angle = box
+    along, across = along_and_across(places - (x, y), angle)
+    return (np.abs(along) <= length / 2) & (np.abs(across) <= width / 2)
 
 
 def _shared(steps: Steps, w: int) -> Steps:
@@ -138,9 +151,7 @@ def near(box: Box, step: float) -> Iterator[Box]:
 
 def _lasting(steps: Steps, box: Box) -> float:
     """Return the deviance by which the variance in a rectangle differs without its hottest pass."""
-    x, y, length, width, angle = box
-    along, across = along_and_across(steps.middle - (x, y), angle)
-    inside, squares = (np.abs(along) <= length / 2) & (np.abs(across) <= width / 2), steps.slip**2
+    inside, squares = within(steps.middle, box), steps.slip**2
     number = steps.passes(inside)
     if not len(number):
         return 0.0

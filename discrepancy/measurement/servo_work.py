@@ -69,24 +69,11 @@ class _Rows(NamedTuple):
 
 class _Fit(NamedTuple):
     """explained: the deviance that compliance explains, were there no delay; information (2, 2) and score (2,) of the
-    accelerations (m/s2) that add to the downhill gravity of the robot's floor."""
+    accelerations (m/s2) that add to the downhill gravity of the robot's floor, 0 where servos do not comply."""
 
     explained: float
     information: Array
     score: Array
-
-    @classmethod
-    def of(cls, explained: float, products: Array) -> "_Fit":
-        """Return the fit by the products (4, 4) of the columns energy gained, `moved` and work, by the variance of
-        noise; with no information where servos do not comply."""
-        compliance, lifted, _ = _solved(products)
-        if compliance <= 0:
-            return cls(explained, np.zeros((2, 2)), np.zeros(2))
-        pull = -lifted / compliance
-        slopes = np.block([[np.ones((1, 1)), np.zeros((1, 2))], [-pull[:, None], -compliance * np.eye(2)]])
-        information = slopes.T @ products[:3, :3] @ slopes  # of compliance and accelerations
-        beside = information[1:, 1:] - np.outer(information[1:, 0], information[0, 1:]) / max(information[0, 0], 1e-30)
-        return cls(explained, beside, beside @ pull)
 
 
 def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Sequence[Candidate]) -> Pull:
@@ -94,13 +81,10 @@ def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Seque
     commands, or where wheels do not fall behind them as the robot gains energy."""
     floor, count = floor_of(robot, Floor()), sum(candidate.columns for candidate in candidates)
     pulls = np.zeros((2, count))  # m/s2 for each unit
-    first = 0
-    for candidate in candidates:
-        if candidate.kinds and candidate.kinds[0].creep == "forces":
-            kind = candidate.kinds[0]
-            steeper = np.array(kind.floor(robot, floor).downhill_gravity)
-            pulls[:, first] = (steeper - floor.downhill_gravity) / kind.value
-        first += candidate.columns
+    for k, kind in enumerate(candidate.kinds[:1] for candidate in candidates for _ in range(candidate.columns)):
+        if kind and kind[0].creep == "forces":
+            steeper = np.array(kind[0].floor(robot, floor).downhill_gravity)
+            pulls[:, k] = (steeper - floor.downhill_gravity) / kind[0].value
     information, score = np.zeros((2, 2)), np.zeros(2)
     if log.command is not None and robot.driven_wheels:
         kinds = [_rows(robot, log.command[:-1], motion, integrates=integrates) for integrates in (False, True)]
@@ -160,53 +144,39 @@ def _fitted(rows: _Rows, delay: float) -> _Fit | None:
     variance, turn = np.linalg.eigh(covariance / max(float(np.mean(np.diag(covariance))), 1e-30))
     known = turn.T @ np.concatenate([rows.gained, rows.moved, rows.work], axis=1)
     others, delayed = turn.T @ np.concatenate([rows.turned, rows.others], axis=1), turn.T @ rows.delayed
-    likeliest, weight, noise, products = -np.inf, np.ones((len(known), 1)), 1.0, np.zeros((4, 4))
+    likeliest, explained, noise, weight = -np.inf, 0.0, 1.0, np.ones((len(known), 1))
     for wandering in WANDERING:
         tried = 1 / np.sqrt(1 + wandering * np.maximum(variance[:, None], 0.0))
-        left, rank = _beside(known * tried, others * tried)
+        left, _, rank = _beside(known * tried, others * tried)
         freedom = float(rows.counted.sum()) - rank - 5  # three coefficients, and two as the noise is estimated
         if freedom <= 0:
             return None
-        size = _solved(left.T @ left).remaining / freedom + 1e-30
+        remaining, by, _ = _beside(left[:, 3:], left[:, :3])
+        size = float(np.sum(remaining**2)) / freedom + 1e-30
         likelihood = float(np.sum(np.log(tried))) - float(rows.counted.sum()) / 2 * float(np.log(size))
         if likelihood > likeliest:
-            likeliest, weight, noise, products = likelihood, tried, size, left.T @ left
-    undelayed = _solved(products)
-    explained = np.copysign((_remaining(products[1:, 1:]) - undelayed.remaining) / noise, undelayed.compliance)
+            stiff, *_ = _beside(left[:, 3:], left[:, 1:3])
+            explained = float(np.copysign(np.sum(stiff**2 - remaining**2) / size, by[0, 0]))
+            likeliest, noise, weight = likelihood, size, tried
     prior = np.sqrt(noise) / delay * np.eye(delayed.shape[1])
     nuisances = np.block([[others * weight, delayed * weight], [np.zeros((len(prior), others.shape[1])), prior]])
-    left, _ = _beside(np.concatenate([known * weight, np.zeros((len(prior), 4))]), nuisances)
-    return _Fit.of(float(explained), left.T @ left / noise)
+    left, *_ = _beside(np.concatenate([known * weight, np.zeros((len(prior), 4))]), nuisances)
+    _, (compliance, *lifted), _ = _beside(left[:, 3:], left[:, :3])
+    if compliance <= 0:
+        return _Fit(explained, np.zeros((2, 2)), np.zeros(2))
+    pull = -np.array(lifted) / compliance
+    slopes, *_ = _beside(compliance * left[:, 1:3], left[:, :1] - left[:, 1:3] @ pull)
+    information = slopes.T @ slopes / noise
+    return _Fit(explained, information, information @ pull[:, 0])
 
 
-class _Solved(NamedTuple):
-    """compliance; lifted (2,): coefficients of `moved`; remaining sum of squares."""
-
-    compliance: float
-    lifted: Array
-    remaining: float
-
-
-def _solved(products: Array) -> _Solved:
-    """Return least squares by the products (4, 4) of the columns: energy gained, `moved`, work."""
-    by_energy = products[0, 1:] / max(float(products[0, 0]), 1e-30)
-    beside = products[1:, 1:] - np.outer(by_energy, products[0, 1:])
-    lifted = np.linalg.pinv(beside[:2, :2], rcond=DEPENDENT, hermitian=True) @ beside[:2, 2]
-    return _Solved(float(by_energy[2] - by_energy[:2] @ lifted), lifted, _remaining(beside))
-
-
-def _remaining(products: Array) -> float:
-    """Return the sum of squares of the last of several columns beside the others, by the products of all."""
-    by_others = np.linalg.pinv(products[:-1, :-1], rcond=DEPENDENT, hermitian=True) @ products[:-1, -1]
-    return float(products[-1, -1] - products[-1, :-1] @ by_others)
-
-
-def _beside(columns: Array, nuisances: Array) -> tuple[Array, int]:
-    """Return what of columns the nuisances cannot explain, and the number of independent nuisances."""
-    length = np.sqrt(np.sum(nuisances**2, axis=0)) + 1e-30
-    left, strength, _ = np.linalg.svd(nuisances / length, full_matrices=False)
-    left = left[:, strength > DEPENDENT * strength[0]]
-    return columns - left @ (left.T @ columns), left.shape[1]
+def _beside(columns: Array, others: Array) -> tuple[Array, Array, int]:
+    """Return what of columns (W, k) others (W, n) cannot explain, the coefficients (n, k) of these, and how many of
+    them are independent."""
+    length = np.sqrt(np.sum(others**2, axis=0)) + 1e-30
+    by, _, rank, _ = np.linalg.lstsq(others / length, columns, rcond=DEPENDENT)
+    by = by / length[:, None]
+    return columns - others @ by, by, int(rank)
 
 
 def _bodies(robot: RobotDescription, motion: Motion) -> Iterator[tuple[float, float, Array, Array]]:

@@ -246,7 +246,11 @@ def answers_of(
         families = [seen.candidates[places[k].candidate].family for k in identical]
         best = max(
             identical,
-            key=lambda k: (modelled[places[k].candidate], _is_called(seen, places[k], credible[0]), probability[k]),
+            key=lambda k: (
+                modelled[places[k].candidate],
+                seen.candidates[places[k].candidate].family == credible[0],  # which gave the name to all that are alike
+                probability[k],
+            ),
         )
         family = seen.candidates[places[best].candidate].family
         same_candidate = [k for k in members if places[k].candidate == places[best].candidate]
@@ -277,11 +281,6 @@ def answers_of(
     return list(answers.values())
 
 
-def _is_called(seen: Seen, place: Place, name: str) -> bool:
-    """Whether a hypothesis is about the very candidate that gave a name to a class of indistinguishable effects."""
-    return seen.candidates[place.candidate].family == name
-
-
 def _added(first: Answer, second: Answer) -> Answer:
     return dataclasses.replace(
         first,
@@ -293,10 +292,6 @@ def _added(first: Answer, second: Answer) -> Answer:
 
 def _mixed(weight: Array, sizes: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Return mean and covariance of a mixture of distributions with these means and covariances."""
-    means = np.array([mean for mean, _ in sizes])
-    mean = weight @ means
-    spread = sum(
-        part * (within + np.outer(center - mean, center - mean))
-        for part, (center, within) in zip(weight, sizes, strict=True)
-    )
-    return mean, np.asarray(spread)
+    means, covariances = (np.array(part) for part in zip(*sizes, strict=True))
+    away = means - weight @ means
+    return weight @ means, np.tensordot(weight, covariances, 1) + (weight * away.T) @ away

@@ -4,6 +4,7 @@
 and trackers is stated where logs are linearised, tolerances of robots in each effect class.
 """
 
+import numpy as np
 from scipy.special import logit
 
 CREDIBLE = 0.95
@@ -15,6 +16,12 @@ LOG_ODDS = float(logit(CREDIBLE))
 
 NOTHING = 0.8
 """Prior probability that a single effect of the sum is absent. Twice the odds change a log-likelihood ratio by 0.7."""
+
+
+def prior_log_odds(names: int) -> float:
+    """Return the prior log odds (natural logarithm) of one of several possible answers, all of the same probability."""
+    return -float(logit(NOTHING) + np.log(names))
+
 
 MOST = round(1 / (1 - NOTHING))
 """Number of single effects in the sum, of which one is expected to be present: people diagnose robots that have a

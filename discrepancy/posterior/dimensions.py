@@ -21,7 +21,7 @@ from discrepancy.hypotheses.candidates import NUMBERS
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.priors import direction_of, order_of, place_in_model, same_effects, tolerances
+from discrepancy.posterior.priors import directions_in_model, order_of, same_effects, tolerances
 from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
@@ -44,12 +44,6 @@ class Dimension:
         """Whether it costs what matters in use."""
         columns = seen.columns[seen.candidates.index(self.sized.candidate)]
         return bool(np.any(seen.cost[:, columns] @ np.abs(self.sized.amplitudes) > material))
-
-
-def is_dimension(seen: Linearised, effect: Sized) -> bool:
-    """Whether an effect in the model is on a dimension."""
-    pairs = zip(seen.candidates, seen.columns, strict=True)
-    return any(candidate == effect.candidate and columns[0] in seen.lasting for candidate, columns in pairs)
 
 
 def dimensions_of(robot: RobotDescription, seen: Linearised) -> list[Sized]:
@@ -110,12 +104,11 @@ def _together(
 ) -> tuple[list[Sized], list[Array]]:
     """Return effects with the posterior mean of their sizes, and the standard errors of the first `count`, which are
     dimensions."""
-    places = [place_in_model(seen, effect.candidate) for effect in effects]
-    directions = np.concatenate([direction_of(seen, place) for place in places], axis=1)
+    directions = directions_in_model(seen, [effect.candidate for effect in effects])
     sizes = np.concatenate([effect.amplitudes for effect in effects])
     logs = agreeing([log.at(-directions @ sizes) for log in seen.logs], seen.lasting)
     information, score = order.beyond(logs).of_combinations(directions)
-    columns = np.concatenate([seen.columns[place.candidate] for place in places[:count]])
+    columns = np.concatenate([seen.columns[seen.candidates.index(effect.candidate)] for effect in effects[:count]])
     k = len(columns)
     by_others = information[:k, k:] @ np.linalg.pinv(information[k:, k:], rcond=1e-9, hermitian=True)
     apart = information[:k, :k] - by_others @ information[k:, :k], score[:k] - by_others @ score[k:]

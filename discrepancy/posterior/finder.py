@@ -6,7 +6,6 @@ where there are any (`priors`); a fault has to exceed that. The result is a prob
 that follows from it (`verdicts`).
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic
@@ -20,12 +19,12 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
-from discrepancy.posterior.calibrated import NOTHING, SIGNATURE
+from discrepancy.posterior.calibrated import SIGNATURE, prior_log_odds
 from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import hypotheses_of, order_of, place_in_model, sizes_of
+from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
-from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, with_effects
+from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, sizes_of, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -151,10 +150,8 @@ def _diagnosed(
         )
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        places = [place_in_model(seen, effect.candidate) for effect in named]
-        sizes = sizes_of(places, [effect.amplitudes for effect in named], seen)
         try:
-            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes)
+            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes_of(named, seen))
         finally:
             seen.forget()
 
@@ -176,7 +173,7 @@ def _diagnosed(
         found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
-            odds = math.log((1 - NOTHING) / NOTHING / names)
+            odds = prior_log_odds(names)
             if new and (late := exchanged(base, look, worse, named, (), seen, new, odds)):
                 begin = late[0]
                 first = afresh(begin)
@@ -260,7 +257,7 @@ def named_together(
             better = refitted(vehicle, look, worse, named, new, seen)
         else:
             more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
-            odds = math.log((1 - NOTHING) / NOTHING / len(posterior.names))
+            odds = prior_log_odds(len(posterior.names))
             better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds)
             families = frozenset(effect.candidate.family for effect in (named if better is None else better[0]))
         if better is None or families in tried:  # what is returned belongs to these answers

@@ -6,7 +6,7 @@ so mask a part of an effect: each candidate has two sizes, its amplitude, and ho
 does not show.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -191,6 +191,7 @@ def linearise(
         for design, log, state in zip(designs, logs, at.states, strict=True)
     )
     statistics, log_evidence = _statistics_of(designs, disagreements, pulls, shared, noise, candidates, columns)
+    built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
     return Linearised(
         candidates=candidates,
         columns=columns,
@@ -207,7 +208,7 @@ def linearise(
         disagreements=disagreements,
         pulls=pulls,
         slips=beyond,
-        lasting=_lasting(designs, place),
+        lasting=np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp)),
     )
 
 
@@ -224,12 +225,6 @@ def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, 
     return [rate if known else None for rate, known in zip(rates.tolist(), timed, strict=True)]
 
 
-def _lasting(designs: Sequence[Columns], place: Mapping[Candidate, NDArray[np.intp]]) -> NDArray[np.intp]:
-    """Return the columns of effects on the robot's dimensions, the first of every log."""
-    built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
-    return np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp))
-
-
 def _statistics_of(
     designs: Sequence[Columns],
     disagreements: Sequence[Disagreement],
@@ -239,15 +234,18 @@ def _statistics_of(
     candidates: Sequence[Candidate],
     columns: Sequence[NDArray[np.intp]],
 ) -> tuple[tuple[Statistics, ...], float]:
-    """Return information and score of all candidates in each log at a given noise; and the log evidence
-    (`Linearised`)."""
+    """Return information and score of all candidates in each log at a given noise, 0 of those without a column in it;
+    and the log evidence (`Linearised`)."""
     place, by_log, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
     count = sum(candidate.columns for candidate in candidates)
     for design, disagreement, pull in zip(designs, disagreements, pulls, strict=True):
         parts = [place[candidate] for candidate in design.candidates]
         indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
         statistics, log_likelihood = _of_sizes(design, disagreement.statistics(noise.turning), pull, shared, noise)
-        by_log.append(_spread(statistics, indices, count))
+        at = np.append(indices, indices + count)
+        information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+        information[np.ix_(at, at)], score[at] = statistics
+        by_log.append(Statistics(information, score))
         log_evidence += log_likelihood
     return tuple(by_log), log_evidence
 
@@ -274,15 +272,6 @@ def _of_sizes(
     information[:n, :n] += shown + pull.information
     both[:n] += score + pull.score
     return Statistics(information, both), likely
-
-
-def _spread(statistics: Statistics, indices: NDArray[np.intp], count: int) -> Statistics:
-    """Return the statistics of a log embedded in those of all sizes; sizes without a column in this log get information
-    0."""
-    at = np.concatenate([indices, indices + count])
-    information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-    information[np.ix_(at, at)], score[at] = statistics
-    return Statistics(information, score)
 
 
 def _usual(design: Columns) -> Array:

@@ -1,11 +1,10 @@
 """Priors: which hypotheses there are, how large their effects may be, and what robots in good order show."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from castor_envs.geometry.arrays import Array
@@ -116,23 +115,15 @@ def _order_of_clean(clean: Seen) -> tuple[Array, GoodOrder]:
     pairs = np.array(list(product(PARTS_OF, repeat=len(usual) // len(clean.usual))))
     log_likelihood = np.array([log_likelihood_of(logs, np.repeat(pair, len(clean.usual)) * usual) for pair in pairs])
     factors = np.sqrt(np.average(pairs**2, axis=0, weights=np.exp(log_likelihood - log_likelihood.max())))
-    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs, _numbered(_classes(clean)))
+    _, alike = np.unique(_classes(clean), return_inverse=True)
+    return factors, good_order(np.repeat(factors, len(clean.usual)) * usual, logs, alike)
 
 
-def _classes(seen: Seen) -> list[tuple[str, int]]:
+def _classes(seen: Seen) -> list[str]:
     """Return the class of each size, of the shown amounts and then of the masked ones: all effects that do the same
     scatter alike, whichever castor or wheel they are of."""
-    alike = [""] * len(seen.usual)
-    for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
-        for column in columns:
-            alike[column] = candidate.alike
-    return [(name, part) for part in range(_kinds(seen)) for name in alike]
-
-
-def _numbered(classes: Sequence[tuple[str, int]]) -> NDArray[np.intp]:
-    """Return the number of the class of each size."""
-    numbers = {alike: k for k, alike in enumerate(dict.fromkeys(classes))}
-    return np.array([numbers[alike] for alike in classes], dtype=np.intp)
+    alike = [candidate.alike for candidate in seen.candidates for _ in range(candidate.columns)]
+    return [f"{name}, {part}" for part in range(_kinds(seen)) for name in alike]
 
 
 def _kinds(seen: Seen) -> int:
@@ -201,17 +192,11 @@ def direction_of(seen: Seen, place: Place) -> Array:
     return direction
 
 
-def sizes_of(places: Sequence[Place], sizes: Sequence[Array], seen: Seen) -> Array:
-    """Return b (m,) for candidates of these sizes, masked in these parts."""
-    total = np.zeros(len(seen.logs[0].score))
-    for place, size in zip(places, sizes, strict=True):
-        total += direction_of(seen, place) @ size
-    return total
-
-
-def place_in_model(seen: Seen, candidate: Cause) -> Place:
-    """Return the place of a candidate that is in the model: creep masks of it what it is predicted to mask."""
-    return Place(seen.candidates.index(candidate), 1.0)
+def directions_in_model(seen: Seen, candidates: Iterable[Cause]) -> Array:
+    """Return the change of b (m, columns) per unit of the amplitudes of candidates in the model: creep masks of each
+    what it is predicted to mask."""
+    directions = [direction_of(seen, Place(seen.candidates.index(candidate), 1.0)) for candidate in candidates]
+    return np.concatenate([np.zeros((len(seen.logs[0].score), 0)), *directions], axis=1)
 
 
 @lru_cache(maxsize=256)

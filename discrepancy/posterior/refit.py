@@ -14,8 +14,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen, size_of
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
-from discrepancy.posterior.priors import bounds_of, direction_of, place_in_model
-from discrepancy.posterior.random_effects import summed
+from discrepancy.posterior.priors import bounds_of, directions_in_model
+from discrepancy.posterior.random_effects import Statistics, summed
 
 S = TypeVar("S", bound=Seen)
 
@@ -81,6 +81,12 @@ def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
     return True
 
 
+def sizes_of(effects: Sequence[Sized], seen: Seen) -> Array:
+    """Return b (m,) of effects in the model."""
+    directions = directions_in_model(seen, [effect.candidate for effect in effects])
+    return directions @ np.concatenate([np.zeros(0), *(effect.amplitudes for effect in effects)])
+
+
 def refitted(
     vehicle: Any,
     look: Look[S],
@@ -116,9 +122,7 @@ def refitted(
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
         if not current:
             break
-        statistics = summed(seen.logs)
-        directions = np.concatenate([_direction(seen, effect.candidate) for effect in current], axis=1)
-        information, score = directions.T @ statistics.information @ directions, directions.T @ statistics.score
+        information, score = _statistics_of(current, seen)
         changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
         gain = float(score @ changes)
@@ -199,9 +203,7 @@ def _log_prior(effects: Sequence[Sized], seen: Seen) -> float:
     present = [effect for effect in effects if effect.candidate in seen.candidates]
     if not present:
         return 0.0
-    statistics = summed(seen.logs)
-    directions = np.concatenate([_direction(seen, effect.candidate) for effect in present], axis=1)
-    variances = np.diag(np.linalg.pinv(directions.T @ statistics.information @ directions, rcond=1e-9, hermitian=True))
+    variances = np.diag(np.linalg.pinv(_statistics_of(present, seen).information, rcond=1e-9, hermitian=True))
     ends, log_prior = np.cumsum([effect.candidate.columns for effect in present])[:-1], 0.0
     for effect, variance in zip(present, np.split(variances, ends), strict=True):
         if not effect.candidate.kinds[0].binary:
@@ -223,13 +225,13 @@ def _alternatives(
         return
     statistics, in_model = summed(seen.logs), {sized.candidate for sized in named}
     rivals = {
-        candidate: _direction(seen, candidate)[:, 0]
+        candidate: directions_in_model(seen, [candidate])[:, 0]
         for candidate in seen.candidates
         if candidate.columns == 1 and candidate.kinds and candidate not in in_model
     }
     square = {rival: float(direction @ statistics.information @ direction) for rival, direction in rivals.items()}
     for sized in compared:
-        of_effect = _direction(seen, sized.candidate)[:, 0]
+        of_effect = directions_in_model(seen, [sized.candidate])[:, 0]
         by_effect = statistics.information @ of_effect
         product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}
         cosine = {rival: product[rival] ** 2 / (square[rival] * (of_effect @ by_effect)) for rival in product}
@@ -238,9 +240,9 @@ def _alternatives(
             yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS
 
 
-def _direction(seen: Seen, candidate: Cause) -> Array:
-    """Return the change of all sizes (m, columns) per unit of a candidate's amplitudes, masked as is predicted."""
-    return direction_of(seen, place_in_model(seen, candidate))
+def _statistics_of(effects: Sequence[Sized], seen: Seen) -> Statistics:
+    """Return the joint statistics of logs for the amplitudes of effects in the model."""
+    return summed(seen.logs).of_combinations(directions_in_model(seen, [effect.candidate for effect in effects]))
 
 
 def _nearer(

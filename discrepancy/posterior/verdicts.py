@@ -11,9 +11,9 @@ from scipy.special import logit
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
-from discrepancy.posterior.priors import direction_of, place_in_model, sizes_of
+from discrepancy.posterior.priors import directions_in_model
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
-from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.refit import Sized, sizes_of
 from estimators.calibration.identifiability import COVERAGE
 
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
@@ -72,7 +72,8 @@ def explains_better(before: Seen, after: Seen, material: Material) -> bool:
 
 
 def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
-    """Whether the gap is larger by what matters."""
+    """Whether the gap is larger by what matters. That a size is uncertain is no excuse: what makes odometry worse is
+    not the cause, or not all of it."""
     return before.gap is not None and after.gap is not None and after.gap[0] - before.gap[0] > material.position
 
 
@@ -92,7 +93,8 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
     if held_out is not None:
         if held_out.log_ratio(answer) < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {description}"
-        if held_out.grows(material) or (answer.confirmed is None and not held_out.better(material)):
+        grows = gap_grows(held_out.without, held_out.with_named, material)
+        if grows or (answer.confirmed is None and not held_out.better(material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
         if held_out.show_another_size(answer):
             return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
@@ -130,7 +132,7 @@ class _HeldOut:
                 return together - of_others
             if len(self.named) == 1:  # without a reference, what wheels mask entirely leaves no linear trace
                 return gained
-        size = sizes_of([place_in_model(self.with_named, effect.candidate)], [effect.amplitudes], self.with_named)
+        size = sizes_of([effect], self.with_named)
         return self._log_ratio(size, [log.at(-size) for log in self.with_named.logs])
 
     def contradict(self, answer: Answer) -> bool:
@@ -146,10 +148,9 @@ class _HeldOut:
             return False
         effect = self._sized(answer)
         effects = [effect, *(other for other in self.named if other.candidate != answer.candidate)]
-        places = [place_in_model(self.with_named, one.candidate) for one in effects]
-        sizes = [one.amplitudes for one in effects]
-        logs = [log.at(-sizes_of(places, sizes, self.with_named)) for log in self.with_named.logs]
-        along = np.concatenate([direction_of(self.with_named, place) for place in places], axis=1)
+        sizes = [sized.amplitudes for sized in effects]
+        logs = [log.at(-sizes_of(effects, self.with_named)) for log in self.with_named.logs]
+        along = directions_in_model(self.with_named, [sized.candidate for sized in effects])
         shown = self.order.beyond(agreeing(logs, self.with_named.lasting)).of_combinations(along)
         prior = np.repeat([1 / (FAULT**2 * (size @ size)) for size in sizes], [len(size) for size in sizes])
         covariance = np.linalg.inv(shown.information + np.diag(prior))
@@ -169,11 +170,6 @@ class _HeldOut:
         ratio = self._about_without(self.named)
         return explains_better(self.without, self.with_named, material) or (ratio is not None and ratio > LOG_ODDS)
 
-    def grows(self, material: Material) -> bool:
-        """Whether effects make the held-out gap larger by what matters. That a size is uncertain is no excuse: what
-        makes odometry worse is not the cause, or not all of it."""
-        return gap_grows(self.without, self.with_named, material)
-
     def _sized(self, answer: Answer) -> Sized:
         """Return the effect of an answer as it is in the model."""
         found = (effect for effect in self.named if effect.candidate == answer.candidate)
@@ -187,8 +183,7 @@ class _HeldOut:
             effect.candidate not in self.without.candidates for effect in effects
         ):
             return None
-        places = [place_in_model(self.without, effect.candidate) for effect in effects]
-        size = sizes_of(places, [effect.amplitudes for effect in effects], self.without)
+        size = sizes_of(effects, self.without)
         explained = sum(float(size @ log.information @ size) for log in self.without.logs)
         return self._log_ratio(size, self.without.logs) if explained * SIGNATURE**2 < 1 else None
 

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
-from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
-from discrepancy.posterior.priors import hypothesis_of, order_of, place_in_model, sizes_of
-from discrepancy.posterior.refit import Sized, with_effects
+from discrepancy.posterior.priors import hypothesis_of, order_of
+from discrepancy.posterior.refit import Sized, sizes_of, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
@@ -69,10 +68,8 @@ def _named(
         return linearise(built, *sliding_in(built, start.train_logs, start.fit), first.candidates)
 
     def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
-        in_model = _sizes(seen, named)
-        fitted = _sizes(
-            seen, [effect for effect in named if not effect.effect.binary]
-        )  # a binary effect has no size to fit
+        in_model = sizes_of(named, seen)
+        fitted = sizes_of([effect for effect in named if not effect.effect.binary], seen)  # binary: no size to fit
         posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted)
         return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
 
@@ -90,11 +87,6 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
     return [
         hypothesis_of(seen, place, name, 1 / names.count(name)) for place, name in zip(places, names, strict=True)
     ], places
-
-
-def _sizes(seen: Linearised, named: Sequence[Sized]) -> Array:
-    places = [place_in_model(seen, candidate) for candidate in _of_trains([effect.candidate for effect in named])]
-    return sizes_of(places, [effect.amplitudes for effect in named], seen)
 
 
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:

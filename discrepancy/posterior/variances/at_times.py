@@ -19,9 +19,9 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.measurement.design_matrix import Columns
 from discrepancy.posterior.answers import Answer, Cause
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
+from discrepancy.posterior.calibrated import FAULT, FREEDOM, LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.variances.bursts import Bursts, bursts_of
+from discrepancy.posterior.variances.bursts import bursts_of
 from estimators.likelihood.disagreement import LEAST_KEPT, Disagreement, of_row
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
@@ -64,17 +64,17 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
         usual = np.max([usual, *map(_log_factors, good)], axis=0)
     found: list[Faulty] = []
     while len(found) < len(usual):
-        log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual - logit(NOTHING) - np.log(names)
+        log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual + prior_log_odds(names)
         row = int(np.argmax(log_odds))
-        if expit(log_odds[row]) < CREDIBLE:
+        if log_odds[row] < LOG_ODDS:
             break
-        active = tuple(_active(off[:, row]) for off in disagreements)
-        fault = Faulty(row, active, (), float(log_odds[row]))
-        sized = zip(seen.disagreements, disagreements, strict=True)
-        off = [usually.scale(seen.noise.turning)[:, row] * of_log[:, row] for usually, of_log in sized]
-        told_by = zip(seen.designs, seen.disagreements, off, fault.hits, strict=True)
-        slips = tuple(_slips(design, disagreement, row, size, hit) for design, disagreement, size, hit in told_by)
-        found.append(fault._replace(slips=slips))
+        fault = Faulty(row, tuple(_active(off[:, row]) for off in disagreements), (), float(log_odds[row]))
+        by_log = zip(seen.designs, seen.disagreements, disagreements, fault.hits, strict=True)
+        slips = [
+            hit * off[:, row] * usually.scale(seen.noise.turning)[:, row] / _kept(design, usually, row)
+            for design, usually, off, hit in by_log
+        ]
+        found.append(fault._replace(slips=tuple(slips)))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, fault.hits, strict=True)]
     return found
 
@@ -97,7 +97,7 @@ def recurring(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty],
     for fault in faulty:
         active = tuple(_active(off[:, fault.row]) for off in disagreements)
         confirmed.append(float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row]))
-        found.append(fault._replace(active=active, slips=tuple(np.zeros(len(of_log)) for of_log in active)))
+        found.append(fault._replace(active=active, slips=()))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, found[-1].hits, strict=True)]
     return found, confirmed
 
@@ -109,34 +109,24 @@ def answer_of(
     probability, largest = float(expit(fault.log_odds)), [np.abs(slips).max(initial=0.0) for slips in fault.slips]
     k = int(np.argmax(largest))
     worst = int(np.argmax(np.abs(fault.slips[k])))
-    description = f"{_row(robot, int(seen.designs[k].model.rows[fault.row]))} contradicts the others at times, most at "
+    row, w = int(seen.designs[k].model.rows[fault.row]), len(robot.wheels)
+    place = f"wheel_{robot.wheel_names[row]}" if row < w else f"castor_{robot.wheel_castors[row - w] + 1}"
+    description = f"{place} contradicts the others at times, most at "
     description += f"{seen.disagreements[k].t[worst]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
-    slipped = [
-        disagreement.slips(fault.row, slips)
-        for disagreement, slips in zip(seen.disagreements, fault.slips, strict=True)
-    ]
-    cost = seen.cost_of_slips(slipped)
-    answer = Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
-    return _losing(answer, bursts_of(robot, logs, seen, fault.row, fault.active), cost)
-
-
-def _losing(answer: Answer, bursts: Bursts | None, cost: Array) -> Answer:
-    """Return the answer that counts are lost in bursts, if this is likelier than another cause."""
+    by_log = zip(seen.disagreements, fault.slips, strict=True)
+    cost = seen.cost_of_slips([disagreement.slips(fault.row, slips) for disagreement, slips in by_log])
+    bursts = bursts_of(robot, logs, seen, fault.row, fault.active)
     if bursts is None:
-        return answer
-    lost, contradiction = float(expit(bursts.log_odds)), answer.credible[0]
-    candidate = Candidate(described(bursts.effect), (bursts.effect,))
-    credible = (candidate.family,) if lost >= CREDIBLE else (candidate.family, contradiction)
-    parts = {candidate.family: lost * answer.probability, contradiction: (1 - lost) * answer.probability}
+        return Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
+    candidate, lost = Candidate(described(bursts.effect), (bursts.effect,)), float(expit(bursts.log_odds))
+    answer = Answer.judged_apart(candidate, probability, bursts.effect.value, bursts.error, cost, confirmed)
+    parts = {candidate.family: lost * probability, description: (1 - lost) * probability}
+    credible, unsure = (*answer.credible, description), bursts.log_odds < LOG_ODDS
     return dataclasses.replace(
         answer,
-        probabilities=parts | {"nothing": answer.probabilities["nothing"]},
-        credible=credible,
-        unnamed=len(credible) > 1,
-        candidate=candidate,
-        amplitudes=np.array([bursts.effect.value]),
-        covariance=np.array([[bursts.error**2]]),
-        cost=cost / bursts.effect.value,
+        probabilities=parts | {"nothing": 1 - probability},
+        credible=credible if unsure else answer.credible,
+        unnamed=unsure,
     )
 
 
@@ -145,21 +135,19 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     candidates."""
     by_log = []
     for design, disagreement in zip(seen.designs, seen.disagreements, strict=True):
-        of_column = [candidate for candidate in design.candidates for _ in range(candidate.columns)]
-        columns = [column for column, candidate in enumerate(of_column) if candidate in among]
+        chosen = [candidate in among for candidate in design.candidates for _ in range(candidate.columns)]
+        columns = np.flatnonzero(chosen).tolist()
         by_log.append(disagreement.beside(columns, seen.noise.turning))
     return by_log
 
 
-def _slips(design: Columns, disagreement: Disagreement, row: int, size: Array, hit: NDArray[np.bool_]) -> Array:
-    """Return the slip (W,) of a row, as a part of the way, if no other row slips in the windows that are hit. size
-    (W,): disagreement of the row, as a part of the way."""
+def _kept(design: Columns, disagreement: Disagreement, row: int) -> Array:
+    """Return the part (W,) of a row's slip that shows as its disagreement, if no other row slips."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
     starts = np.cumsum(disagreement.steps) - disagreement.steps
     _, by_slip = of_row(design.model, design.geometry, design.state, row)
     kept = np.add.reduceat(by_slip * rolled, starts) / np.add.reduceat(disagreement.way, starts)
-    kept = np.maximum(kept, LEAST_KEPT)
-    return np.where(hit, size / kept, 0.0)
+    return np.maximum(kept, LEAST_KEPT)
 
 
 def _in_some_logs(log_factors: Sequence[Array]) -> Array:
@@ -168,11 +156,11 @@ def _in_some_logs(log_factors: Sequence[Array]) -> Array:
     return np.asarray(np.sum(np.logaddexp(np.log1p(-IN_LOG), np.log(IN_LOG) + np.array(log_factors)), axis=0))
 
 
-def _log_densities(off: Array) -> tuple[Array, Array]:
-    """Return the log densities of disagreements, in units of their usual size, in good order and under a fault."""
-    good = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - np.log(np.pi * FREEDOM) / 2
-    good = good - (FREEDOM + 1) / 2 * np.log1p(off**2 / FREEDOM)
-    return good, -np.log(np.pi * FAULT) - np.log1p((off / FAULT) ** 2)
+def _log_ratios(off: Array) -> Array:
+    """Return the log densities of disagreements, in units of their usual size, under a fault beyond those in good
+    order."""
+    constant = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - np.log(np.pi * FREEDOM) / 2 + np.log(np.pi * FAULT)
+    return (FREEDOM + 1) / 2 * np.log1p(off**2 / FREEDOM) - np.log1p((off / FAULT) ** 2) - constant
 
 
 def _log_factors(off: Array) -> Array:
@@ -183,19 +171,10 @@ def _log_factors(off: Array) -> Array:
 
 def _by_part(off: Array) -> Array:
     """Return the log Bayes factors (`PARTS`, rows) of faults that are active in these parts of all windows."""
-    good, fault = _log_densities(off)
-    return np.asarray(
-        np.logaddexp(np.log1p(-PARTS)[:, None, None], np.log(PARTS)[:, None, None] + fault - good).sum(axis=1)
-    )
+    parts = PARTS[:, None, None]
+    return np.asarray(np.logaddexp(np.log1p(-parts), np.log(parts) + _log_ratios(off)).sum(axis=1))
 
 
 def _active(off: Array) -> Array:
     """Return the probability (W,) that the fault of a row is active in each window."""
-    good, fault = _log_densities(off)
-    return np.asarray(expit(fault - good + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))
-
-
-def _row(robot: RobotDescription, row: int) -> str:
-    """Return the name of a row of the constraints: a wheel's rolling or a castor's side slip."""
-    w = len(robot.wheels)
-    return f"wheel_{robot.wheel_names[row]}" if row < w else f"castor_{robot.wheel_castors[row - w] + 1}"
+    return np.asarray(expit(_log_ratios(off) + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))

@@ -15,7 +15,6 @@ from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.measurement.design_matrix import Columns
 from discrepancy.posterior.linearise import Linearised
 from estimators.likelihood.disagreement import slip_of_row
 
@@ -44,7 +43,8 @@ def bursts_of(
     shares, parts, fast_steps, windows, hits, log_odds = [], [], [], [], [], 0.0
     for design, disagreement, probability in zip(seen.designs, seen.disagreements, active, strict=True):
         windows.append(np.repeat(np.arange(len(probability)), disagreement.steps))
-        lost, way = _lost(design, row)
+        lost, _ = slip_of_row(design.model, design.geometry, design.state, row)  # m in each step, as the way
+        way = design.model.rolled(design.geometry, design.state)[:, row] + lost
         lost, way = lost * np.sign(way), np.abs(way)
         by_window, farthest = (np.bincount(windows[-1], part, len(probability)) for part in (lost, way))
         fewer = (by_window > 0) & (by_window <= farthest)
@@ -91,13 +91,6 @@ def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
     """
     least = np.finfo(float).tiny  # of a window that certainly contradicts
     return float(np.sum(np.log(np.maximum(1 + np.where(fewer, active, -active), least))))
-
-
-def _lost(design: Columns, row: int) -> tuple[Array, Array]:
-    """Return the distance that a wheel's encoder misses in every step (K - 1,), and the distance that the wheel rolls,
-    m."""
-    lost, _ = slip_of_row(design.model, design.geometry, design.state, row)
-    return lost, design.model.rolled(design.geometry, design.state)[:, row] + lost
 
 
 def _bursts(

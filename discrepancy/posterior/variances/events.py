@@ -90,9 +90,7 @@ def _cost(released: Released, seen: Linearised) -> Array:
     turn."""
     slipping = []
     for design, steps, slips in zip(seen.designs, released, seen.slips, strict=True):
-        rows = design.model.rows
-        wheels = np.flatnonzero(rows < slips.shape[1])
-        slipped = np.zeros((*steps.shape, 1))
-        slipped[:, wheels, 0] = np.where(steps[:, wheels], np.nan_to_num(slips[:, rows[wheels]]), 0.0)
-        slipping.append(slipped)
+        rows, w = design.model.rows, slips.shape[1]
+        of_wheels = steps & (rows < w)
+        slipping.append((of_wheels * np.nan_to_num(slips[:, np.minimum(rows, w - 1)]))[..., None])
     return seen.cost_of_slips(slipping)

@@ -76,32 +76,23 @@ def learned(
 
     robot: with the effects named. seen: the logs linearised with these. channels: encoders by name, as "wheel_1l".
     """
-    terms = _terms(robot, logs, seen, channels)
+    terms = {_candidate(term): term for term in _terms(robot, logs, seen, channels)}
     if not terms:
         return None
-    candidates = [(term, Candidate(described(term), _unit_terms(term), KNOTS)) for term in terms]
-    linearised = look(robot, [candidate for _, candidate in candidates])
-    statistics = summed(linearised.logs)
-    curves = [
-        (
-            term,
-            _curve(term, statistics, linearised.columns[linearised.candidates.index(candidate)], len(linearised.usual)),
-        )
-        for term, candidate in candidates
-        if candidate in linearised.candidates
-    ]
+    linearised = look(robot, list(terms))
+    statistics, count = summed(linearised.logs), len(linearised.usual)
+    pairs = zip(linearised.candidates, linearised.columns, strict=True)
+    curves = [(candidate, _curve(terms[candidate], statistics, columns, count)) for candidate, columns in pairs]
     if not curves:
         return None
-    term, (log_factor, values, errors) = max(curves, key=lambda curve: curve[1][0])
-    log_odds = log_factor - float(np.log(len(terms)))
+    candidate, (log_factor, values, errors) = max(curves, key=lambda curve: curve[1][0])
+    term, log_odds = terms[candidate], log_factor - float(np.log(len(terms)))
     if log_odds < LOG_ODDS:
         return None
     fitted = replace(term, values=tuple(values.tolist()))  # linearised again about the curve, as it may be large
-    (candidate,) = (candidate for known, candidate in candidates if known == term)
-    linearised = look(robot.with_effects(fitted), [candidate])
-    columns, sizes = linearised.columns[linearised.candidates.index(candidate)], np.zeros(2 * len(linearised.usual))
-    sizes[columns] = values
-    _, values, errors = _curve(term, summed(linearised.logs).at(-sizes), columns, len(linearised.usual))
+    linearised = look(robot.with_effects(fitted), [candidate])  # which has no other columns
+    statistics = summed(linearised.logs).at(-np.append(values, np.zeros(KNOTS)))
+    _, values, errors = _curve(term, statistics, np.arange(KNOTS), KNOTS)
     effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
@@ -130,9 +121,10 @@ def _terms(
     return terms
 
 
-def _unit_terms(term: LearnedTerm) -> tuple[LearnedTerm, ...]:
-    """Return the terms with the unit value at one knot each."""
-    return tuple(replace(term, value=term.step, values=tuple(row)) for row in np.eye(KNOTS).tolist())
+def _candidate(term: LearnedTerm) -> Candidate:
+    """Return the candidate of a term whose amplitudes are the values at the knots."""
+    units = (replace(term, value=term.step, values=tuple(row)) for row in np.eye(KNOTS).tolist())
+    return Candidate(described(term), tuple(units), KNOTS)
 
 
 def _covariance(term: LearnedTerm) -> Array:
@@ -171,15 +163,11 @@ def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[
     unit = replace(effect, value=effect.step)
     curve = Candidate(described(unit), (unit,))
     linearised = look(robot, [curve, *candidates_of(robot)])
-    information, k = (
-        summed(linearised.logs).information,
-        int(linearised.columns[linearised.candidates.index(curve)][0]),
-    )
-    best = None
+    information, cosines = summed(linearised.logs).information, dict[str, float]()
+    k = int(linearised.columns[linearised.candidates.index(curve)][0])
     for candidate, columns in zip(linearised.candidates, linearised.columns, strict=True):
         within, across = information[np.ix_(columns, columns)], information[columns, k]
         if candidate != curve and np.all(np.diag(within) > 0):
             likest = np.linalg.lstsq(within, across)[0]  # in size, and in phase where it has one
-            cosine = float(np.sqrt(across @ likest / information[k, k]))
-            best = (candidate.what, cosine) if best is None or cosine > best[1] else best
-    return best
+            cosines[candidate.what] = float(np.sqrt(across @ likest / information[k, k]))
+    return max(cosines.items(), key=lambda entry: entry[1], default=None)

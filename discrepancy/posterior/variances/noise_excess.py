@@ -9,13 +9,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logit, ndtr
+from scipy.special import expit, ndtr
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate, stacked
 from discrepancy.measurement.design_matrix import PROBES
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, NOTHING
+from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 
 SCATTER = 0.2
@@ -73,9 +73,12 @@ def noisy_answers(
     answers = []
     for kind in KINDS:
         found, good = [log[kind] for log in logs], [log[kind] for log in clean]
-        probability = float(expit(log_bayes_factor(found, good) - logit(NOTHING)))
+        probability = float(expit(log_bayes_factor(found, good) + prior_log_odds(1)))
         if probability >= CREDIBLE:
-            answers.append(_answer(seen, kind, _pooled(found), _pooled(good), probability))
+            variance, usual = _pooled(found), _pooled(good)
+            noise, cost = float(np.sqrt(variance)), _cost(seen, kind, max(variance - usual, 0.0))
+            candidate = Candidate(KINDS[kind].format(f"{noise / max(np.sqrt(usual), RESOLVED):.2g}"))
+            answers.append(Answer.judged_apart(candidate, probability, noise, 0.0, cost))
     return answers
 
 
@@ -113,14 +116,8 @@ def noise_of(seen: Linearised) -> list[dict[str, Found]]:
         at = design.geometry, unchanged, np.zeros(0), design.state, design.clock
         reduced = design.model.reduce(*at, seen.shared.mount, noise, PROBES)
         _, _, left = reduced.finish(np.zeros((len(reduced.information), 1 + PROBES)))
-        squares = {kind: left.squares.get(kind, 0.0) for kind in KINDS}
-        freedom = {kind: left.expected.get(kind, 0.0) for kind in KINDS}
-        found.append(
-            {
-                kind: Found(getattr(noise, kind) ** 2 * squares[kind] / max(freedom[kind], 1e-9), freedom[kind])
-                for kind in KINDS
-            }
-        )
+        by_kind = {kind: (left.squares.get(kind, 0.0), left.expected.get(kind, 0.0)) for kind in KINDS}
+        found.append({k: Found(getattr(noise, k) ** 2 * s / max(free, 1e-9), free) for k, (s, free) in by_kind.items()})
     return found
 
 
@@ -128,12 +125,6 @@ def _pooled(logs: Sequence[Found]) -> float:
     """Return the variance of several logs together."""
     freedom = sum(log.freedom for log in logs)
     return sum(log.freedom * log.variance for log in logs) / max(freedom, 1e-9)
-
-
-def _answer(seen: Linearised, kind: str, found: float, usual: float, probability: float) -> Answer:
-    noise = float(np.sqrt(found))
-    candidate = Candidate(KINDS[kind].format(f"{noise / max(np.sqrt(usual), RESOLVED):.2g}"))
-    return Answer.judged_apart(candidate, probability, noise, 0.0, _cost(seen, kind, max(found - usual, 0.0)))
 
 
 def _cost(seen: Linearised, kind: str, variance: float) -> Array:

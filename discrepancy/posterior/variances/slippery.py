@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import expit, gammaln, logit
+from scipy.special import expit, gammaln
 
 from castor_envs.effects.clocks import ClockSkew
 from castor_envs.effects.floor import FrictionPatch
@@ -25,10 +25,10 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described, without
-from discrepancy.hypotheses.patches import near, patch_at, patches_of
+from discrepancy.hypotheses.patches import CELL, box_of, near, patch_at, patches_of, within
 from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
+from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.validation.replay import replay
 from estimators.likelihood.channels import Channels
@@ -38,9 +38,6 @@ SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
 
 TRIED = SLIPPERY[3]
 """Part of friction with which rectangles are compared; the likeliest is evaluated with all parts."""
-
-MOVED = 0.1
-"""m: step in which the sides of a patch are found by replays."""
 
 WINDOW = 1.0
 """s: length of a replayed window. Castors that are pushed backwards depart from their way by the factor e in about the
@@ -92,19 +89,19 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     if patch is None or most <= 0:
         return None
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
-    area, beside = float(np.prod(np.ptp(way, axis=0))), float(np.log(names) + logit(NOTHING))
-    if expit(_judged(gain, patch, area, beside).log_odds) < CREDIBLE:
+    prior = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
+    if _judged(gain, patch, *prior).log_odds < LOG_ODDS:
         return None
     patch, _ = max((_refined(gain, *proposed) for proposed in tried), key=lambda found: found[1])
-    return _judged(gain, patch, area, beside)
+    return _judged(gain, patch, *prior)
 
 
-def _judged(gain: Gain, patch: FrictionPatch, area: float, beside: float) -> Slippery:
-    """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; beside: prior log odds
-    (natural logarithm) against a patch anywhere on it."""
+def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
+    """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; anywhere: prior log
+    odds (natural logarithm) of a patch anywhere on it."""
     log_factors = np.array([gain(patch, value) for value in SLIPPERY])
     elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
-    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere - beside
+    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere + anywhere
     weight = np.exp(log_factors - log_factors.max())
     value = float(np.average(SLIPPERY, weights=weight))
     error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
@@ -113,12 +110,12 @@ def _judged(gain: Gain, patch: FrictionPatch, area: float, beside: float) -> Sli
 
 
 def _refined(gain: Gain, patch: FrictionPatch, most: float) -> tuple[FrictionPatch, float]:
-    """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `MOVED`, and
+    """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `CELL`, and
     the log-likelihood ratio. most: that of the rectangle itself."""
     better = True
     while better:
         better = False
-        for box in near((patch.x, patch.y, patch.length, patch.width, patch.angle), MOVED):
+        for box in near(box_of(patch), CELL):
             moved = patch_at(box)
             if (likelier := gain(moved, TRIED)) > most:
                 patch, most, better = moved, likelier, True
@@ -145,8 +142,7 @@ def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised,
 
 def _holds(first: FrictionPatch, second: FrictionPatch) -> bool:
     """Whether the centre of the second patch lies on the first."""
-    c, s, x, y = np.cos(first.angle), np.sin(first.angle), second.x - first.x, second.y - first.y
-    return bool(abs(c * x + s * y) <= first.length / 2 and abs(c * y - s * x) <= first.width / 2)
+    return bool(within(np.array([[second.x, second.y]]), box_of(first))[0])
 
 
 def inside(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> list[NDArray[np.bool_]]:
@@ -198,13 +194,9 @@ class _Spread(NamedTuple):
         """Return the most likely distribution of errors (kinds, N)."""
         shown = np.isfinite(errors).any(axis=1)
         seen, scales = errors[shown], np.full(len(errors), np.nan)
-        windows, kinds = np.isfinite(seen).sum(axis=1), np.isfinite(seen).sum(axis=0)
 
         def surprise(point: Array) -> float:
-            freedom = np.exp(point[-1])
-            constant = gammaln((freedom + kinds) / 2) - gammaln(freedom / 2) - kinds / 2 * np.log(freedom)
-            scaled = cls(np.exp(point[:-1]), freedom)
-            return float(windows @ point[:-1] - np.sum(constant)) + scaled.surprise(seen)
+            return cls(np.exp(point[:-1]), float(np.exp(point[-1]))).surprise(seen)
 
         bounds = [(None, None)] * len(seen) + [np.log([1.0, NORMAL])]
         begin = np.append(np.log(np.nanmedian(np.abs(seen), axis=1)), 1.0)
@@ -213,10 +205,12 @@ class _Spread(NamedTuple):
         return cls(scales, float(np.exp(point[-1])))
 
     def surprise(self, errors: Array) -> float:
-        """Return minus the log-likelihood (natural logarithm) of errors (kinds, N), without its constant."""
+        """Return minus the log-likelihood (natural logarithm, up to a constant) of errors (kinds, N)."""
         squares = np.nansum((errors / self.scales[:, None]) ** 2, axis=0)
-        kinds = np.isfinite(errors).sum(axis=0)
-        return float(np.sum((self.freedom + kinds) / 2 * np.log1p(squares / self.freedom)))
+        kinds, half = np.isfinite(errors).sum(axis=0), self.freedom / 2
+        constant = gammaln(half + kinds / 2) - gammaln(half) - kinds / 2 * np.log(self.freedom)
+        of_scales = np.nansum(np.isfinite(errors).sum(axis=1) * np.log(self.scales))
+        return float(of_scales + np.sum((half + kinds / 2) * np.log1p(squares / self.freedom) - constant))
 
     def likelier(self, errors: Array, plain: Array) -> float:
         """Return the log-likelihood ratio of `errors` over `plain` (kinds, N)."""
