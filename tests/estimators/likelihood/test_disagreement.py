@@ -67,9 +67,10 @@ def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
     robot = preset("powered-caster")
     turning = drive(robot, wander(np.random.default_rng([3, 1]), duration=10.0), 3, duration=10.0)
     (disagreement,) = linearise(robot, [turning], among=()).disagreements
+    assert turning.reference is not None
     known = np.isfinite(turning.reference[:, 2])
     body = np.interp(turning.t, turning.t[known], np.unwrap(turning.reference[known, 2]))
-    per_turn = robot.castors[0].pivot_counts_per_rev
+    per_turn = float(robot.castors[0].pivot_counts_per_rev or 0)
     heading = body[:, None] + np.unwrap(turning.pivot, period=per_turn, axis=0) * 2 * np.pi / per_turn
     angle = np.abs(np.diff(heading[::10], axis=0)).sum(axis=0)  # of half a second, in which noise hardly counts
     way = np.add.reduceat(disagreement.way, np.cumsum(disagreement.steps) - disagreement.steps)
