@@ -7,7 +7,8 @@ observation, with the mean of their costs. Observations are:
 
 - encoders against each other: what no rigid motion of the body on its wheels gives (`castor_envs.motion.kinematics`:
   rolling, and no side slip);
-- odometry against the reference, after fitting where this is mounted and how it is turned;
+- odometry against the reference, after fitting where this is mounted and how it is turned: a pose has three numbers, so
+  it costs twice as much (`POSE`);
 - each motor against its command. A motor turns its own wheel or castor, whatever its encoder is connected to. How well
   it obeys shows in the encoder that follows it best; another costs the logarithm of how many times as much it leaves.
 
@@ -42,6 +43,11 @@ further than a tracker's noise. Most windows that are used, spread over all moti
 USUAL = 0.005
 """The part of a motion, as rms, that a robot in good order contradicts: below twice as much in all three simulators of
 `castor-diagnose trial`."""
+
+
+POSE = 2.0
+"""What a pose costs, in ln(1 + q / USUAL²): (1 + d) / 2 of d numbers that are Cauchy distributed together. Wheels that
+contradict count as one number: how many do depends on the robot."""
 
 
 class Misfit(NamedTuple):
@@ -97,7 +103,7 @@ class WiringLikelihood:
         """Return the misfit under a reading (c + 4, c + 4)."""
         undo, commands = np.linalg.inv(reading).astype(float), 0.0
         costs, turn = self._agreement(undo)
-        cost = float(np.minimum(costs, self._as_read).sum())
+        cost = float(np.minimum(costs, self._as_read) @ (1.0, POSE))
         if len(self._motors):
             left = self._left(self._steps(undo))[np.arange(len(self._motors)), self._motors]
             cost += float(np.log((left + self._doubt) / (self._least + self._doubt)).sum())
