@@ -24,7 +24,18 @@ from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, 
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
-from discrepancy.posterior.refit import Look, S, Sized, V, exchanged, possible, refitted, sizes_of, with_effects
+from discrepancy.posterior.refit import (
+    Look,
+    S,
+    Sized,
+    V,
+    exchanged,
+    fit_with,
+    possible,
+    refitted,
+    sizes_of,
+    with_effects,
+)
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -213,7 +224,11 @@ def _diagnosed(
     called = {name: answer.credible[0] for answer in answers for name in answer.alike}
     inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
     answers = [*answers, *beside]
-    answers = judged(answers, named, held, order, material, lambda effects: in_held_out(with_effects(base, effects)))
+
+    def with_other_sizes(effects: Sequence[Sized]) -> Linearised | None:
+        return fit_with(base, lambda others, *_: in_held_out(with_effects(base, others)), tuple(effects), seen)
+
+    answers = judged(answers, named, held, order, material, with_other_sizes)
     held = None if held is None or lacking is None else (lacking.without_designs(), held[1].without_designs())
     diagnosis = Diagnosis(robot, verdict_of(answers), answers, inclusion, plain, seen.without_designs(), held, creep)
     built = dimensions_of(robot, seen)

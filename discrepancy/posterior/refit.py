@@ -113,7 +113,7 @@ def refitted(
     if threshold == -np.inf:
         current, seen = _nearer(vehicle, look, best - worse, known, current, seen)
     else:
-        found = _fitted(vehicle, look, current, seen)
+        found = fit_with(vehicle, look, current, seen)
         if found is None or found.log_evidence <= best - worse:
             return (), seen
         seen = found
@@ -151,7 +151,7 @@ def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S)
             stretches = 0
             while stretches < REFITS and not effect.candidate.kinds[0].binary:
                 longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
-                found = _fitted(vehicle, look, longer, seen)
+                found = fit_with(vehicle, look, longer, seen)
                 if found is None or found.log_evidence <= seen.log_evidence:
                     break
                 current, seen, stretches = longer, found, stretches + 1
@@ -251,7 +251,7 @@ def _nearer(
     """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, until the log
     evidence exceeds `least`."""
     for _ in range(HALVINGS):
-        found = _fitted(vehicle, look, proposed, seen)
+        found = fit_with(vehicle, look, proposed, seen)
         if found is not None and found.log_evidence > least:
             return proposed, found
         pairs = zip(current, proposed, strict=True)
@@ -260,7 +260,7 @@ def _nearer(
     return current, look(current, seen, [effect.candidate for effect in current])
 
 
-def _fitted(vehicle: Any, look: Look[S], effects: tuple[Sized, ...], seen: S) -> S | None:
+def fit_with(vehicle: Any, look: Look[S], effects: tuple[Sized, ...], seen: S) -> S | None:
     """Return the statistics beside these effects, of their candidates only; None if they do not fit at all."""
     if possible(vehicle, effects):
         with suppress(np.linalg.LinAlgError, InputError):

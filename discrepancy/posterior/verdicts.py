@@ -35,14 +35,14 @@ def judged(
     held_out: Sequence[Seen] | None,
     order: GoodOrder | None,
     material: Material,
-    fit: Callable[[Sequence[Sized]], Seen] | None = None,
+    fit: Callable[[Sequence[Sized]], Seen | None] | None = None,
 ) -> tuple[Answer, ...]:
     """Return the answers with their verdicts, without those that held-out logs contradict so much that "nothing" is in
     the credible set of all logs together.
 
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them; fit: returns statistics of these logs with
-    other effects in the model.
+    other effects in the model, None where they do not fit.
     """
     kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit)
     if kept is not None:
@@ -115,7 +115,7 @@ class _HeldOut:
     without: Seen
     with_named: Seen
     order: GoodOrder
-    fit: Callable[[Sequence[Sized]], Seen] | None
+    fit: Callable[[Sequence[Sized]], Seen | None] | None
 
     def log_ratio(self, answer: Answer) -> float:
         """Return the log-likelihood ratio of an effect of the size found against none."""
@@ -163,7 +163,8 @@ class _HeldOut:
         if self.fit is None:
             return True
         moved = [one.moved(away) if one.candidate == answer.candidate else one for one in self.named]
-        return self.fit(moved).log_evidence - self.with_named.log_evidence > LOG_ODDS  # the formula may be far off
+        found = self.fit(moved)  # the formula may be far off
+        return found is not None and found.log_evidence - self.with_named.log_evidence > LOG_ODDS
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""
