@@ -14,7 +14,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, Signatures, signatures_of, stacked
 from estimators.calibration.maximum_likelihood.noise import resized
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
-from estimators.likelihood.creep_prediction import UNEVEN, Slipping
+from estimators.likelihood.creep_prediction import Slipping
 from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise
 from estimators.likelihood.reduction import Reduced
 from estimators.likelihood.rolling import Changes
@@ -162,13 +162,6 @@ class Shared:
     expected: Array
     doubt: Array
     mount: Array
-
-    @classmethod
-    def of(cls, creep: Array, forced: tuple[float, float], mount: Array) -> "Shared":
-        """Return these numbers, with the prior mean and standard deviation of the factor of creep under forces."""
-        expected, doubt = np.zeros(len(creep)), np.full(len(creep), UNEVEN)
-        expected[0], doubt[0] = forced
-        return cls(creep, expected, doubt, mount)
 
     def add_priors(self, information: Array, gradient: Array, first: int) -> None:
         """Add the priors of the numbers from `first` on: of the factors of creep; of each row's constant creep, if it

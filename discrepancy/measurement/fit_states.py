@@ -4,7 +4,7 @@ The shape of creep is predicted (`estimators.likelihood.creep_prediction`); its 
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,14 +14,12 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, stacked
-from discrepancy.measurement.design_matrix import PROBES, Shared, joint, schur_complement
+from discrepancy.measurement.design_matrix import PROBES, Shared
 from estimators.calibration.maximum_likelihood.fit import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping
 from estimators.likelihood.disagreement import slip_of_row
-from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, Noise
-from estimators.likelihood.reduction import Reduced
+from estimators.likelihood.log_likelihood import LogLikelihood, Noise
 
 AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
 """Prior standard deviations of the factor of creep under forces, as descriptions tell, and where clean logs do; where
@@ -63,26 +61,95 @@ def fit_states(
         off = _corrected(robot, models, logs, at, off)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least, probes=PROBES)
-    factors, left, expected = np.zeros(1 + len(models[0].rows)), MOST_ROUNDS, None
+    creep, left, before = _Creep.before(models, usual), MOST_ROUNDS, None
     while True:
         slips = [Slipping(robot, model, log, state) for model, log, state in zip(models, logs, at.states, strict=True)]
-        sure, creep = [slipping.sure() for slipping in slips], [slipping.columns() for slipping in slips]
-        for model, slipping in zip(models, slips, strict=True):
-            model.balance(slipping.stiffness)
-        doubt = [UNEVEN * slipping.by_effects if log.undone else 0.0 for slipping, log in zip(slips, logs, strict=True)]
-        _expect(models, sure, creep, factors, doubt)
-        shared = _shared(models, geometry, at, sizes, creep, factors, usual)
-        factors = shared.creep
-        before, expected = expected, _expect(models, sure, creep, factors, doubt)
+        creep = creep.predicted(slips, logs)
+        expected = creep.expect(creep.columns, creep.factors)
         settled = before is not None and _change(models, geometry, at, least, before, expected) < SETTLED
-        left = 0 if settled else left - 1
-        at, sizes, _ = fitted(
-            models, geometry, (), no_values, None, (at, sizes), 1 if left else ROUNDS, least=least, probes=PROBES
+        before, left = expected, 0 if settled else left - 1
+        start, rounds = (at._replace(factors=creep.factors), sizes), 1 if left else ROUNDS
+        at, sizes, solution = fitted(
+            models, geometry, (), no_values, None, start, rounds, least=least, creep=creep, probes=PROBES
         )
+        creep = creep.found(at.factors, solution.shared_covariance)
+        at = at._replace(factors=no_values)
         if not left:
-            return at, sizes, replace(shared, mount=at.mount), slips
+            creep.expect(creep.columns, creep.factors)
+            return at, sizes, creep.shared(at.mount), slips
         if robot.effects:
             off = _corrected(robot, models, logs, at, off)
+
+
+@dataclass(frozen=True, eq=False)
+class _Creep:
+    """Creep of contacts in logs, for a fit of its factors beside the states (`fitted`).
+
+    sure (K - 1, rows), columns (K - 1, rows, 1 + rows): of each log, predicted slips, and creep that is known up to
+    factors (1 + rows,), whose prior means and standard deviations are expected and deviations. doubt: of each log,
+    about slips that wrong wiring caused. usual: factor of creep under forces in clean logs.
+    """
+
+    models: Sequence[LogLikelihood]
+    usual: float | None
+    factors: Array
+    expected: Array
+    deviations: Array
+    sure: Sequence[Array] = ()
+    columns: Sequence[Array] = ()
+    doubt: Sequence[Array | float] = ()
+
+    @classmethod
+    def before(cls, models: Sequence[LogLikelihood], usual: float | None) -> "_Creep":
+        """Return what is known of factors before any prediction."""
+        rows, forced = np.zeros(len(models[0].rows)), (1.0, DOUBT) if usual is None else (usual, AS_USUAL)
+        prior = np.append(forced[0], rows), np.append(forced[1], rows + UNEVEN)
+        return cls(models, usual, np.append(0.0, rows), *prior)
+
+    def predicted(self, slips: Sequence[Slipping], logs: Sequence[Log]) -> "_Creep":
+        """Balance contacts, and return creep as predicted at other states."""
+        for model, slipping in zip(self.models, slips, strict=True):
+            model.balance(slipping.stiffness)
+        doubt = [UNEVEN * slipping.by_effects if log.undone else 0.0 for slipping, log in zip(slips, logs, strict=True)]
+        sure, columns = [slipping.sure() for slipping in slips], [slipping.columns() for slipping in slips]
+        return replace(self, sure=sure, columns=columns, doubt=doubt)
+
+    def predict(self, values: Array, states: Sequence[Array]) -> list[Array]:
+        """Return the columns, which do not follow the states of a fit."""
+        return list(self.columns)
+
+    def expect(self, columns: Sequence[Array], factors: Array) -> list[Array]:
+        """Set the expected slips of each model, with the doubt about them, and return them."""
+        expected = [slips + of_log @ factors for slips, of_log in zip(self.sure, columns, strict=True)]
+        for model, log_expected, log_doubt in zip(self.models, expected, self.doubt, strict=True):
+            model.expect(log_expected, log_doubt)
+        return expected
+
+    def disagreement(self, *_: object) -> tuple[Array, Array]:
+        """Return what disagreement of wheels tells of parameters, of which there are none."""
+        return np.zeros((0, 0)), np.zeros(0)
+
+    def found(self, factors: Array, covariance: Array) -> "_Creep":
+        """Return the factors within bounds, and their prior: that under forces is expected as in clean logs or as
+        described, unless contacts are rigid.
+
+        factors (1 + rows,), covariance (n, n): as found with the prior so far, of these and other numbers.
+        """
+        rows = len(factors) - 1
+        expected, deviations = self.expected.copy(), self.deviations.copy()
+        if self.usual is None:
+            information = np.linalg.inv(covariance[: 1 + rows, : 1 + rows])
+            score = information @ factors
+            information[0, 0] += DOUBT**-2 - deviations[0] ** -2
+            score[0] += 1.0 / DOUBT**2 - expected[0] / deviations[0] ** 2
+            rigid = np.linalg.solve(information, score)[0] < RIGID
+            expected[0], deviations[0] = 0.0 if rigid else 1.0, AS_DESCRIBED
+        factors = np.clip(factors, -MOST_UNEVEN, [MOST_CREEP] + [MOST_UNEVEN] * rows)
+        return replace(self, factors=factors, expected=expected, deviations=deviations)
+
+    def shared(self, mount: Array) -> Shared:
+        """Return the factors with their prior, and the place of the tracked point."""
+        return Shared(self.factors, self.expected, self.deviations, mount)
 
 
 def _corrected(
@@ -127,20 +194,6 @@ def _turned(
     return counts
 
 
-def _expect(
-    models: Sequence[LogLikelihood],
-    sure: Sequence[Array],
-    creep: Sequence[Array],
-    factors: Array,
-    doubt: Sequence[Array | float],
-) -> list[Array]:
-    """Set the expected slips of each model, with the doubt about those that wrong wiring caused, and return them."""
-    expected = [slips + columns @ factors for slips, columns in zip(sure, creep, strict=True)]
-    for model, log_expected, log_doubt in zip(models, expected, doubt, strict=True):
-        model.expect(log_expected, log_doubt)
-    return expected
-
-
 def _change(
     models: Sequence[LogLikelihood],
     geometry: Geometry,
@@ -155,33 +208,3 @@ def _change(
         for model, then, now, state in zip(models, before, expected, at.states, strict=True)
     ]
     return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
-
-
-def _shared(
-    models: Sequence[LogLikelihood],
-    geometry: Geometry,
-    at: State,
-    noise: Noise,
-    creep: Sequence[Array],
-    factors: Array,
-    usual: float | None,
-) -> Shared:
-    """Return the shared nuisances with the most probable factors of predicted creep. That under forces is expected as
-    in clean logs (`usual`) or as described, unless contacts are rigid."""
-    unchanged = stacked(geometry, [])
-    reductions: list[tuple[tuple[Candidate, ...], Reduced]] = []
-    for model, state, clock, columns in zip(models, at.states, at.clocks, creep, strict=True):
-        extra = ExtraColumns(np.zeros((len(state), state.shape[1] - 3, 0)), (columns,))
-        reductions.append(((), model.reduce(geometry, unchanged, np.zeros(0), state, clock, at.mount, noise, 0, extra)))
-    _, information, gradient, _ = joint(reductions)
-
-    def best(expected: float, doubt: float) -> Shared:
-        shared, total, slope = Shared.of(factors, (expected, doubt), at.mount), information.copy(), gradient.copy()
-        shared.add_priors(total, slope, 0)
-        return replace(shared, creep=factors + np.linalg.solve(*schur_complement(total, slope[:, 0], len(factors))))
-
-    rigid = best(1.0, DOUBT).creep[0] < RIGID
-    shared = best(0.0 if rigid else 1.0, AS_DESCRIBED) if usual is None else best(usual, AS_USUAL)
-    return replace(
-        shared, creep=np.clip(shared.creep, -MOST_UNEVEN, [MOST_CREEP] + [MOST_UNEVEN] * len(models[0].rows))
-    )

@@ -3,14 +3,13 @@
 The states of logs are eliminated. Sizes of noise are found as well (`noise`).
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
-from estimators.calibration.creep import Creep
 from estimators.calibration.maximum_likelihood.newton_step import Solution, solved
 from estimators.calibration.maximum_likelihood.noise import LEAST, Pace, resized, same_noise
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
@@ -60,6 +59,34 @@ class State(NamedTuple):
         return np.concatenate([self.factors, self.gyro_scale, self.mount])
 
 
+class CreepModel(Protocol):
+    """Creep of contacts in several logs, known up to factors (1 + rows,)."""
+
+    @property
+    def expected(self) -> Array:
+        """The prior means (1 + rows,)."""
+        ...
+
+    @property
+    def deviations(self) -> Array:
+        """The prior standard deviations (1 + rows,)."""
+        ...
+
+    def predict(self, values: Array, states: Sequence[Array]) -> list[Array]:
+        """Return the creep (K - 1, rows, 1 + rows) in each log by parameters of these values, at these states."""
+        ...
+
+    def expect(self, columns: Sequence[Array], factors: Array) -> object:
+        """Make models expect the creep of columns with these factors."""
+        ...
+
+    def disagreement(
+        self, geometry: Geometry, changed: Geometry, change: Array, states: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """Return information (P, P) and score (P,) on the parameters by how far wheels disagree, in their scales."""
+        ...
+
+
 def fitted(
     models: list[LogLikelihood],
     described: Geometry,
@@ -70,7 +97,7 @@ def fitted(
     rounds: int = ROUNDS,
     placed: Array = MOUNT,
     least: Noise = LEAST,
-    creep: Creep | None = None,
+    creep: CreepModel | None = None,
     probes: int = PROBES,
     gyro_scale: float = 0.0,
 ) -> tuple[State, Noise, Solution]:
