@@ -125,7 +125,9 @@ class _Creep:
             model.expect(log_expected, log_doubt)
         return expected
 
-    def disagreement(self, *_: object) -> tuple[Array, Array]:
+    def disagreement(
+        self, geometry: Geometry, changed: Geometry, change: Array, states: Sequence[Array]
+    ) -> tuple[Array, Array]:
         """Return what disagreement of wheels tells of parameters, of which there are none."""
         return np.zeros((0, 0)), np.zeros(0)
 

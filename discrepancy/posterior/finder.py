@@ -6,7 +6,8 @@ where there are any (`priors`); a fault has to exceed that. The result is a prob
 that follows from it (`verdicts`).
 """
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic
 
@@ -19,7 +20,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, Verdict, answers_of
-from discrepancy.posterior.calibrated import SIGNATURE, prior_log_odds
+from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
 from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of
@@ -30,7 +31,9 @@ from discrepancy.posterior.refit import (
     Sized,
     V,
     exchanged,
+    families_of,
     fit_with,
+    in_place_of,
     possible,
     refitted,
     sizes_of,
@@ -160,9 +163,9 @@ def _diagnosed(
             mended, logs, start=start, creep=creep, among=only, places=extra, released=released, jitter=jitter
         )
 
-    def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
+    def ask(seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
         try:
-            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes_of(named, seen))
+            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes_of(named, seen), without=without)
         finally:
             seen.forget()
 
@@ -247,7 +250,7 @@ def _diagnosed(
 def named_together(
     vehicle: Any,
     look: Look[S],
-    ask: Callable[[S, Sequence[Sized]], Asked],
+    ask: Callable[[S, Sequence[Sized], Collection[str]], Asked],
     worse: float,
     first: S,
     begin: Sequence[Sized] = (),
@@ -255,31 +258,70 @@ def named_together(
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs with the effects `begin` in the model; worse: see `refitted`.
+    first: statistics of the logs with the effects `begin` in the model; worse: see `refitted`. ask: returns the
+    posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
+    large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
+    are at odds with that.
     """
-    seen, named = first, tuple(begin)
-    tried = [frozenset(effect.candidate.family for effect in named)]
+    seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
+    tried = [families_of(named)]
     while True:
-        posterior, answers = ask(seen, named)
+        in_model = families_of(named)
+        posterior, answers = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
+        odds = prior_log_odds(len(posterior.names))
         for least in (SECOND, 0.0):
             new = _taken_in(vehicle, answers, named, least)
-            families = frozenset(effect.candidate.family for effect in new)
+            families = families_of(new)
             if families not in tried:
                 break
         if len(tried) > LOOKS:
             return named, seen, posterior, answers
         if families not in tried:
+            tried.append(families)
             better = refitted(vehicle, look, worse, named, new, seen)
+            if unlikely := _unlikely(named, seen, *better, odds):
+                refused |= unlikely
+                continue
         else:
+            if in_model != compared:
+                compared, unlikely = in_model, set[tuple[str, str]]()
+                for rival in _ambiguous(answers, named, seen):
+                    fit = refitted(vehicle, look, worse, named, rival, seen, seen.log_evidence - LOG_ODDS)
+                    unlikely |= _unlikely(named, seen, rival, fit[1] if fit[0] else None, odds)
+                if unlikely:
+                    refused |= unlikely
+                    continue
             more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
-            odds = prior_log_odds(len(posterior.names))
             better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds)
-            families = frozenset(effect.candidate.family for effect in (named if better is None else better[0]))
-        if better is None or families in tried:  # what is returned belongs to these answers
-            return named, seen, posterior, answers
+            if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
+                return named, seen, posterior, answers
+            tried.append(families_of(better[0]))
         named, seen = better
-        tried.append(families)
         seen = look(named, seen, None)
+
+
+def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:
+    """Yield the effects of a model with one exchanged for an effect that these motions may not distinguish from it."""
+    causes = {cause.family: cause for cause in seen.candidates if cause.kinds}
+    for answer, k in itertools.product(answers, range(len(named))):
+        if named[k].candidate == answer.candidate:
+            for name in answer.credible:
+                if name in causes and name not in families_of(named):
+                    yield (*named[:k], in_place_of(named[k], causes[name], seen), *named[k + 1 :])
+
+
+def _unlikely(
+    named: Sequence[Sized], seen: Seen, new: Sequence[Sized], beside: Seen | None, odds: float
+) -> set[tuple[str, str]]:
+    """Return the families of effects that take the place of others in a model, each with the family of one of these, or
+    "" if they only come to it, where logs are so much less likely with them that they are not in the credible set.
+
+    beside: None where the new effects do not fit. odds: prior log odds (natural logarithm) of an effect.
+    """
+    before, after = families_of(named), families_of(new)
+    if beside is not None and seen.log_evidence - beside.log_evidence + odds * (len(named) - len(new)) < LOG_ODDS:
+        return set()
+    return set(itertools.product(before - after or {""}, after - before))
 
 
 def _likeliest_beyond_model(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
@@ -322,12 +364,16 @@ def asked(
     order: GoodOrder,
     in_model: Array,
     fitted: Array | None = None,
+    without: Collection[str] = (),
 ) -> Asked:
     """Return the posterior over all hypotheses, and the answers that it gives, the most certain first.
 
     places: the candidate of each hypothesis. order: what robots in good order show. in_model: sizes in the model
-    already; fitted: those of them that have their maximum-likelihood size; None: all.
+    already; fitted: those of them that have their maximum-likelihood size; None: all. without: families of which
+    there is no hypothesis.
     """
+    kept = [k for k, place in enumerate(places) if seen.candidates[place.candidate].family not in without]
+    hypotheses, places = [hypotheses[k] for k in kept], [places[k] for k in kept]
     fitted = in_model if fitted is None else fitted
     single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
     reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places, in_model))

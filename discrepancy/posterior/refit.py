@@ -87,6 +87,20 @@ def sizes_of(effects: Sequence[Sized], seen: Seen) -> Array:
     return directions @ np.concatenate([np.zeros(0), *(effect.amplitudes for effect in effects)])
 
 
+def families_of(effects: Sequence[Sized]) -> frozenset[str]:
+    """Return the families of effects."""
+    return frozenset(effect.candidate.family for effect in effects)
+
+
+def in_place_of(effect: Sized, rival: Cause, seen: Seen) -> Sized:
+    """Return a rival of the size with which its signature is the nearest to what logs show of an effect in the
+    model."""
+    of_rival, statistics = directions_in_model(seen, [rival]), summed(seen.logs)
+    shown = of_rival.T @ (statistics.information @ sizes_of([effect], seen) + statistics.score)
+    size = np.linalg.lstsq(of_rival.T @ statistics.information @ of_rival, shown, rcond=1e-9)[0]
+    return Sized(rival, np.zeros(rival.columns)).moved(np.asarray(size, dtype=np.float64))
+
+
 def refitted(
     vehicle: Any,
     look: Look[S],
@@ -236,7 +250,7 @@ def _alternatives(
         product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}
         cosine = {rival: product[rival] ** 2 / (square[rival] * (of_effect @ by_effect)) for rival in product}
         for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
-            instead = Sized(rival, np.zeros(1)).moved(sized.amplitudes * product[rival] / square[rival])
+            instead = in_place_of(sized, rival, seen)
             yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS
 
 

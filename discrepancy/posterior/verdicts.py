@@ -90,6 +90,8 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
         return verdict, f"these motions cannot distinguish: {'; '.join(answer.credible)}"
     if answer.effect is None:
         return "unexplained", f"{description} looks most like it, and cannot be as large"
+    if abs(answer.size) < COVERAGE * answer.error:
+        return "unconfirmed", f"these logs do not determine the size of {description}, which may be 0"
     if held_out is not None:
         if held_out.log_ratio(answer) < LOG_ODDS:
             return "unconfirmed", f"the held-out logs do not confirm {description}"

@@ -4,7 +4,7 @@ The motion is fitted first; about it every candidate acts linearly (`linearise`)
 sensors that stop are treated separately (`gauges`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from threadpoolctl import threadpool_limits
 
@@ -67,10 +67,10 @@ def _named(
             return linearise(built, start.train_logs, start.fit, _of_trains(among))
         return linearise(built, *sliding_in(built, start.train_logs, start.fit), first.candidates)
 
-    def ask(seen: Linearised, named: Sequence[Sized]) -> Asked:
+    def ask(seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
         in_model = sizes_of(named, seen)
         fitted = sizes_of([effect for effect in named if not effect.effect.binary], seen)  # binary: no size to fit
-        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted)
+        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted, without)
         return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
 
     return named_together(train, look, ask, STILL / 2, first)

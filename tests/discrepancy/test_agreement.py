@@ -20,8 +20,8 @@ QUICK = "2-castor"
 )
 def test_a_wheel_is_as_large_by_calibration_as_by_diagnosis(name):
     robot, radius = preset(name), WheelRadius(castor=1, wheel=1, value=0.01)
-    motion = wander(np.random.default_rng([41, 1]), duration=30.0, holonomic=moves_sideways(robot))
-    log = drive(robot.with_effects(radius), motion, 41, duration=30.0)
+    motion = wander(np.random.default_rng([41, 1]), duration=15.0, holonomic=moves_sideways(robot))
+    log = drive(robot.with_effects(radius), motion, 41, duration=15.0)
     found = calibrate(robot, [log])
     at = next(k for k, p in enumerate(found.parameters) if p.kind == "radius" and p.castor == 0)
     by_calibration = found.after[at] / found.before[at] - 1

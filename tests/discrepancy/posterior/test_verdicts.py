@@ -87,6 +87,14 @@ def test_an_uncertain_size_is_no_excuse_for_a_larger_gap():
     assert verdict(without, with_named, answer=unsure) == "unconfirmed"
 
 
+@pytest.mark.parametrize(("error", "expected"), [(0.0049, "named"), (0.0052, "unconfirmed")])
+def test_an_effect_whose_size_may_be_zero_is_not_confirmed(error, expected):
+    """It is there for certain, for what else it does, as to wheels that mask it; its size is 0.01."""
+    unsure = dataclasses.replace(ANSWER, covariance=np.array([[error**2]]))
+    (answer,) = judged([unsure], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)
+    assert (answer.verdict, "may be 0" in answer.reason) == (expected, expected == "unconfirmed")
+
+
 @pytest.mark.parametrize(("absent", "expected"), [(1e-2, "no discrepancy"), (0.0, "unconfirmed")])
 def test_an_effect_that_all_logs_together_deny_is_no_discrepancy(absent, expected):
     """By the formula the held-out logs are exp(50) times less likely with it."""

@@ -1,0 +1,71 @@
+"""Which effects come into the model: what the linear posterior names, unless fits contradict it."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import PivotPositionX
+from castor_envs.effects.encoders import PivotGain
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
+from discrepancy.posterior.finder import named_together
+from discrepancy.posterior.random_effects import Statistics
+
+ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
+PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
+GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
+
+
+def look(effects, likelier) -> Any:
+    """Statistics in which no size changes; likelier: log evidence by the families in the model."""
+    kinds = [effect.candidate for effect in effects]
+    information = np.diag([1e6] * len(kinds))
+    return SimpleNamespace(
+        candidates=tuple(kinds),
+        columns=tuple(np.arange(k, k + 1) for k in range(len(kinds))),
+        logs=(Statistics(information, np.zeros(len(kinds))),),
+        usual=np.full(len(kinds), np.nan),
+        redundant=True,
+        log_evidence=likelier[frozenset(kind.family for kind in kinds)],
+    )
+
+
+def answer(candidate, *credible) -> Any:
+    size = np.array([candidate.kinds[0].step])
+    effect = candidate.effect(size)
+    return SimpleNamespace(candidate=candidate, amplitudes=size, effect=effect, explained=10.0, credible=credible)
+
+
+def in_model(posterior, likelier):
+    """The families in the model at the end. posterior: the names that it gives beside each model, the likeliest first
+    for each single effect."""
+
+    def ask(seen, named, without) -> Any:
+        beside = posterior[frozenset(effect.candidate.family for effect in named)]
+        left = ([candidate for candidate in names if candidate.family not in without] for names in beside)
+        answers = [answer(names[0], *(candidate.family for candidate in names)) for names in left if names]
+        return SimpleNamespace(names=NAMES), answers
+
+    named, *_ = named_together(ROBOT, lambda effects, *_: look(effects, likelier), ask, 1e3, look((), likelier))
+    return frozenset(effect.candidate.family for effect in named)
+
+
+NONE, BOTH = frozenset[str](), frozenset({PLACE.family, GAIN.family})
+OF_PLACE, OF_GAIN = frozenset({PLACE.family}), frozenset({GAIN.family})
+
+
+@pytest.mark.parametrize(("less_likely", "stays"), [(LOG_ODDS + 0.1, OF_PLACE), (LOG_ODDS - 0.1, OF_GAIN)])
+def test_an_effect_takes_the_place_of_another_unless_fits_exclude_it(less_likely, stays):
+    posterior = {NONE: [[PLACE]], OF_PLACE: [[GAIN, PLACE]], OF_GAIN: [[GAIN]]}
+    assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 50.0 - less_likely}) == stays
+
+
+@pytest.mark.parametrize("likelier", [-0.1, 0.1])
+def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier):
+    posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE], [GAIN]], BOTH: [[PLACE], [GAIN]]}
+    with_both = 50.0 - LOG_ODDS - prior_log_odds(len(NAMES)) + likelier
+    found = in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0, BOTH: with_both})
+    assert found == (BOTH if likelier > 0 else OF_PLACE)
