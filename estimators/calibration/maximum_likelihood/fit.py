@@ -153,9 +153,10 @@ def fitted(
             off = (state.shared - prior[0]) / prior[1]
             return float(off @ off + change @ seen[0] @ change - 2 * change @ seen[1])
 
-        at, left, part = _stepped(reductions, described, parameters, at, solution, squares)
+        at, left, part, gain = _stepped(reductions, described, parameters, at, solution, squares)
         last, sizes = sizes, sizes if noise else resized(sizes, left, least)
-        done = k > warm_up and part == 1 and solution.moved < converged and same_noise(sizes, last, left)
+        arrived = part == 1 or gain < SLACK
+        done = k > warm_up and arrived and solution.moved < converged and same_noise(sizes, last, left)
         lost = not np.isfinite(at.found).all() or np.any(np.abs(at.found - before) > 10 * scale)
         if done or lost or (len(scale) and not solution.seen.any()) or k + 1 == rounds:
             return at, sizes, solution._replace(moved=np.inf) if lost else solution
@@ -209,8 +210,9 @@ def _stepped(
     at: State,
     solution: Solution,
     more_squares: Callable[[State], float],
-) -> tuple[State, list[Leftover], float]:
-    """Return the state after a step, the residuals of each log, and the part of the step that was taken.
+) -> tuple[State, list[Leftover], float, float]:
+    """Return the state after a step, the residuals of each log, the part of the step that was taken, and by how much
+    the sum of squares became smaller.
     more_squares: makes the models expect the slips of a state, and returns its squares but for those of `reductions`.
 
     All unknowns are moved by the whole step, or half of it, and so on, until the exact (not linearised) sum of squares
@@ -237,13 +239,14 @@ def _stepped(
         )
 
     full_step = [reduced.finish(moved_by) for reduced in reductions]
-    largest, part = squares(at) + SLACK, 1.0
+    before, part = squares(at), 1.0
     while True:
         for moved in (np.add, moved_along):
             after = part_of(part, moved)
-            if squares(after) <= largest or part <= SHORTEST:
+            gain = before - squares(after)
+            if gain >= -SLACK or part <= SHORTEST:
                 left = full_step if part == 1 else [reduced.finish(moved_by, part) for reduced in reductions]
-                return after, [leftover for _, _, leftover in left], part
+                return after, [leftover for _, _, leftover in left], part, gain
         part /= 2
 
 
