@@ -16,7 +16,6 @@ from estimators.filtering.creep import (
     CARRIED,
     CHASSIS,
     CREEP,
-    FIXED,
     LEFT,
     SCALE,
     SWING,
@@ -30,6 +29,7 @@ from estimators.filtering.creep import (
     yields,
 )
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
+from estimators.filtering.rounding import repeats, unread
 from estimators.steps.castor_odometry import displace, sinc
 from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, SINGULAR, bent, equation, solved, swivelled
 
@@ -43,13 +43,9 @@ With one equation more than needed, as of two wheels and a gyro, it never is."""
 RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
 
-STEADY, CHANGING, TURNED = 0.02, 0.41, 3.0
-"""Standard deviation of what a castor swivels beyond what was read, in steps of its encoder: of a castor whose
-reading stays, of others that a motor turns, and that the floor turns. A reading that repeats says nothing new: its
-error is that of the last, as long as the castor stands."""
-
 AGAIN = 2.0
-"""The same of a measurement that was released in the sample before: what slips goes on slipping for a while."""
+"""Standard deviations of a residual beyond which a measurement is released again that was so in the sample before: what
+slips goes on slipping for a while."""
 
 WEAR = 1e-4
 """After 1 m: random walk of radii, 0.3 % in a kilometre, as of tyres under a payload."""
@@ -155,20 +151,6 @@ def turn_off_mean(castors, rows, robot, found, first, moves, small):
         small[k, k] += least
     inverted(small)
     return 0.5 * motion(small, 2)
-
-
-def settled(castors, carried, wheels, rows, robot, wheel):
-    """Write into `carried` what is left of castors' last swivels: along a tractrix it falls as exp(-way / offset)."""
-    for j in range(carried.shape[1]):
-        castor, way = carried[robot, j], 0.0
-        for i in range(wheels.shape[1]):
-            of_wheel, row = wheels[robot, i], rows[robot, i]
-            if row.castor == j:
-                way = max(way, abs(of_wheel.radius * of_wheel.count * wheel[robot, row.wheel]))
-        if castors[robot, j].swivel != 0.0:
-            castor.settling = 1.0
-        elif castor.offset > 0.0:
-            castor.settling *= math.exp(-way / castor.offset)
 
 
 def unevenness(found, i, castor, swivel, uneven):
@@ -290,13 +272,14 @@ def _advance(
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
         timed(chassis, clock, robot)
-        settled(castors, carried, wheels, rows, robot, wheel)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
         moves_on = duration > 0.0
         for j in range(n):
             moves_on = moves_on or castors[robot, j].swivel != 0.0
         for i in range(d):
             moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
+        if moves_on:
+            repeats(castors, carried, wheels, rows, robot, wheel)
         for f in range(filters.shape[0]):
             if not moves_on:
                 for k in range(before.shape[2]):
@@ -376,17 +359,11 @@ def _advance(
             # Noise of the sample, and what is measured.
             for j in range(n):
                 of_castor, swivel = carried[robot, j], castors[robot, j].swivel
-                step, changed = of_castor.step, swivel != 0.0
-                unread = STEADY
-                if changed:
-                    unread = TURNED if of_castor.kind == TRAILING else CHANGING
-                elif of_castor.kind == TRAILING and filters[f].settles != 0:
-                    unread = max(STEADY, TURNED * of_castor.settling)
-                beyond, at_castor = (unread * step) ** 2, SWIVEL + j
+                beyond, rounding = unread(of_castor, filters[f].settles != 0)
+                at_castor = SWIVEL + j
                 p[at_castor, at_castor] += beyond
-                rounding = step * step / 12.0 if changed else 1.0
                 measured[RESIDUAL, j] = -x[at_castor]
-                measured[VARIANCE, j] = rounding + (1.0 if of_castor.kind == FIXED else 0.0)
+                measured[VARIANCE, j] = rounding
                 measured[SLIPS, j] = 0.0
                 for i in range(m):
                     if rows[robot, i].castor != j:

@@ -136,6 +136,7 @@ class CalibratingFilter:
         trailing = geometry.trailing[..., rows.known] & np.logical_not(driven)
         carried["kind"] = np.where(fixed, FIXED, np.where(trailing, TRAILING, STEERED))
         chassis, mass, inertia = inertias(geometry)
+        carried["lasted"] = 1.0
         carried["mass"], carried["inertia"] = mass[..., rows.known], inertia[..., rows.known]
         wheels = np.zeros((*geometry.offset.shape[:-1], d), WHEEL)
         wheels["radius"], wheels["lateral"] = geometry.radius[..., rows.wheels], geometry.lateral[..., rows.wheels]
